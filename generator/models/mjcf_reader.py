@@ -8,9 +8,10 @@ their name.
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
@@ -249,21 +250,31 @@ class _Reader:
 
         The number counts the nameless and named joints of the body before it.
         """
-        m, counts = self.m, Counter[int]()
-        names = []
+        m, counts, substitutes = self.m, Counter[int](), []
         for k in range(m.njnt):
             body = int(m.jnt_bodyid[k])
-            names.append(m.joint(k).name or f"{_name(m.body(body).name, 'body', body)}_joint"
-                         f"{counts[body] or ''}")
+            substitutes.append(f"{self._body_names[body]}_joint{counts[body] or ''}")
             counts[body] += 1
-        return names
+        return _unique([m.joint(k).name for k in range(m.njnt)], substitutes)
+
+    @cached_property
+    def _body_names(self) -> list[str]:
+        return _numbered([self.m.body(k).name for k in range(self.m.nbody)], "body", 0)
+
+    @cached_property
+    def _tendon_names(self) -> list[str]:
+        return _numbered([self.m.tendon(k).name for k in range(self.m.ntendon)], "tendon", 1)
+
+    @cached_property
+    def _actuator_names(self) -> list[str]:
+        return _numbered([self.m.actuator(k).name for k in range(self.m.nactuator)], "u", 1)
 
     # ------------------------------------------------------------ bodies
 
     def _body(self, k: int) -> None:
         """Add a body: its inertia about the centre of mass in its own axes, and its joints."""
         m, robot = self.m, self.robot
-        name, R = _name(m.body(k).name, "body", k), rotation(m.body_iquat[k])
+        name, R = self._body_names[k], rotation(m.body_iquat[k])
         link = RobotLink(name, float(m.body_mass[k]), np.array(m.body_ipos[k]),
                          R @ np.diag(m.body_inertia[k]) @ R.T)
         above, placement = self._end(m.body_parentid[k], m.body_pos[k], m.body_quat[k])
@@ -356,7 +367,7 @@ class _Reader:
         # a spring that is slack between two lengths, and springs and dampers of spatial tendons
         extras["tendon"] += bool((stiffness and (not is_fixed or low != high))
                                  or (damping and not is_fixed))
-        self.robot.tendons[_name(m.tendon(k).name, "tendon", k + 1)] = MjcfTendon(
+        self.robot.tendons[self._tendon_names[k]] = MjcfTendon(
             tuple((self._joint_names[m.wrap_objid[wrap]], float(m.wrap_prm[wrap]))
                   for wrap in wraps) if is_fixed else (),
             stiffness if low == high else 0.0, low, damping if is_fixed else 0.0)
@@ -398,7 +409,7 @@ class _Reader:
             m.actuator_ctrllimited[control] and "clampctrl" not in robot.off))
         b0, b1, b2 = map(float, bias[:3] if biases == "affine" else np.zeros(3))
         robot.actuators.append(MjcfActuator(
-            _name(m.actuator(k).name, "u", k + 1), control, acts,
+            self._actuator_names[k], control, acts,
             float(m.actuator_gear[m.actuator_outadr[k]][0]), float(gain[0]), (b0, b1, b2),
             float(gain[2]) if gains == "affine" else 0.0))
 
@@ -409,7 +420,7 @@ class _Reader:
         """
         m, robot = self.m, self.robot
         kind, data = self._kind("mjtEq", m.eq_type[k]), np.array(m.eq_data[k])
-        name = _name(m.equality(k).name, "equality", k + 1)
+        name = m.equality(k).name or f"equality{k + 1}"
         numbers = [int(n) for n in (m.eq_obj1id[k], m.eq_obj2id[k])]
         sites = self._kind("mjtObj", m.eq_objtype[k]) == "site"
         if kind in ("connect", "weld"):
@@ -445,9 +456,21 @@ class _Reader:
             np.array(m.key_ctrl[k]), moved_mocap))
 
 
-def _name(name: str, kind: str, number: int) -> str:
-    """Return a name, or for an empty one the kind and the number, e.g. "tendon1"."""
-    return name or f"{kind}{number}"
+def _numbered(names: Sequence[str], kind: str, first: int) -> list[str]:
+    """Return names of which empty ones are replaced by the kind and a number."""
+    return _unique(names, [f"{kind}{number}" for number in range(first, first + len(names))])
+
+
+def _unique(names: Sequence[str], substitutes: Sequence[str]) -> list[str]:
+    """Return names of which empty ones are replaced; a substitute in use gets a number."""
+    taken = {*names}
+    unique_names = []
+    for name, substitute in zip(names, substitutes, strict=True):
+        candidates = (f"{substitute}_{count}" if count else substitute
+                      for count in itertools.count())
+        unique_names.append(name or next(x for x in candidates if x not in taken))
+        taken.add(unique_names[-1])
+    return unique_names
 
 
 def _members(enumeration: Any) -> list[tuple[str, int]]:

@@ -45,6 +45,7 @@ from .robot_tree import (
     IDENTITY,
     Follower,
     Limits,
+    LoopJoint,
     Mount,
     Placement,
     Poses,
@@ -298,7 +299,8 @@ class RobotBuilder:
         self._compensate_gravity()
         mounts = self.mounts()
         for loop in robot.loops:
-            loop.close(self.builder, self.joint_names.free(loop.name, "loop"), mounts)
+            name = self.joint_names.free(loop.name, "loop")
+            self._loop_springs(loop, loop.close(self.builder, name, mounts))
         self.builder._describes_start = False
         return self.builder
 
@@ -538,7 +540,7 @@ class RobotBuilder:
         if joint.name in self.coordinates:
             names = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
             for measure, symbol in zip(names, self._symbols(joint.name), strict=True):
-                self.builder.quantity(f"{plain_name(joint.name)}_{measure}", symbol)
+                self.builder.quantity(f"{self.joint_name[joint.name]}_{measure}", symbol)
 
     def _springs(self, joint: RobotJoint) -> None:
         """Add spring, damper and limits of a joint; refuse those of a joint without a coordinate.
@@ -553,15 +555,7 @@ class RobotBuilder:
                     self.joint_names.free(f"{joint.name}_spring"), self.coordinates[joint.name],
                     stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
             if limited:
-                name = self.joint_names.free(f"{joint.name}_limits")
-                lower, upper = joint.range or (0.0, 0.0)
-                if limits == "stops":
-                    build.stop(name, self.coordinates[joint.name], restitution=self.restitution,
-                               lower=None if lower <= -UNLIMITED else lower,
-                               upper=None if upper >= UNLIMITED else upper)
-                else:
-                    build.joint_spring(name, self.coordinates[joint.name],
-                                       stiffness=limits or 0.0, rest=(lower, upper))
+                self._limit(joint.name, self.coordinates[joint.name], joint.range or (0.0, 0.0))
             return
         # a joint without a coordinate: a ball has a damper, a single one an armature, else nothing
         is_single = (joint.kind in ("ball", "free")
@@ -577,6 +571,26 @@ class RobotBuilder:
             raise InputError(f"joint {shown(joint.name)} has {elements}, which a {joint.kind} joint"
                              f"{row} has not here; write 0, or armature for each joint of its "
                              f"{self.robot.part}.")
+
+    def _loop_springs(self, loop: LoopJoint, connection: Connection) -> None:
+        """Add spring, damper and limits of a joint that closes a loop."""
+        if loop.damping or loop.stiffness:
+            self.builder.joint_spring(
+                self.joint_names.free(f"{connection.name}_spring"), connection,
+                damping=loop.damping, stiffness=loop.stiffness, rest=loop.rest)
+        if None not in (self.robot.limits, loop.range):
+            self._limit(connection.name, connection, loop.range or (0.0, 0.0))
+
+    def _limit(self, name: str, connection: Connection, ends: tuple[float, float]) -> None:
+        """Add the ends of the range of a coordinate: stops, or springs beyond them."""
+        build, limits, (lower, upper) = self.builder, self.robot.limits, ends
+        label = self.joint_names.free(f"{name}_limits")
+        if limits == "stops":
+            build.stop(label, connection, restitution=self.restitution,
+                       lower=None if lower <= -UNLIMITED else lower,
+                       upper=None if upper >= UNLIMITED else upper)
+        else:
+            build.joint_spring(label, connection, stiffness=limits or 0.0, rest=ends)
 
     @cached_property
     def restitution(self) -> sp.Symbol:

@@ -24,6 +24,7 @@ from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix
 from ..multibody.body import Frame
 from ..multibody.initial_poses import clean, rotation
+from ..multibody.joints import Joint
 from ..multibody.multibody import Multibody
 
 __all__ = ["IDENTITY", "Edge", "Follower", "Limits", "LoopJoint", "Mount", "Placement", "Poses",
@@ -50,6 +51,8 @@ class Placement:
         return Placement(-self.R.T @ self.x, self.R.T)
 
 
+#: How far the bodies of a joint that closes a loop may start turned, in rad: rounding of a file.
+_TURNED = 1e-3
 #: The frame itself.
 IDENTITY = Placement(np.zeros(3), np.eye(3))
 
@@ -144,6 +147,8 @@ class LoopJoint:
     """Joint of a kinematic loop: its placement in both bodies, its axis in its own axes.
 
     ``across`` is the second axis of a universal joint, in the axes of the joint on the second body.
+    ``has_axes_on_b``: the axes of the joint on both bodies agree where angle and travel are 0; else
+    these are 0 at the start.
     """
 
     name: str
@@ -155,9 +160,11 @@ class LoopJoint:
     stiffness: float = 0.0
     rest: float = 0.0
     damping: float = 0.0
+    range: tuple[float, float] | None = None
+    has_axes_on_b: bool = False
 
-    def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> None:
-        """Add the joint: points in the axes of the bodies of the model, axes in space.
+    def close(self, builder: Multibody, name: str, mounts: Mapping[str, Mount]) -> Joint:
+        """Add the joint and return it: points in the axes of its bodies, axes in space.
 
         ``mounts`` has the place of each body of the file in its body of the model.
         """
@@ -168,19 +175,36 @@ class LoopJoint:
         # the axis is given in the axes of the joint on a
         axis = a.space.R @ self.places[0].R @ self.axis
         if self.kind == "ball":
-            builder.ball(name, **ends)
-        elif self.kind == "fixed":
-            builder.fixed(name, **ends, rotation=inner_a.R @ inner_b.R.T)
-        elif self.kind == "prismatic":
-            builder.prismatic(name, **ends, axis_in_space=axis)
-        elif self.kind == "universal":
+            return builder.ball(name, **ends)
+        if self.kind == "fixed":
+            return builder.fixed(name, **ends, rotation=inner_a.R @ inner_b.R.T)
+        if self.kind == "universal":
             across = b.space.R @ self.places[1].R @ np.asarray(self.across)
-            builder.universal(name, **ends, axis_a=axis, axis_b=across)
-        else:
-            builder.revolute(name, **ends, axis_in_space=axis)
-        if self.damping or self.stiffness:
-            builder.joint_spring(f"{name}_spring", name, damping=self.damping,
-                                 stiffness=self.stiffness, rest=self.rest)
+            return builder.universal(name, **ends, axis_a=axis, axis_b=across)
+        angle, travel = self._coordinates(a.space, b.space) if self.has_axes_on_b else (0.0, 0.0)
+        if self.kind == "prismatic":
+            return builder.prismatic(name, **ends, axis_in_space=axis, travel=travel)
+        return builder.revolute(name, **ends, axis_in_space=axis, angle=angle)
+
+    def _coordinates(self, a: Placement, b: Placement) -> tuple[float, float]:
+        """Return the angle and the travel of the joint with its bodies at ``a`` and ``b`` in space.
+
+        Raises InputError where the bodies are turned against each other as the joint cannot turn.
+        """
+        on_a, on_b = (body.then(placement)
+                      for body, placement in zip((a, b), self.places, strict=True))
+        R = on_a.R.T @ on_b.R
+        w, *v = quaternion_of_matrix(R)
+        angle = 0.0 if self.kind == "prismatic" else math.remainder(
+            2 * math.atan2(float(self.axis @ v), w), 2 * math.pi)
+        # |R − R'| is √2 times a small angle between the two
+        excess = float(np.linalg.norm(R - turn(self.axis, angle))) / math.sqrt(2)
+        if excess > _TURNED:
+            raise InputError(f"joint {shown(self.name)} closes a loop, and its bodies "
+                             f"{shown(self.bodies[0])} and {shown(self.bodies[1])} start turned "
+                             f"by {math.degrees(excess):.3g} degrees from where it holds them; "
+                             "give angles of all joints at which the loop is closed.")
+        return angle, float(on_a.R @ self.axis @ (on_b.x - on_a.x))
 
 
 @dataclass(eq=False)

@@ -429,7 +429,8 @@ def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
     placement = Placement(joint.place.x, np.eye(3))
     parent, child = (places[link].inverse().then(placement) for link in (joint.parent, joint.child))
     return LoopJoint(f"{joint.name}_loop", joint.kind, (joint.parent, joint.child),
-                     (parent, child), joint.axis, None, joint.stiffness, joint.rest, joint.damping)
+                     (parent, child), joint.axis, None, joint.stiffness, joint.rest, joint.damping,
+                     joint.range, has_axes_on_b=True)
 
 
 # ---------------------------------------------------------------- looks

@@ -64,6 +64,21 @@ MESH = hinged('<geom type="mesh" mesh="box"/>',
 BENT = [*FACES[:-1], (1, 8, 3), (3, 8, 7), (7, 8, 5), (5, 8, 1)]
 
 
+def test_elements_without_a_name_take_none_of_another(tmp_path):
+    """Bodies, joints and actuators are told apart, whatever the others are called."""
+    rod = '<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" contype="0" conaffinity="0"/>'
+    path = written(tmp_path, f"""<worldbody><body name="a"><joint axis="0 1 0"/>{rod}
+      <body pos=".3 0 0"><joint name="a_joint" axis="0 1 0"/>{rod}
+      <body name="body2" pos=".3 0 0"><joint name="c" axis="0 1 0"/>{rod}</body></body></body>
+      </worldbody><actuator><motor name="u2" joint="a_joint"/><motor joint="c"/></actuator>
+      <keyframe><key qpos=".1 .2 .3" ctrl="5 7"/></keyframe>""")
+    model = gs.load_model(path, keyframe=0)
+    motion = Motion(model)
+    for name, angle in (("a_joint_1", 0.1), ("a_joint", 0.2), ("c", 0.3)):
+        assert motion.value(f"{name}_angle") == pytest.approx(angle, rel=1e-14)
+    assert [model.parameters[name] for name in ("u2", "u2_1")] == [5, 7]
+
+
 @pytest.mark.parametrize(("name", "content", "tolerance"), [
     ("box.stl", stl(), 1e-6), ("box.obj", obj(), 64 * EPS)])
 def test_meshes_have_the_mass_of_what_they_enclose(tmp_path, name, content, tolerance):

@@ -65,6 +65,42 @@ def test_bars_are_those_put_together_by_hand(tmp_path, closing):
             wanted.acceleration(f"{name}_pin_rate"), rel=1e-10)
 
 
+#: A parallelogram in the xz plane: from the ground up, across, and down to the ground again.
+SIDE = """<link name="{0}"><pose>{1}</pose><inertial><mass>1</mass><inertia><ixx>.1</ixx><iyy>.1
+</iyy><izz>.1</izz></inertia></inertial></link><joint name="{0}_pin" type="revolute"><pose
+relative_to="__model__">{2}</pose><parent>{3}</parent><child>{0}</child><axis><xyz>0 1 0</xyz>
+</axis></joint>"""
+SIDES = "".join(SIDE.format(*side) for side in (
+    ("left", "0 0 .5 0 0 0", "0 0 0 0 0 0", "world"),
+    ("top", ".5 0 1 0 0 0", "0 0 1 0 0 0", "left"),
+    ("right", "1 0 .5 0 0 0", "1 0 1 0 0 0", "top")))
+LAST = ('<joint name="last" type="{}"><pose relative_to="__model__">1 0 0 0 0 0</pose>'
+        "<parent>world</parent><child>right</child><axis><xyz>0 1 0</xyz>{}</axis></joint>")
+TILTED = {"left_pin": 0.4, "top_pin": -0.4, "right_pin": 0.4}
+
+
+def test_springs_and_ranges_of_a_joint_that_closes_a_loop(tmp_path):
+    """The last pin of a parallelogram turns as the first: V = k θ²/2, and k (θ − end)²/2 beyond."""
+    spring = "<dynamics><spring_stiffness>7</spring_stiffness></dynamics>"
+    limit = "<limit><lower>-.1</lower><upper>.1</upper></limit>"
+    for inside, energy, options in ((spring, 7 * 0.4**2 / 2, {}),
+                                    (limit, 9 * 0.3**2 / 2, {"limits": 9.0})):
+        path = written(tmp_path, SIDES + LAST.format("revolute", inside))
+        with pytest.warns(gs.errors.InputWarning, match="redundant"):
+            model = gs.load_model(path, angles=TILTED, gravity=(0, 0, 0), **options)
+        assert Motion(model).energy() == pytest.approx(energy, rel=1e-12)
+    with pytest.warns(gs.errors.InputWarning, match="redundant"):
+        model = gs.load_model(path, limits="stops")
+    assert len(model.events) == 2
+
+
+def test_a_loop_that_starts_turned_out_of_its_joint_is_refused(tmp_path):
+    """A slide does not turn: angles that turn its body belong to no closed loop."""
+    path = written(tmp_path, SIDES + LAST.format("prismatic", ""))
+    with pytest.raises(gs.InputError, match="'last_loop'"):
+        gs.load_model(path, angles={"left_pin": 0.4})
+
+
 def test_angles_move_the_tree(tmp_path):
     """An angle is from where the file places the link; a root without a joint floats."""
     path = written(tmp_path, LINKS + JOINTS)

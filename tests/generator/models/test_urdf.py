@@ -462,6 +462,15 @@ def test_bad_loops_are_refused(tmp_path, text, said):
     assert "loops.toml" in str(told.value)
 
 
+def test_joints_whose_names_differ_in_a_hyphen_keep_their_quantities(arm):
+    """``slide-1`` and a shoulder renamed ``slide_1`` both have a coordinate to show."""
+    text = ARM.replace('name="shoulder"', 'name="slide_1"')
+    arm.write_text(text, encoding="utf-8")
+    motion = Motion(gs.load_model(arm, ignore="limits", angles={"slide_1": 0.3, "slide-1": 0.2}))
+    assert motion.value("slide_1_angle") == pytest.approx(0.3, rel=1e-14)
+    assert motion.value("slide_1_1_travel") == pytest.approx(0.2, rel=1e-14)
+
+
 def test_ranges_are_elastic_on_wish(arm):
     """Beyond its range, which is that of the file, a shoulder has V = ½ k d² more."""
     arm.write_text(LIMITED, encoding="utf-8")
