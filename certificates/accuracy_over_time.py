@@ -23,13 +23,13 @@ __all__ = ["Accuracy", "accuracy", "draw"]
 _MOST_STEPS, _HALVINGS = 250, 6
 #: Ratio of the shortest tested step to the step of the reference.
 _FINER = 4
-#: The shortest CPU time that is reported, in s.
+#: The shortest CPU time that is reported, in s: a plot over log(time) has no place for 0 or less.
 _TICK = 1e-6
 
 
 @dataclass(frozen=True)
 class Accuracy:
-    """Errors of one motion at its end, for halved steps.
+    """Errors of one motion at its end, for steps 4 dt, 2 dt, dt, ….
 
     Attributes
     ----------
@@ -52,7 +52,8 @@ class Accuracy:
 
     @property
     def slopes(self) -> list[float]:
-        """log2 of successive errors' ratio."""
+        """log2 e(h)/e(h/2) of successive steps h: about the order where errors are not round-off;
+        one number fewer than errors, ±inf or NaN where an error is 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
             slopes: list[float] = np.log2(np.divide(self.error[:-1], self.error[1:])).tolist()
         return slopes
@@ -76,20 +77,24 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
         return trajectory, time.process_time() - start_time
 
     def fastest(step: float, n: int) -> tuple[Trajectory, float]:
-        return min((run(step, n) for _ in range(3)), key=lambda trajectory: trajectory[1])
+        """Return the one of three equal runs with the least CPU time, and this time in seconds."""
+        runs = [run(step, n) for _ in range(3)]
+        return min(runs, key=lambda trajectory_and_seconds: trajectory_and_seconds[1])
 
     finest = longest / 2**_HALVINGS / _FINER
     reference, _ = run(finest, count * 2**_HALVINGS * _FINER)
     _, overhead = fastest(finest, 1)  # a call costs this without steps, and is subtracted
     measurements: list[tuple[float, float, float]] = []
     for k in range(_HALVINGS + 1):
+        step, n = longest / 2**k, count * 2**k  # every run ends at the same time
         try:
-            trajectory, seconds_spent = fastest(longest / 2**k, count * 2**k)
-        except StepFailed:
+            trajectory, seconds_spent = fastest(step, n)
+        except StepFailed:  # the longest steps may have no solution; shorter ones have
             continue
-        error = max(np.abs(a[-1] - b[-1]).max() / (np.abs(b).max() or 1.0) for a, b in (
-            (trajectory.q, reference.q), (trajectory.p, reference.p)))
-        measurements.append((longest / 2**k, float(error), max(seconds_spent - overhead, _TICK)))
+        # q and p have units of their own, so each is compared with its own largest entry
+        error = max(np.abs(end[-1] - exact[-1]).max() / (np.abs(exact).max() or 1.0)
+                    for end, exact in ((trajectory.q, reference.q), (trajectory.p, reference.p)))
+        measurements.append((step, float(error), max(seconds_spent - overhead, _TICK)))
     dts, errors, seconds = (list(column) for column in zip(*measurements, strict=True))
     return Accuracy(stepper.name, stepper.order, longest * count, dts, errors, seconds)
 
@@ -102,10 +107,10 @@ def draw(model: str, accuracy: Accuracy, target: Path) -> None:
     figure = figure_class()(figsize=(9, 3.8), layout="constrained")
     order_axes, work_axes = figure.subplots(1, 2, sharey=True)
     dt, error, seconds = map(np.array, (accuracy.dt, accuracy.error, accuracy.seconds))
-    positive = error > 0
+    positive = error > 0  # 0 has no place on a logarithmic axis
     order_axes.loglog(dt[positive], error[positive], "o-", label=accuracy.stepper)
     if positive.any():
-        first = int(np.argmax(positive))
+        first = int(np.argmax(positive))  # the line begins at the error of the longest step
         guide = error[first] * (dt / dt[first]) ** accuracy.order
         # a line that goes on far below the errors would stretch the axis
         in_range = guide >= error[positive].min() / 10

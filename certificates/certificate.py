@@ -178,17 +178,15 @@ def certify(
             "composition": composition})
         end_stage()
         size = _step_size(known_model, step, dt, dtau)
+        # two steps are the least from which a trend and a drift can be seen
         count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
                                   minimum=2)
-        changes = {} if parameters is None else as_mapping("parameters", parameters, '{"mgl": 0.4}')
-        for name in changes:
-            if name not in step.parameter_domains:
-                raise InputError(f"{name!r} is no parameter of model {model.name!r}; its "
-                                 f"parameters are {', '.join(step.parameter_domains) or 'none'}.")
+        changes = _changed_parameters(parameters, step, model.name)
         run = step.integrate(known_model, steps=count, parameters=changes,
                              **step_named(step, size))
         end_stage()
         numbers = dict(run.parameters)
+        # with time_scale: the extended system in (q, t, p, e), which is what the run keeps
         system = scaled(known_model.system)
         guarantees = _guarantees(system, step, scheme, stages, tableau, numbers)
         round_off = RoundOff(system, run, numbers, step)
@@ -197,10 +195,33 @@ def certify(
                 known_model, system, step, guarantees, run, numbers, round_off).lines())
         end_stage()
         if step.binding.clocked:
-            lines = [replace(line, **{name: getattr(line, name).replace("Δt", "Δτ")
-                                      for name in ("found", "expected", "why")}) for line in lines]
+            lines = _in_scaled_time(lines)
         return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines,
                            step.binding.clocked)
+
+
+def _changed_parameters(
+    parameters: Mapping[str, Number] | None, step: Stepper, model_name: str
+) -> Mapping[str, Number]:
+    """Return the parameters that the caller of ``certify`` changes, by name; empty for None.
+
+    Raises InputError for a name that is no parameter of the stepper.
+    """
+    if parameters is None:
+        return {}
+    changes: Mapping[str, Number] = as_mapping("parameters", parameters, '{"mgl": 0.4}')
+    for name in changes:
+        if name not in step.parameter_domains:
+            raise InputError(f"{name!r} is no parameter of model {model_name!r}; its "
+                             f"parameters are {', '.join(step.parameter_domains) or 'none'}.")
+    return changes
+
+
+def _in_scaled_time(lines: list[CertificateLine]) -> list[CertificateLine]:
+    """Return the lines with Δτ in place of Δt: the step of scaled time is the step of the run."""
+    texts = ("found", "expected", "why")
+    return [replace(line, **{name: getattr(line, name).replace("Δt", "Δτ") for name in texts})
+            for line in lines]
 
 
 class MethodOptions(TypedDict, total=False):
@@ -247,9 +268,10 @@ def compile_model(
 
 
 def _step_size(model: Model, step: Stepper, dt: float | None, dtau: float | None) -> float:
-    """Return Δt, by default the model's, or Δτ of a system in scaled time.
+    """Return the step of the run: Δt in s, by default the model's, or Δτ in scaled time.
 
-    Raises InputError without a step, and for a Lagrangian whose H is not written out.
+    Of ``dt`` and ``dtau`` at most one is a number. Raises InputError if there is no step, and for a
+    system from a Lagrangian, whose H is not written out.
     """
     if step.manifest.system.velocity_names:
         raise InputError(f"System {model.system.name!r} is from a Lagrangian, and its H is not "
@@ -267,7 +289,12 @@ def _guarantees(
     system: System, step: Stepper, scheme: SchemeName | None, stages: int | None,
     tableau: str | Path | Tableau | None, parameters: Mapping[str, float],
 ) -> Guarantees:
-    """Return the guarantees of the scheme at these parameters, as exact fractions."""
+    """Return the guarantees of the stepper's kind of scheme, at the parameters of the run.
+
+    A stepper that solves no equations is a composition of flows; a scheme without a tableau is IMS
+    or EMS, with a mean or discrete gradient; every other is a SPARK method with its tableau, which
+    is the user's if ``tableau`` is not None.
+    """
     # the doubles of the run, as fractions: a proof is about these numbers
     exact_parameters = {s: as_rational(parameters[str(s)]) for s in system.parameters}
     if not step.binding.solves:
@@ -277,5 +304,6 @@ def _guarantees(
     if tableau is None:
         return SparkGuarantees(system, exact_parameters, make_tableau(str(scheme), stages),
                                bool(step.manifest.scheme.exact_energy))
+    # a text or path names the file of a tableau
     exact = make_tableau(Path(tableau)) if isinstance(tableau, (str, Path)) else tableau
     return SparkGuarantees(system, exact_parameters, exact)

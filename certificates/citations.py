@@ -65,10 +65,12 @@ class Work:
 
 
 def _initials(given_names: str) -> list[str]:
+    """Return the initials of first names: "Jean-Pierre" gives ["J.", "P."]."""
     return [f"{name[0]}." for name in given_names.replace("-", " ").split()]
 
 
 def _article(key: str, authors: str, title: str, year: str, **where: str) -> Work:
+    """Return a work of a journal; ``authors`` are joined by " and " as in BibTeX."""
     return Work(key, "article", tuple(authors.split(" and ")), title, year, where)
 
 
@@ -198,7 +200,7 @@ def cite(stepper: Any) -> Citations:
 
 
 def _reasons(manifest: Manifest) -> Iterator[tuple[str, str]]:
-    """Yield key and reason, the program first."""
+    """Yield the key of each work to cite and the reason: the program, bodies, scheme, its loops."""
     scheme, constrained = manifest.scheme, bool(manifest.system.constraints)
     yield "gyrospark", "the program"
     if bodies_of(manifest):
@@ -214,11 +216,15 @@ def _reasons(manifest: Manifest) -> Iterator[tuple[str, str]]:
 
 
 def _of_scheme(scheme: SchemeManifest, constrained: bool) -> Iterator[tuple[str, str]]:
-    """Yield the works behind a scheme: the sources of its record, and the works on its kind."""
+    """Yield keys and reasons of the works behind a scheme: of its record, then of its kind.
+
+    Works on constraints are left out for a system that has none.
+    """
     name = re.sub(r"^\d+-", "", scheme.method)  # "3-G-L"; "SPARK ..." is a tableau of a user
     record = next((scheme_record for scheme_record in SCHEMES.values()
                    if scheme_record.name == name), None)
     for key, reason in (record.sources if record else {}).items():
+        # Gonzalez 1999 and Jay 1996 are about constraints alone
         if constrained or key not in ("gonzalez1999", "jay1996"):
             yield key, reason
     if scheme.kind == "spark":

@@ -38,7 +38,10 @@ _SMALL = Fraction(1, 10 ** (STORED - 8))
 
 
 def check_composition(composition: Composition) -> list[Condition]:
-    """Return the lines on a composition and on its base; these begin with the base's name."""
+    """Return the lines on a composition and on its base; these begin with the base's name.
+
+    A base is the step S of the product S(w_1 h) … S(w_s h); "Strang" has no order condition.
+    """
     lines = [*_exact(composition), *_conditions(composition)]
     if composition.base in COMPOSITIONS and composition.base != "Strang":
         base = COMPOSITIONS[composition.base]
@@ -71,6 +74,7 @@ def _largest_difference(
 
 
 def _line(name: str, equation: str, error: Fraction, result: str) -> Condition:
+    """Return a condition in rational arithmetic, which holds if its ``error`` is exactly 0."""
     return Condition(name, equation, result, holds=error == 0, required=True,
                      residual="0" if error == 0 else f"{float(error):.1e}")
 
@@ -81,6 +85,7 @@ def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]
     ``name`` begins the names of the lines.
     """
     conditions = OrderConditions(composition)
+    # stored numbers are rounded to 60 digits: residuals are small, and the zero is beside them
     for word, residual in zip(conditions.words, conditions.residuals(), strict=True):
         with intervals() as interval:
             small = abs(residual) < interval(_SMALL)
@@ -101,15 +106,18 @@ def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]
 
 
 def _stored(conditions: OrderConditions) -> list[Any]:
+    """Return enclosures of the stored unknowns of a composition, which are rational numbers."""
     with intervals() as interval:
         return [interval(value) for value in conditions.unknowns]
 
 
 def _size_of(interval: Any) -> Any:
+    """Return the largest |x| in an interval of mpmath: of its ends a and b."""
     return max(abs(mp.mpf(interval.a)), abs(mp.mpf(interval.b)))
 
 
 def _size(interval: Any) -> str:
+    """Return the largest |x| in an interval as text of two digits."""
     return str(mp.nstr(_size_of(interval), 2))
 
 
@@ -122,6 +130,7 @@ def _interval_text(interval: Any) -> str:
 
 def _order_in_letters(composition: Composition) -> Condition:
     """Check the order of the drifts and kicks as written out, at all Lyndon words of A and B."""
+    # the order is even: by symmetry, the conditions of this grade follow from those below
     words = lyndon_words("AB", composition.order - 1)
     with intervals() as interval:
         series = step_coefficients(composition, words, interval)
@@ -142,6 +151,7 @@ def step_coefficients(composition: Composition, words: list[str], as_number: Any
     """
     longest = max(map(len, words))
     drift, kick = drift_flow(longest), kick_flow(longest, composition.has_gradients)
+    # a step begins and ends with a drift: one more of them than of kicks
     series = [evaluate_flow(drift, [as_number(composition.drifts[0])], as_number)]
     for a, b, c in zip(composition.drifts[1:], composition.kicks, composition.gradients,
                        strict=True):
@@ -162,7 +172,10 @@ def error_constant(composition: Composition) -> float:
 
 
 def _symplectic(composition: Composition) -> Condition:
-    """Each flow is that of a Hamiltonian: T, and βV − γG, which is a function of q."""
+    """Check that every flow of the composition has a Hamiltonian: T, and b V − c h² G of q alone.
+
+    −G = {V, {T, V}} must be free of p, so that its kick is exact: this is algebra.
+    """
     residuals = force_gradient_residuals() if composition.has_gradients else ()
     holds = all(residual == 0 for residual in residuals)
     kicks = "b V - c h^2 G(q), -G = {V, {T, V}}" if composition.has_gradients else "b V(q)"
@@ -188,16 +201,20 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
         x * y for x, y in zip(d, p, strict=True))
 
     def bracket(f: Any, g: Any) -> Any:
+        """Return {f, g} = f_q·g_p − f_p·g_q."""
         return sum(f.diff(x) * g.diff(y) - f.diff(y) * g.diff(x)
                    for x, y in zip(q, p, strict=True))
 
     def commutator(X: Any, Y: Any, function: Any) -> Any:
+        """Return [X, Y] f = X(Y f) − Y(X f)."""
         return X(Y(function)) - Y(X(function))
 
     def A(function: Any) -> Any:
+        """Return the derivative of a function along the drift."""
         return bracket(function, T)
 
     def B(function: Any) -> Any:
+        """Return the derivative of a function along the kick."""
         return bracket(function, V)
 
     VTV = sp.expand(bracket(bracket(V, T), V))
@@ -209,10 +226,10 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
 
 def _measured(composition: Composition) -> Iterator[Condition]:
     """Yield the slopes on a small problem, and the error constant."""
-    for order, one_kick, name in (
-            (composition.order, False, "order, measured"),
-            *([(composition.orders[0], True, "order in small kicks, measured")]
-              if len(composition.orders) > 1 else [])):
+    measured_orders = [(composition.order, False, "order, measured")]
+    if len(composition.orders) > 1:  # a higher order in the terms with one kick, of small V
+        measured_orders.append((composition.orders[0], True, "order in small kicks, measured"))
+    for order, one_kick, name in measured_orders:
         slope = observed_composition_order(composition, one_kick)
         yield Condition(name, "log2 of the local error's ratio for h, h/2, less 1",
                         f"{slope:.3f}", holds=abs(slope - order) < 0.1,

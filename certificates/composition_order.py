@@ -48,6 +48,7 @@ def _error(composition: Composition, h: Any, scale: Any) -> Any:
 
 
 def _times(matrix: Any, vector: list[Any]) -> list[Any]:
+    """Return matrix · vector; entries of the matrix are numbers or decimals as text."""
     return [mp.fdot(map(mp.mpf, row), vector) for row in matrix]
 
 
@@ -61,12 +62,13 @@ def _step(
     """
     kicks = zip(composition.kicks, composition.gradients, strict=True)
     for i, a in enumerate(composition.drifts):
-        if i:
+        if i:  # a kick stands between two drifts, so none before the first
             b, c = map(as_mpf, next(kicks))
             angles = [mp.fdot(wave, q) for wave in _WAVES]
             V_q = [scale * mp.fsum(w * n[k] * mp.sin(u) for w, n, u in zip(
                 _WEIGHTS, _WAVES, angles, strict=True)) for k in range(2)]
             M_V_q = _times(_INVERSE_MASS, V_q)
+            # G_q = 2 V_qq M V_q, with V_qq = Σ w n nᵀ cos(n·q)
             G_q = [2 * scale * mp.fsum(
                 w * n[k] * mp.fdot(n, M_V_q) * mp.cos(u) for w, n, u in zip(
                     _WEIGHTS, _WAVES, angles, strict=True)) for k in range(2)]
@@ -81,6 +83,7 @@ def _taylor(q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
     The coefficients follow from q̇ = M p, ṗ = −V_q, and for the sine s and cosine c of an angle u
     from ṡ = c u̇ and ċ = −s u̇.
     """
+    # each list holds the coefficients of 1, t, t², … of one function of time
     Q, P = [[x] for x in q], [[x] for x in p]
     angles = [[mp.fdot(wave, q)] for wave in _WAVES]
     sines, cosines = [[mp.sin(u[0])] for u in angles], [[mp.cos(u[0])] for u in angles]
@@ -94,6 +97,8 @@ def _taylor(q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
         for u, s, c, wave in zip(angles, sines, cosines, _WAVES, strict=True):
             u.append(mp.fdot(wave, [Q[0][n + 1], Q[1][n + 1]]))
             rates = [(j + 1) * u[j + 1] for j in range(n + 1)]  # of u̇
+            # coefficient n of a product of series: Σ_j u̇_j c_(n−j)
             s.append(mp.fdot(rates, reversed(c[: n + 1])) / (n + 1))
             c.append(-mp.fdot(rates, reversed(s[: n + 1])) / (n + 1))
+    # polyval takes the highest power first
     return [mp.polyval(series[::-1], h) for series in (*Q, *P)]

@@ -62,9 +62,11 @@ class OrderConditions:
         if composition.base:
             words = lyndon_words(_LETTERS[composition.base], composition.order - 1)
         else:
-            words = [word for word in lyndon_words("AB", max(composition.orders) - 1)
-                     if len(word) < composition.orders[min(max(word.count("B"), 1),
-                                                           len(composition.orders)) - 1]]
+            # orders = (r₁, r₂, …): words with k kicks B count below order r_k, the last r for all
+            # further kicks; a word without kicks counts with those of one
+            orders = composition.orders
+            words = [word for word in lyndon_words("AB", max(orders) - 1)
+                     if len(word) < orders[min(max(word.count("B"), 1), len(orders)) - 1]]
             words += composition.also
         return [word for word in words if word not in ("1", "A", "B")]
 
@@ -79,7 +81,7 @@ class OrderConditions:
 
     @cached_property
     def unknowns(self) -> list[Fraction]:
-        """x as stored."""
+        """x as stored: of each palindrome the numbers that neither symmetry nor a sum fixes."""
         composition = self.composition
         palindromes = [composition.weights] if composition.base else [
             composition.drifts, composition.kicks, composition.gradients]
@@ -93,8 +95,12 @@ class OrderConditions:
         return [i for i in range(len(self.unknowns)) if i not in self.composition.free]
 
     def _numbers(self) -> list[list[Affine]]:
-        """Return each number of each palindrome as an affine function of the unknowns."""
-        palindromes, first = [], 0
+        """Return each number of each palindrome as an affine function of the unknowns.
+
+        A palindrome of ``size`` numbers is fixed by its first half. Where the sum is 1, the middle
+        number is 1 − 2 Σ of those before, or one half of it each for two middle numbers.
+        """
+        palindromes, first = [], 0  # ``first``: index of the palindrome's first unknown
         for size, summed in self._parts:
             half = (size + 1) // 2
             indices = range(first, first + half - summed)
@@ -102,25 +108,27 @@ class OrderConditions:
             if summed:
                 middle = Fraction(1, 1 if size % 2 else 2)  # shared by the middle ones
                 terms.append((middle, dict.fromkeys(indices, -2 * middle)))
+            # entry i is equal to its mirror image, entry size − 1 − i
             palindromes.append([terms[min(i, size - 1 - i)] for i in range(size)])
             first = indices.stop
         return palindromes
 
     @cached_property
     def equal(self) -> list[float]:
-        """x of a composition with equal steps, without force gradients."""
+        """x of a composition with equal steps, without force gradients: where a search begins."""
         return [1 / size if summed else 0.0 for size, summed in self._parts
                 for _ in range((size + 1) // 2 - summed)]
 
     def values(self, x: Sequence[Any], as_number: Callable[[Fraction], Any]) -> list[list[Any]]:
-        """Return the numbers of each palindrome for these unknowns."""
+        """Return the numbers of each palindrome for the unknowns x, converted by ``as_number``."""
         return [[_value(affine, x, as_number) for affine in palindrome]
                 for palindrome in self._numbers()]
 
     def flows(self, words: Sequence[str] = ()) -> Iterator[tuple[Flow, list[Affine]]]:
-        """Yield the flows of a step with their numbers, in order, up to the conditions' words.
+        """Yield the flows of a step in their order, each with the affine functions of its numbers.
 
-        ``words`` replaces the words of the conditions.
+        A flow has the words up to the largest grade of the conditions' words, or of ``words`` if
+        these are given. A weight w has one number, a drift a, a kick b and perhaps c.
         """
         words, palindromes = words or self.words, self._numbers()
         largest_grade = max(map(grade, words), default=1)
@@ -132,8 +140,8 @@ class OrderConditions:
         drifts, *kicks = palindromes
         most_kicks = max((word.count("B") for word in words), default=1)
         drift = drift_flow(largest_grade)
-        kick = kick_flow(min(largest_grade, most_kicks * 3 // 2),
-                         len(kicks) > 1)  # C is ABB and the like
+        # a word of k letters B has at most 3k/2 letters in a kick: C has two B among its three
+        kick = kick_flow(min(largest_grade, most_kicks * 3 // 2), len(kicks) > 1)
         for i, affine in enumerate(drifts):
             yield drift, [affine]
             if i < len(drifts) - 1:
@@ -152,6 +160,7 @@ class OrderConditions:
                        for _, affine_numbers in flows]
         series = [evaluate_flow(flow, arguments, as_number)
                   for (flow, _), arguments in zip(flows, flow_values, strict=True)]
+        # reversed words, too: products of the last flows are taken from products of the first
         parts = factors_of([*self.words, *(word[::-1] for word in self.words)])
         zero = as_number(Fraction(0))
         left_products = multiply_flows(series, parts, as_number)
@@ -164,9 +173,10 @@ class OrderConditions:
             for index, (_, terms) in enumerate(affine_numbers):
                 slope = evaluate_flow(flow, flow_values[i], as_number, index)
                 for row, word in zip(slopes, self.words, strict=True):
+                    # i flows stand left of flow i, and len(flows) − 1 − i right of it
                     change = differentiate(left_products[i], slope, right_products[-2 - i], word,
                                            zero)
-                    for j, k in terms.items():
+                    for j, k in terms.items():  # the chain rule: number = constant + Σ k x_j
                         row[j] = row[j] + as_number(k) * change
         return residual, slopes
 
@@ -195,7 +205,7 @@ class OrderConditions:
         maps X into its interior, X contains one and only one solution, and it is in K(X).
         """
         x, solved = self.unknowns, self.solved
-        if len(solved) != len(self.words):
+        if len(solved) != len(self.words):  # as many equations as unknowns are needed
             return None
         with intervals() as interval:
             centre = [interval(number) for number in x]
@@ -205,6 +215,7 @@ class OrderConditions:
             enclosure = list(centre)
             residual, _ = self.evaluate(centre, interval)
             _, slopes = self.evaluate(box, interval)
+            # Y need not be exact: any matrix is allowed, a good one makes K(X) small
             try:
                 Y = mp.inverse(mp.matrix([[mp.mpf(row[i].mid) for i in solved] for row in slopes])
                                ) if solved else mp.matrix(0, 0)
@@ -212,7 +223,7 @@ class OrderConditions:
                 return None
             for k, i in enumerate(solved):
                 inverse_row = [mp.iv.mpf(Y[k, b]) for b in range(len(solved))]
-                image = centre[i] - _dot(inverse_row, residual)
+                image = centre[i] - _dot(inverse_row, residual)  # entry k of K(X)
                 for m, j in enumerate(solved):
                     slope = _dot(inverse_row, [row[j] for row in slopes])
                     image += ((k == m) - slope) * (box[j] - centre[j])
@@ -228,15 +239,18 @@ class OrderConditions:
 
 
 def _value(affine: Affine, x: Sequence[Any], as_number: Callable[[Fraction], Any]) -> Any:
+    """Return an affine function, constant + Σ k_i x_i, at the unknowns x."""
     constant, terms = affine
     return sum((as_number(k) * x[i] for i, k in terms.items()), start=as_number(constant))
 
 
 def _dot(u: Sequence[Any], v: Sequence[Any]) -> Any:
+    """Return u·v of intervals; 0 for empty ones."""
     return sum((a * b for a, b in zip(u, v, strict=True)), start=mp.iv.mpf(0))
 
 
 def _reversed(series: Series) -> Series:
+    """Return the series of a product with its factors in reverse order: every word is reversed."""
     return {word[::-1]: value for word, value in series.items()}
 
 

@@ -95,6 +95,7 @@ def forces_are_gradient(system: System, parameters: Numbers) -> bool:
     """Whether F = −∇V(q, t): F_p = 0 and F_q is symmetric, identically and in exact algebra."""
     forces = substitute(system.forces, parameters)
     q, p = system.q, system.p
+    # a list is a sum of terms that must be 0; derivatives that are 0 at sight are left out
     by_momentum = [[derivative(f, x)] for f in forces for x in p if f.has(x)]
     curl = [[derivative(forces[i], q[j]), -derivative(forces[j], q[i])]
             for i in range(len(forces)) for j in range(i)
@@ -123,6 +124,7 @@ def _not_exact(J: MomentumMap) -> Guarantee:
 
 
 def _domain(J: MomentumMap) -> str:
+    """Return the end of a sentence on J: nothing, or " at these parameters" if J needs them."""
     return "" if J.any_parameters else " at these parameters"
 
 
@@ -166,18 +168,19 @@ class SparkGuarantees:
 
     @property
     def discrete(self) -> bool:
-        """Stages have gradients."""
+        """False: stages use the gradients of H and g themselves, at their points."""
         return False
 
     @property
     def symmetric(self) -> bool:
-        """Whether the tableau is: step(−h) then undoes step(h)."""
+        """Whether the tableau is symmetric, so that step(−h) undoes step(h); never with θ, which
+        the way back would choose differently."""
         return not self.exact_energy and any(line.name == "symmetric" and line.found == "yes"
                                              for line in check_tableau(self.tableau))
 
     @property
     def stability(self) -> Stability | None:
-        """R(z) of A and b, where Â and b̂ are the same."""
+        """R(z) = 1 + z bᵀ(1 − zA)⁻¹ 1 of the tableau; None where Â ≠ A or b̂ ≠ b."""
         return stability(self.tableau)
 
     def loop(self) -> Guarantee:
@@ -223,9 +226,10 @@ class SparkGuarantees:
             return "the tableau is not symmetric, it may drift"
         # p → −p reverses the motion if H and F are even in p and the rates a of constraints are 0
         reversed_momenta = {x: -x for x in system.p}
-        even = [[e, -f] for e, f in zip((system.H, *system.forces), substitute(
-            [system.H, *system.forces], reversed_momenta), strict=True)]
-        odd = [[e] for e in system.a]
+        functions = (system.H, *system.forces)
+        even = [[f, -f_reversed] for f, f_reversed in zip(
+            functions, substitute(functions, reversed_momenta), strict=True)]
+        odd = [[a] for a in system.a]
         if system.is_nonautonomous or not identically_zero(
                 [substitute(terms, self.numbers) for terms in (*even, *odd)]):
             return "the system is not reversible under p → −p, it may drift"
@@ -233,7 +237,8 @@ class SparkGuarantees:
                 "others may drift")
 
     def momentum_constraint(self) -> Guarantee:
-        """T2 solves for it with Λ_p."""
+        """Return that f = g_q H_p = 0 holds: the last equations of a step, T2, project p along g_qᵀ
+        with a multiplier Λ_p of their own."""
         return guaranteed("T2 projects p in every step")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
@@ -269,11 +274,14 @@ class SparkGuarantees:
 
     @property
     def _digits(self) -> str:
+        """The end of a sentence on a tableau that is given in decimals; empty for an exact one."""
         digits = self.tableau.digits_given
         return "" if digits is None else f", to the {digits} digits of the tableau"
 
 
 def _first_violated(lines: Sequence[Condition]) -> str:
+    """Return the equation of the first condition that fails, and by how much; empty if none does.
+    """
     return next((f"{line.equation} is off by {line.residual}" for line in lines
                  if line.found != "yes"), "")
 
@@ -314,11 +322,13 @@ class MeanGuarantees:
 
     @property
     def stability(self) -> Stability | None:
-        """F(q̄, p̄): for p' = λp the midpoint rule, that of one Gauss stage."""
+        """R(z) of the midpoint rule, which is one Gauss stage: forces are taken at (q̄, p̄), so that
+        p' = λp is integrated by it."""
         return stability(gauss_lobatto(1))
 
     def loop(self) -> Guarantee:
-        """Only without constraints, and with the gradient at the midpoint."""
+        """Return whether the map is symplectic: only without constraints, and if D is the gradient
+        of H at the midpoint."""
         if self.system.m:
             return not_guaranteed(f"{self.name} does not project p: with constraints it "
                                   "guarantees no ∮p·dq")
@@ -332,16 +342,20 @@ class MeanGuarantees:
         return guaranteed("D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Guarantee:
-        """ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq."""
-        how = self._how_energy
+        """Return whether H is exact: if ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq.
+
+        The step then gives ΔH = F·Δq − λᵀΔg, and Δg = 0. EMS is made for these equations: it is
+        refuted if they fail. IMS has them for quadratic H and g.
+        """
+        proof = self._energy_proof
         if self.scheme.discrete:
             time_dependent = self.system.is_time_dependent
             law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * time_dependent
-            return guaranteed(f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({how})",
-                              "" if how else f"{law} is refuted")
-        if how:
+            return guaranteed(f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({proof})",
+                              "" if proof else f"{law} is refuted")
+        if proof:
             return guaranteed(f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
-                              f"({how})")
+                              f"({proof})")
         return not_guaranteed(f"an error of order {self.order} in Δt: H or g is not quadratic")
 
     def momentum_constraint(self) -> Guarantee:
@@ -356,6 +370,7 @@ class MeanGuarantees:
             return no_projection
         (q, p), (dq, dp) = scheme.means, scheme.differences
         _, D_p = scheme.mean_gradient
+        # f at the ends q̄ ± Δq/2, p̄ ± Δp/2
         end, start = (
             substitute(system.hidden, {x: m + sign * d / 2 for x, m, d in zip(
                 [*system.q, *system.p], [*q, *p], [*dq, *dp], strict=True)})
@@ -365,13 +380,14 @@ class MeanGuarantees:
             slopes = {x: derivative(total, x) for x in p if total.has(x)}
             if not slopes or any(slope.has(*p, *dp) for slope in slopes.values()):
                 return no_projection  # not linear in p
+            # x − total/slope is the momentum x that makes f_k + f_(k+1) = 0
             x, slope = next(iter(slopes.items()))
             terms = substitute([a * b for a, b in zip(row, D_p, strict=True)],
                                {x: x - total / slope})
-            how = self._vanish([terms])
-            if not how:
+            proof = self._vanish([terms])
+            if not proof:
                 return no_projection
-        return guaranteed(f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({how})")
+        return guaranteed(f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({proof})")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether J = pᵀ(A q + a) is conserved, from the difference of J over a step.
@@ -391,10 +407,10 @@ class MeanGuarantees:
         if not self._vanish(constraint_rates, J):
             return not_guaranteed(f"{why}; g_q X = 0 is not seen off the constraints, where the "
                                   "midpoints are")
-        how = self._vanish([rate], J)
-        if not how:
+        proof = self._vanish([rate], J)
+        if not proof:
             return not_guaranteed(f"{why}; D is not seen to turn as the gradient does")
-        return guaranteed(f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({how})")
+        return guaranteed(f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({proof})")
 
     # ------------------------------------------------------------ identities
 
@@ -406,8 +422,11 @@ class MeanGuarantees:
         return bool(self._vanish([[a, -b] for a, b in pairs]))
 
     @cached_property
-    def _how_energy(self) -> str:
-        """Return how ΔH = D·Δ and Δg = Ḡ·Δq are proved; "" if they do not hold."""
+    def _energy_proof(self) -> str:
+        """The kind of proof of ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq; "" if they do not hold.
+
+        Of time-dependent systems ΔH has the term D_t Δt, too, and Δg the term ḡ_t Δt.
+        """
         scheme, system = self.scheme, self.system
         (q, p), (dq, dp) = scheme.means, scheme.differences
         # rows of D and Ḡ, in Δq, Δp and, of time-dependent systems, Δt
@@ -418,6 +437,7 @@ class MeanGuarantees:
             slopes = [[*slope, rate] for slope, rate in zip(slopes, rates, strict=True)]
         variables, means, differences = with_time(
             [*system.q, *system.p], [*q, *p], [*dq, *dp], system.clock)
+        # H and g at the ends of the step, mean ± half the difference
         end, start = (
             substitute([system.H, *system.constraints],
                        {x: m + sign * d / 2 for x, m, d
@@ -426,16 +446,16 @@ class MeanGuarantees:
         works = [[a * d for a, d in zip(slope, differences, strict=True)] for slope in slopes]
         # identities of the expressions first; then, of discrete gradients, comparison at random
         # points where algebra does not decide
-        how = self._vanish([[b, -a, *(-w for w in work)]
-                            for a, b, work in zip(start, end, works, strict=True)])
-        if how or not self.scheme.discrete:
-            return how
+        proof = self._vanish([[b, -a, *(-w for w in work)]
+                              for a, b, work in zip(start, end, works, strict=True)])
+        if proof or not self.scheme.discrete:
+            return proof
         comparison = compare([b - a for a, b in zip(start, end, strict=True)],
                              [sp.Add(*work) for work in works], differences, thorough=False)
         return comparison.how if comparison.holds else ""
 
     def _field(self, J: MomentumMap) -> tuple[list[sp.Expr], list[sp.Expr]]:
-        """Return X = A q̄ + a and p̄ᵀA."""
+        """Return X = J_p = A q̄ + a and J_q = p̄ᵀA at the means q̄ and p̄, n expressions each."""
         system, (q, p) = self.system, self.scheme.means
         at_mean = dict(zip([*system.q, *system.p], [*q, *p], strict=True))
         X = [derivative(J.J, x) for x in system.p]
@@ -449,6 +469,7 @@ class MeanGuarantees:
 
 
 def _slopes(scheme: MeanScheme) -> list[sp.Expr]:
+    """Return the entries of D_q, D_p and Ḡ in one list."""
     return [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
             *(e for row in scheme.mean_constraint for e in row)]
 
@@ -479,37 +500,41 @@ class SplittingGuarantees:
 
     @property
     def discrete(self) -> bool:
-        """Flows are exact."""
+        """False: flows are exact, and no difference quotient takes the place of a gradient."""
         return False
 
     @property
     def symmetric(self) -> bool:
-        """Compositions are palindromes; kicks by forces that depend on momenta are not exact."""
+        """Whether the step is a palindrome of exact flows: kicks by forces that depend on momenta
+        are none."""
         return not self.splitting.other_forces
 
     @property
     def stability(self) -> Stability | None:
-        """Each flow is exact: p' = λp has no stability function."""
+        """None: a flow is exact, p' = λp is integrated without an error."""
         return None
 
     def loop(self) -> Guarantee:
-        """Compositions of flows of Hamiltonian parts are symplectic."""
+        """Return that the map is symplectic if forces have a potential: each flow then has a
+        Hamiltonian."""
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
         return guaranteed("each flow is that of a part of H, proved")
 
     def energy(self) -> Guarantee:
-        """No part keeps H, unless there is one alone."""
+        """Return whether H is exact: only if it has one part; the flow of a part keeps this part,
+        not H."""
         if not self.system.forces and self.splitting.is_exact and not self.splitting.templates:
             return guaranteed("H has one part, whose flow is exact")
         return not_guaranteed(f"an error of order {self.order} in Δt: parts do not keep H")
 
     def momentum_constraint(self) -> Guarantee:
-        """p is made of q and the angular momentum."""
+        """Return that f = 2 qᵀq̇ = 0 holds: p is made of q and the angular momentum m in body axes.
+        """
         return guaranteed("p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
-        """J is conserved if its bracket with each part is 0."""
+        """Return whether J is conserved: its bracket with each part of H must be 0."""
         if not J.everywhere:
             return _not_exact(J)
         if not is_invariant(self.splitting, J.J):

@@ -115,10 +115,14 @@ def loop_integral(
 
 
 def _tail(modes: Array, x: Array, epsilon: float) -> float:
-    """Return the last eighth of a spectrum relative to the largest mode, less round-off."""
+    """Return the largest of the last eighth of a spectrum relative to the largest mode of all.
+
+    ``modes`` has the shape (M/2 + 1, n), ``x`` the points of the curve. 0 if the last modes are
+    round-off of x, which has a spectrum without decay.
+    """
     sizes = np.abs(modes).max(axis=1)
     floor = 4 * epsilon * np.sqrt(len(x)) * np.abs(x).max()
-    largest = sizes[1:].max()
+    largest = sizes[1:].max()  # without mode 0, the mean
     last = sizes[-max(1, len(sizes) // 8) :].max()
     return float(last / largest) if last > floor else 0.0
 
@@ -142,6 +146,7 @@ def closed_loop(
         x0 + radius * size[: len(x0)] * sum(wave * rng.standard_normal(len(x0)) for wave in circle)
         for x0, size in zip((q0, p0), sizes, strict=True)
     ]
+    # drawn states are off the constraints
     states = [stepper.project(*state, parameters=parameters) for state in zip(*curves, strict=True)]
     q, p = (np.array(components, dtype=float) for components in zip(*states, strict=True))
     return q, p
@@ -195,6 +200,7 @@ def _integrated_loop(
     # in scaled time the extended system is integrated, with t and e among q and p
     states = [full_states(member) for member in ensemble.members] if stepper.binding.clocked else (
         zip(ensemble.q, ensemble.p, strict=True))
+    # shape (points, times, n) each
     q, p = (np.array(rows, dtype=float) for rows in zip(*states, strict=True))
     integrals = [loop_integral(q[:, k], p[:, k], rounded, stepper.binding.epsilon)
                  for k in range(q.shape[1])]

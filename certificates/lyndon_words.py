@@ -46,6 +46,7 @@ def words_up_to(letters: str, largest_grade: int) -> list[str]:
     """Return all words of at most this grade, the empty one included, by grade."""
     by_grade = [[""]]
     for n in range(1, largest_grade + 1):
+        # a word of grade n is a letter before a word of what the letter leaves of the grade
         by_grade.append(sorted(letter + word for letter in letters if grade(letter) <= n
                                for word in by_grade[n - grade(letter)]))
     return list(chain.from_iterable(by_grade))
@@ -100,12 +101,13 @@ def composition_flow(letters: str, largest_grade: int) -> Flow:
 
 
 def exponential(element: Flow, largest_grade: int) -> Flow:
-    """Return the exponential of an element of the free algebra, up to a grade."""
-    size = len(next(iter(next(iter(element.values())))))
-    power: Flow = {"": {(0,) * size: Fraction(1)}}
+    """Return the exponential Σ elementⁿ/n! of an element of the free algebra, up to a grade."""
+    first_terms = next(iter(element.values()))
+    number_count = len(next(iter(first_terms)))  # numbers of the flow: an exponent for each
+    power: Flow = {"": {(0,) * number_count: Fraction(1)}}  # elementⁿ/n!, begun at n = 0 with 1
     series: Flow = {word: dict(terms) for word, terms in power.items()}
     n = 0
-    while power:
+    while power:  # letters have grades ≥ 1: the grade of every word of a power is at least n
         n += 1
         power = _times(power, element, Fraction(1, n), largest_grade)
         for word, terms in power.items():
@@ -116,17 +118,20 @@ def exponential(element: Flow, largest_grade: int) -> Flow:
 def _times(f: Flow, g: Flow, factor: Fraction, largest_grade: int) -> Flow:
     """Return factor · f g up to a grade; words are concatenated and their polynomials multiplied.
     """
-    product_terms: Flow = {}
-    for (u, p), (v, r) in product(f.items(), g.items()):
-        if grade(u + v) <= largest_grade:
-            _add(product_terms.setdefault(u + v, {}), {
-                tuple(i + j for i, j in zip(d, e, strict=True)): x * y * factor
-                for (d, x), (e, y) in product(p.items(), r.items())})
-    return product_terms
+    products: Flow = {}
+    for (left_word, left_terms), (right_word, right_terms) in product(f.items(), g.items()):
+        word = left_word + right_word
+        if grade(word) > largest_grade:
+            continue
+        for (d, x), (e, y) in product(left_terms.items(), right_terms.items()):
+            exponents = tuple(i + j for i, j in zip(d, e, strict=True))
+            _add(products.setdefault(word, {}), {exponents: x * y * factor})
+    return products
 
 
 def _add(terms: dict[tuple[int, ...], Fraction],
          summands: Mapping[tuple[int, ...], Fraction]) -> None:
+    """Add a polynomial, a mapping of exponents to coefficients, to ``terms`` in place."""
     for exponents, value in summands.items():
         terms[exponents] = terms.get(exponents, Fraction(0)) + value
 
@@ -140,19 +145,33 @@ def evaluate_flow(
     The coefficient of a word is Σ x Π v_i^(e_i), from exponents e to x, with the numbers v.
     ``as_number`` converts an exact constant to the type of the arguments: interval, mpmath, float.
     """
+    zero, one = as_number(Fraction(0)), as_number(Fraction(1))
     series: Series = {}
     for word, terms in flow.items():
-        # d/dv of x vᵉ is x e vᵉ⁻¹
         if derivative_index is not None:
-            terms = {tuple(n - (i == derivative_index) for i, n in enumerate(e)): x
-                     * e[derivative_index]
-                     for e, x in terms.items() if e[derivative_index]}
-        if terms:
-            series[word] = sum(
-                (as_number(x) * prod((v**n for v, n in zip(arguments, e, strict=True) if n),
-                                     start=as_number(Fraction(1))) for e, x in terms.items()),
-                start=as_number(Fraction(0)))
+            terms = _derivative(terms, derivative_index)
+        if not terms:  # the derivative of a constant
+            continue
+        value = zero
+        for exponents, coefficient in terms.items():
+            # powers 0 are left out: a factor 1 would cost an operation
+            powers = (v**n for v, n in zip(arguments, exponents, strict=True) if n)
+            value = value + as_number(coefficient) * prod(powers, start=one)
+        series[word] = value
     return series
+
+
+def _derivative(
+    terms: Mapping[tuple[int, ...], Fraction], index: int
+) -> dict[tuple[int, ...], Fraction]:
+    """Return the derivative of a polynomial by its number ``index``: x vᵉ becomes x e vᵉ⁻¹."""
+    slopes: dict[tuple[int, ...], Fraction] = {}
+    for exponents, coefficient in terms.items():
+        power = exponents[index]
+        if power:
+            lowered = (*exponents[:index], power - 1, *exponents[index + 1 :])
+            slopes[lowered] = coefficient * power
+    return slopes
 
 
 # ---------------------------------------------------------------- products
@@ -182,9 +201,18 @@ def multiply_flows(
 
 def differentiate(left_product: Series, flow: Series, right_product: Series, word: str,
                   zero: Any) -> Any:
-    """Return the coefficient at a word of left · flow · right."""
-    return sum((left_product[word[:i]] * flow[word[i:j]] * right_product[word[j:]]
-                for i in range(len(word) + 1) if word[:i] in left_product
-                for j in range(i, len(word) + 1) if word[i:j] in flow
-                and word[j:] in right_product),
-               start=zero)
+    """Return the coefficient at a word of left · flow · right.
+
+    It is Σ left(u) flow(v) right(w) over all cuts word = u v w; with ``flow`` the derivative of one
+    flow by its number, it is the derivative of the product of all flows. ``zero`` is the 0 of the
+    coefficients' type.
+    """
+    coefficient = zero
+    for i in range(len(word) + 1):
+        if word[:i] not in left_product:
+            continue
+        for j in range(i, len(word) + 1):
+            if word[i:j] in flow and word[j:] in right_product:
+                coefficient = coefficient + (left_product[word[:i]] * flow[word[i:j]]
+                                             * right_product[word[j:]])
+    return coefficient

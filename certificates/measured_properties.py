@@ -157,7 +157,7 @@ class Examination:
         slip = substitute(system.velocity_constraints,
                           dict(zip(system.velocities, system.H_p, strict=bool(system.velocities))))
         expressions = [energy_of(system), *rates, *system.constraints, *slip]
-        sample_rows = np.unique(np.linspace(0, self.steps, 5).astype(int))
+        sample_rows = np.unique(np.linspace(0, self.steps, 5).astype(int))  # five states at most
         symbol_values = self.round_off.values(sample_rows)
         if step.binding.clocked:  # a residual is that of a start, where e = −H
             symbol_values[system.p[-1]] = -self.run.energies[sample_rows].astype(float)
@@ -181,6 +181,7 @@ class Examination:
     def _compiled_values(self, q: Array, p: Array, t: Any, slip_count: int) -> list[float]:
         """Return compiled H, H_p, H_q − F, g and A H_p + a at a state; of flows H and g alone."""
         step, n, stages = self.step, self.system.n, self._scheme.stages or 1
+        # rates of a co-moving frame are 0: H and not H − Σ ω_i J_i is the model's
         parameters = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
         energy = float(step.energy(q, p, parameters=parameters, t=t))
         if not step.binding.solves:
@@ -191,6 +192,7 @@ class Examination:
                 step.binding.parameters(parameters), q, p, t))
         r = step.residual(x, q, p, parameters=parameters, t=t,
                           **step_named(step, _SHORT)).astype(float)
+        # the rows of a SPARK residual: −H_p and H_q − F of each stage, g, …, A H_p + a at the end
         end = 2 * stages * n
         return [energy, *-r[:n], *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
                 *r[len(r) - slip_count :]]
@@ -205,11 +207,13 @@ class Examination:
         loop = loop_drift(self.step, self.run.q[0], self.run.p[0], self._loop_sizes(),
                           (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
                           parameters=self.parameters)
+        # without a number only algebra can refute the invariant
         if loop is None or not loop.resolved:
             why = f"refuted in exact algebra: {guarantee.refuted}; " if guarantee.refuted else ""
             return CertificateLine(quantity, "no loop could be followed", "-",
                                    False if guarantee.refuted else None,
                         f"{why}neighbours of the start part too fast, or some have no step")
+        # relative to the effect of ε in the states, as the bound is
         drift, bound = loop.drift / loop.scale, rounded.walk
         measured = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
         if not guarantee.guaranteed:
@@ -255,6 +259,7 @@ class Examination:
         if reversed_run is None:
             return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
                             "neighbours part too fast")
+        # how much multipliers that follow from g alone enlarge the round-off of p
         kicks = 1 + self._kick / sizes[1]
         # rounding adds up like a random walk, √(2N) units over both ways; 8 of its deviations
         random_walk = max(64, 8 * (2 * self.steps) ** 0.5)
@@ -275,18 +280,23 @@ class Examination:
 
     @property
     def _kick(self) -> float:
-        """Round-off that multipliers add to p, if they follow from g alone, without T2."""
+        """Round-off that multipliers add to p in a step, in units of ε.
+
+        0 if a scheme projects p (T2) or has no constraints: multipliers that follow from g = 0
+        alone carry its round-off, divided by Δt.
+        """
         if self._projects or not self.step.m:
             return 0.0
         return float(self.round_off.impulse.max() / abs(self.run.dt))
 
     @property
     def _projects(self) -> bool:
+        """Whether each step ends with a projection of p onto g_q H_p = 0 (T2)."""
         return bool(self._scheme.keeps_momentum_constraint)
 
     @property
     def _scheme(self) -> SchemeManifest:
-        """The scheme in the stepper's manifest."""
+        """The record of the scheme in the stepper's manifest: stages, order, what it keeps."""
         return self.step.manifest.scheme
 
     # ------------------------------------------------------------ constraints and energy
@@ -298,6 +308,7 @@ class Examination:
         terms bounds what is solved in each step.
         """
         unit = 16 * self.round_off.epsilon
+        # sizes of terms of g and f, and the largest |g| and |f| of the run, all over its states
         g_size, f_size = (float(sizes.max(initial=0)) for sizes in self.round_off.constraints)
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
         if self.step.m:
@@ -305,7 +316,7 @@ class Examination:
                          guaranteed("g(q) = 0 is solved in every step, to 16 ε of the size of "
                                     "its terms"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
-        if self.step.binding.rows:
+        if self.step.binding.rows:  # velocity constraints are among the equations of every step
             yield compared(f"{quantity}, |A H_p + a|" if self.step.m else "largest |A H_p + a|",
                          f"{f:.1e}", f"≤ {unit * f_size:.1e}",
                          guaranteed("solved in every step, at its end and at every node"), f,
@@ -328,7 +339,10 @@ class Examination:
                 if (rate := float(self.parameters[symmetry.name]))]
 
     def _energies(self) -> Iterator[CertificateLine]:
-        """Yield the line of H; in a co-moving frame the guarantee is for H − Σ ω_i J_i."""
+        """Yield the line of H; in a co-moving frame the guarantee is for H − Σ ω_i J_i.
+
+        H itself is then kept if every J_i is; otherwise a second line has H − Σ ω_i J_i.
+        """
         guarantee = self.guarantees.energy()
         lost = [J.name for _, J in self.moving if not self.guarantees.momentum(J).guaranteed]
         if not (guarantee.guaranteed and lost):
@@ -367,6 +381,7 @@ class Examination:
         quantity = ("energy H + e" if self.step.binding.clocked else
                     "energy H less work" if works else "energy H")
         error = self.run.energy_error().astype(float)
+        # a drift shows as a trend, an error that only oscillates as a swing
         linear, swing = trend(self.run.t, error)
         largest = float(np.abs(error).max())
         measured = f"largest error {largest:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
@@ -375,7 +390,7 @@ class Examination:
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
             return reported(quantity, measured, f"O(Δt^{self.step.order})"
                         f"{' between crossings' if crossed else ''}", guarantee.why + why, largest)
-        waits = self.run.report.energy_waits
+        waits = self.run.report.energy_waits  # steps for which no θ makes the energy exact
         if waits:
             return reported(quantity, f"{measured}; {waits} steps without a small θ",
                             f"O(Δt^{self.step.order}) in those steps, else round-off",
@@ -385,7 +400,8 @@ class Examination:
         return compared(quantity, measured, f"≤ {bound:.1e}", guarantee, largest, bound)
 
     def _damping(self) -> Iterator[CertificateLine]:
-        """Yield the damping of dampers fast relative to Δt, and of oscillations."""
+        """Yield what the method does to dampers that are fast relative to Δt, by R(∞), and how much
+        it damps oscillations itself, by |R(iωΔt)|; no line for methods without an R(z)."""
         stability = self.guarantees.stability
         if stability is None:
             return
@@ -406,11 +422,13 @@ class Examination:
         """λ, the fastest decay that dampers make: |eigenvalues| of ∂F/∂p over the run, in 1/s."""
         system = self.system
         damped = [i for i, force in enumerate(system.forces) if force.has(*system.p)]
+        # ∂F/∂p without its rows and columns of zeros
         slopes = [derivative(system.forces[i], system.p[j]) for i in damped for j in damped]
         fastest = 0.0
         for symbol_values, count in self.round_off.states(slopes) if damped else ():
             jacobians = evaluate(slopes, symbol_values).reshape(len(damped), len(damped), count)
             usable = np.isfinite(jacobians).all(axis=(0, 1))
+            # eigvals takes the matrices along the first axis
             rates = np.linalg.eigvals(jacobians.transpose(2, 0, 1)[usable])
             fastest = max(fastest, float(np.abs(rates).max(initial=0.0)))
         return fastest
@@ -442,7 +460,11 @@ class Examination:
                 yield reported(J.name, measured, "not guaranteed", guarantee.why, drift)
 
     def _in_frame(self, J: MomentumMap, guarantee: Guarantee) -> Guarantee:
-        """Return the guarantee for J in the frame, where J rotates unless it commutes."""
+        """Return the guarantee for J in the co-moving frame.
+
+        The frame moves with q' = A q, A = Σ ω_i A_i, and carries J = pᵀ(A_J q + a_J) along unless
+        A A_J = A_J A and A a_J = 0.
+        """
         A = sum((rate * frame_map.A for rate, frame_map in self.moving), np.zeros_like(J.A))
         size = np.abs(A).max() * np.abs(J.A).max()
         if not guarantee.guaranteed or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size

@@ -79,12 +79,14 @@ def _growth(
     rng, count = np.random.default_rng(11), 6
     neighbours = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))
                   for x, size in zip((run.q, run.p), sizes, strict=True)]
+    # onto the constraints, from which random neighbours are displaced
     starts = [stepper.project(*state, parameters=parameters, t=float(run.t[0]))
               for state in zip(*neighbours, strict=True)]
     qs, ps = (np.array(components) for components in zip(*starts, strict=True))
     ensemble = stepper.integrate_ensemble(
         Start(qs, ps, parameters, float(run.t[0])), steps=run.report.steps,
         **step_named(stepper, run.dt))
+    # shape (neighbours, stored states): the larger one of the distances in q and in p
     distance = np.maximum(*(np.abs(states - run_states).max(axis=2) / size
                             for states, run_states, size in
                             zip((ensemble.q, ensemble.p), (run.q, run.p), sizes, strict=True)))
@@ -94,6 +96,7 @@ def _growth(
 
 
 def _largest(x: Array) -> float:
+    """Return the largest |x| of an array; 0 of an empty one."""
     return float(np.abs(x).max(initial=0.0))
 
 
@@ -107,11 +110,13 @@ def constraint_scales(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Return the scales of g and f from sizes of coordinates and momenta, an entry for each row.
+    """Return the scales of g and of f = g_q H_p, an entry for each row, from those of q and p.
 
-    Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i by differences, the largest over the
-    run; with the round-off r and s of q and p in units of ε, that of g and f.
+    ``sizes`` are r and s, shape (n,) each. The scales are Σ_i |∂g/∂q_i| r_i and
+    Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i, the largest over the run; if r and s are the round-off of q
+    and p in units of ε, they are the round-off of g and f.
     """
+    # differences over 2⁻¹⁵ of the sizes: a power of 2, by which division is exact
     n, increment, binding = stepper.binding.n, 2.0**-15, stepper.binding
     m = binding.conditions
     parameter_struct = binding.parameters(dict(parameters))
@@ -124,12 +129,14 @@ def constraint_scales(
     for start in range(0, len(run.q), count):
         block = slice(start, start + count)
         states = run_states[block]
+        # 2n + 1 states for each state of the run, below one another
         displaced = (states[:, None] + displacements).reshape(-1, 2 * n)
         q, p = (np.ascontiguousarray(x, dtype=binding.dtype)
                 for x in (displaced[:, :n], displaced[:, n:]))
         t = np.repeat(run.t[block].astype(binding.dtype), 2 * n + 1)
         for k, defects in enumerate(binding.defects(parameter_struct, q, p, t)):
             d = defects.reshape(len(q) // (2 * n + 1), 2 * n + 1, len(largest[k]))
+            # increment · Σ_i |∂/∂x_i| size_i of each state and constraint
             changes = np.abs(d[:, 1:] - d[:, :1]).sum(axis=1).astype(float)
             largest[k] = np.maximum(largest[k], changes.max(axis=0))
     return largest[0] / increment, largest[1] / increment
@@ -172,15 +179,16 @@ def measure_order(
     for _ in range(14):  # a factor of 2¹⁴ in the step: no order shows by then
         errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
         measurement = None if errors is None else _agreeing(errors, h)
+        # a step has no solution, or shorter steps show round-off alone: the search ends
         if errors is None or (measurement is None and measurements):
             break
-        if measurement is None:
+        if measurement is None:  # errors are round-off: longer steps have larger ones
             h, doubled = 2 * h, True
             continue
         measurements.append(measurement)
         if doubled or measurement.agrees:
             break
-        h = h / 2
+        h = h / 2  # the step is too long for its order to show
     return min(measurements, key=lambda measurement: measurement.spread, default=None)
 
 
@@ -197,6 +205,7 @@ def _agreeing(errors: list[float], h: float) -> MeasuredOrder | None:
     for k, (first_slope, next_slope) in enumerate(pairwise(slopes)):
         if best is not None and best.agrees and next_slope < first_slope - 0.3:
             break
+        # slope k + 1 is of e(h/2^(k+1)) and e(h/2^(k+2)), whose shorter steps are h/2^(k+3)
         candidate = MeasuredOrder(next_slope, abs(next_slope - first_slope), h / 2 ** (k + 3),
                                   tuple(slopes))
         best = candidate if best is None or candidate.spread < best.spread else best
@@ -222,7 +231,7 @@ def _halving_errors(
             return None
         end_q, end_p = full_states(run)
         ends.append((end_q[-1], end_p[-1]))
-        if k == 0:
+        if k == 0:  # a difference needs two ends
             continue
         error = max(_largest(a - b) / size for a, b, size in zip(*ends[-2:], sizes, strict=True))
         if error < _MEASURABLE * stepper.binding.epsilon:
@@ -239,6 +248,6 @@ def trend(t: Array, series: Array) -> tuple[float, float]:
     """
     if len(t) < 3:
         return 0.0, float(np.ptp(series)) if len(series) else 0.0
-    x = (t - t.mean()) / (t[-1] - t[0])
+    x = (t - t.mean()) / (t[-1] - t[0])  # time in units of the run: the slope is a change over it
     slope = float((x * (series - series.mean())).sum() / (x * x).sum())
     return slope, float(np.ptp(series - slope * x))

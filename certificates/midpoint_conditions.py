@@ -25,6 +25,7 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
         _condition("consistent", "D(q, p, 0, 0) = (H_q, H_p)", scheme.consistency()),
         _condition("symmetric", "D unchanged by exchange of the end points", scheme.symmetry()),
     ]
+    # a consistent method is of order 1, and the order of a symmetric one is even
     order = 2 * lines[1].holds if lines[0].holds else 0
     lines.append(Condition("order", "consistent and symmetric: 2", str(order), order == 2,
                            str(order - 2) if order != 2 else "0", required=True))
@@ -34,10 +35,14 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
 
 
 def _energy(scheme: MeanScheme) -> Condition:
-    """ΔH = D_qH·Δq + D_pH·Δp: energy is conserved, the multiplier's work is λΔg = 0 (60)."""
+    """Return the condition that the slopes D of a discrete gradient are exact for H over a step.
+
+    ΔH = D_q·Δq + D_p·Δp, with D_t Δt if H depends on time. The step then gives ΔH = F·Δq − λᵀΔg,
+    and Δg = 0: energy is conserved up to the work of the forces.
+    """
     time_dependent = scheme.system.is_time_dependent
     law = "H_k − H_(k−1) = D_q·Δq + D_p·Δp" + " + D_t Δt" * time_dependent
-    if isinstance(scheme, LagrangianEMS):
+    if isinstance(scheme, LagrangianEMS):  # its H has no formula in q and p
         return _condition("energy", law, scheme.balance())
     variables = with_time(
         [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
@@ -48,7 +53,10 @@ def _energy(scheme: MeanScheme) -> Condition:
 
 
 def _constraint(scheme: MeanScheme) -> Condition:
-    """Return the condition that Ḡ is exact: constraint forces then do no work between the ends."""
+    """Return the condition that Ḡ is exact: constraint forces then do no work between the ends.
+
+    Δg = Ḡ·Δq for each constraint, with ḡ_t Δt if g depends on time.
+    """
     system, slopes = scheme.system, scheme.mean_constraint
     if system.is_time_dependent:
         slopes = [[*row, rate] for row, rate in
@@ -81,4 +89,5 @@ def _increments(
 
 
 def _condition(name: str, equation: str, finding: IdentityCheck) -> Condition:
+    """Return a required condition with the result of the comparison of its two sides."""
     return Condition(name, equation, finding.how, finding.holds, finding.residual, required=True)

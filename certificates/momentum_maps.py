@@ -121,7 +121,7 @@ def momentum_maps(
     """
     system, weights = on_any_side(system)
     parameter_values = {s: float(parameters[str(s)]) for s in system.parameters if s not in weights}
-    exact_values = {s: sp.Rational(x) for s, x in parameter_values.items()}
+    exact_values = {s: sp.Rational(x) for s, x in parameter_values.items()}  # of doubles, exactly
     points = RandomPoints(system, parameter_values, np.asarray(q0, float), np.asarray(p0, float))
     named, n = known_fields(system), system.n
     full = n <= MAX_COORDINATES
@@ -131,6 +131,8 @@ def momentum_maps(
     general = SymmetrySpace(system, exact.fields, {}, within=exact)
     independent = _IndependentMaps(points)
     maps: list[MomentumMap] = []
+    # maps for any parameters first; then those that need the values. Named ones come first in both,
+    # so that a basis has as many names as it can
     for space, any_parameters in ((general, True), (exact, False)):
         in_space = [field for field in named if space.contains(field)]
         for field in [*in_space, *(with_name(f, system) for f in space.basis)]:
@@ -142,7 +144,10 @@ def momentum_maps(
 def momentum_map_of(
     A: ArrayLike, name: str, system: System, *, any_parameters: bool
 ) -> MomentumMap:
-    """Return the map of a generator A of small fractions that is known to be a symmetry."""
+    """Return the map of a generator A, shape (n, n), that is known to be a symmetry.
+
+    Its entries are fractions with denominators ≤ 1000, which doubles of A determine.
+    """
     entries = {(int(i), int(j)): Fraction(float(np.asarray(A)[i, j])).limit_denominator(1000)
                for i, j in np.argwhere(np.asarray(A))}
     field = LinearField(name, system.n, entries)
@@ -198,7 +203,9 @@ class _IndependentMaps:
     """Linearly independent momentum maps, by their values at points on the constraints."""
 
     def __init__(self, points: RandomPoints) -> None:
+        """Draw the points, shape (points, n) of q and p, and begin with no map."""
         self.q, self.p = points.moving_states()
+        # orthonormal columns: a basis of the values of the accepted maps at the points
         self.basis = np.zeros((len(self.q), 0))
 
     def accepts(self, field: LinearField, threshold: float) -> bool:
@@ -213,6 +220,7 @@ class _IndependentMaps:
         size = np.linalg.norm(self.p, axis=1)
         terms = size * (np.linalg.norm(self.q, axis=1) * np.linalg.norm(field.A)
                         + np.linalg.norm(field.a))
+        # relative to |p|, whose decades would leave a few points to decide
         J, weight = J / size, np.linalg.norm(terms / size)
         remainder = J - self.basis @ (self.basis.T @ J)
         remainder -= self.basis @ (self.basis.T @ remainder)  # again, against round-off
@@ -226,9 +234,10 @@ class _IndependentMaps:
 def _echelon(space: Floats, system: System) -> list[LinearField]:
     """Return a basis in reduced echelon form, with simple fractions where entries are close.
 
-    ``space`` has the fields in columns: entries (row, column) of A and a, row by row.
+    ``space`` has the fields in columns: the n × (n + 1) entries of (A | a), row by row. By
+    Gauss-Jordan elimination with the largest entry of a column as its pivot.
     """
-    basis, n = space.T.copy(), system.n
+    basis, n = space.T.copy(), system.n  # rows are fields; a copy, since they are changed in place
     rank = 0
     for column in range(basis.shape[1]):
         if rank == len(basis):
@@ -241,9 +250,12 @@ def _echelon(space: Floats, system: System) -> list[LinearField]:
         other_rows = np.arange(len(basis)) != rank
         basis[other_rows] -= np.outer(basis[other_rows, column], basis[rank])
         rank += 1
-    return [with_name(LinearField("", n, {divmod(k, n + 1): _fraction(x)
-                                    for k, x in enumerate(row.tolist()) if _fraction(x)}), system)
-            for row in basis]
+    fields: list[LinearField] = []
+    for row in basis:
+        weights = {divmod(k, n + 1): _fraction(x) for k, x in enumerate(row.tolist())}
+        weights = {entry: x for entry, x in weights.items() if x}
+        fields.append(with_name(LinearField("", n, weights), system))
+    return fields
 
 
 def _fraction(x: float) -> Fraction:
@@ -254,20 +266,32 @@ def _fraction(x: float) -> Fraction:
 
 def with_name(field: LinearField, system: System) -> LinearField:
     """Return a field with a name: a motion of space about or along an axis, otherwise its J."""
-    motions = motions_of_space(system)  # translations, and rotations about three axes
+    motions = motions_of_space(system)  # rotations about three axes, then translations
     if sum(bool(f.A.any()) for f in motions) == 3:
-        weights = [field.weights.get(entry, Fraction(0)) / x
-                   for entry, x in (next(iter(f.weights.items())) for f in motions)]
+        # an entry of (A | a) belongs to one motion alone, so it gives this motion's weight
+        entries = (next(iter(motion.weights.items())) for motion in motions)
+        weights = [field.weights.get(entry, Fraction(0)) / x for entry, x in entries]
         if LinearField.combined("", weights, motions, field.n).weights == field.weights:
-            about, along = weights[:3], weights[3:]
-            kind = "angular momentum about" if any(about) else "linear momentum along"
-            axis = about if any(about) else along
-            last = next(x for x in reversed(axis) if x)
-            length = float(np.linalg.norm([float(x) for x in axis])) * (-1 if last < 0 else 1)
-            direction = ", ".join(f"{float(x) / length + 0.0:.6g}" for x in axis)
-            suffix = ", off the origin" if any(about) and any(along) else ""
-            scaled_field = LinearField.combined("", [Fraction(-1 if last < 0 else 1)], [field],
-                                                field.n)
-            return LinearField(f"{kind} ({direction}){suffix}", field.n, scaled_field.weights)
+            return _motion_about_axis(field, weights[:3], weights[3:])
     text = str(field.momentum(system.q, system.p))
     return LinearField(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)
+
+
+def _motion_about_axis(
+    field: LinearField, about: Sequence[Fraction], along: Sequence[Fraction]
+) -> LinearField:
+    """Return a motion of space with the name of its axis.
+
+    ``about`` are the weights of the three rotations, ``along`` of the translations: of a motion
+    with a rotation the name has its axis, which need not go through the origin. The axis has length
+    1 in the name, and the sign that makes its last component positive; the field has this sign.
+    """
+    kind = "angular momentum about" if any(about) else "linear momentum along"
+    axis = about if any(about) else along
+    last = next(x for x in reversed(axis) if x)
+    sign = -1 if last < 0 else 1
+    length = float(np.linalg.norm([float(x) for x in axis])) * sign
+    direction = ", ".join(f"{float(x) / length + 0.0:.6g}" for x in axis)  # + 0.0: 0 and not -0
+    suffix = ", off the origin" if any(about) and any(along) else ""
+    signed_field = LinearField.combined("", [Fraction(sign)], [field], field.n)
+    return LinearField(f"{kind} ({direction}){suffix}", field.n, signed_field.weights)

@@ -23,13 +23,14 @@ from ..generator.systems.system import System
 
 __all__ = ["NEAR", "RandomPoints"]
 
-#: Conditions and their derivatives at many points.
+#: Conditions at many points, shape (points, m), and their derivatives, shape (points, m, n).
 _Step = tuple[Floats, Floats]
 
 #: Singular values below this part of the largest are zero in the numeric search.
 _ZERO = 1e-10
 #: A near symmetry is violated by at most this, relative to its terms.
 NEAR = 1e-6
+#: Digits of the test off the constraints, and the number of states at which it is made.
 _DIGITS, _FEW = 60, 6
 
 
@@ -85,7 +86,8 @@ class RandomPoints:
         """Draw states around the start, with ``manifold`` projected onto the constraints.
 
         Momenta are drawn over four decades, so that neither kinetic nor potential energy hides
-        what breaks a symmetry of the other; a tenth of them is zero.
+        what breaks a symmetry of the other; a tenth of them is zero. Returns the values of all
+        symbols: of q and p ``count`` numbers each, NaN where the projection does not converge.
         """
         n = self.system.n
         self._draw_unknown_symbols(count)
@@ -93,6 +95,7 @@ class RandomPoints:
         sizes = 10 ** self.rng.uniform(-2, 2, count) * (self.rng.uniform(size=count) > 0.1)
         p = self.momenta[:, None] * sizes * self.rng.standard_normal((n, count))
         if manifold and self.system.m:
+            # q first: the condition on p is taken at the projected q
             q = _newton(q, lambda x: self._constraint(x, p))
             p = _newton(p, lambda y: self._velocity_constraint(q, y))
         return self._symbol_values(q, p)
@@ -105,7 +108,7 @@ class RandomPoints:
         return g, slopes.reshape(-1, system.m, system.n)
 
     def _velocity_constraint(self, q: Floats, p: Floats) -> _Step:
-        """Return g_q H_p and its derivative g_q H_pp by p."""
+        """Return f = g_q H_p and f_p = g_q H_pp, shapes (points, m) and (points, m, n)."""
         system, symbol_values = self.system, self._symbol_values(q, p)
         G = self._constraint(q, p)[1]
         masses = _at_points([e for row in system.H_pp for e in row], symbol_values).T
@@ -128,6 +131,7 @@ class RandomPoints:
         the constraints in doubles, and for all q and p in arithmetic of 60 digits.
         """
         q, p, force, speed, G = self._on_constraints
+        # only entries that the field moves: others would be terms 0 of a sum
         moved_coordinates = sorted({i for i, _ in field.weights})
         X = (field.A @ q + field.a[:, None])[moved_coordinates]
         constraint_rate = max((_relative(row * X) for row in G[:, moved_coordinates]), default=0.0)
@@ -145,13 +149,16 @@ class RandomPoints:
 
     def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
+        weights, n = _numbers(field, self._context), field.n
         for q, p, force, speed in self._precise:
-            yield [x * p[i] * speed[j] for (i, j), x in _numbers(field, self._context)
-                   if j < field.n] + [-x * force[i] * (q[j] if j < field.n else 1)
-                                      for (i, j), x in _numbers(field, self._context)]
+            # column n of (A | a) is a, which belongs to no coordinate
+            kinetic = [x * p[i] * speed[j] for (i, j), x in weights if j < n]
+            potential = [-x * force[i] * (q[j] if j < n else 1) for (i, j), x in weights]
+            yield kinetic + potential
 
     @cached_property
     def _context(self) -> Any:
+        """mpmath's arithmetic of 60 digits."""
         return mp_context(_DIGITS)
 
     @cached_property
@@ -199,6 +206,7 @@ class RandomPoints:
         span = _orthonormal(np.array([field.matrix.ravel() for field in fields]).T)
         q, p, force, speed, G = self._on_constraints
         ones, zeros = np.ones((1, q.shape[1])), np.zeros((1, q.shape[1]))
+        # with (q, 1) and (H_p, 0), dJ/dt = Σ_ij (A | a)_ij (p_i (H_p, 0)_j − (H_q − F)_i (q, 1)_j)
         q1, v0 = np.concatenate([q, ones]), np.concatenate([speed, zeros])
         conditions = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", force, q1)]
         conditions += [np.einsum("ik,jk->kij", row, q1) for row in G]
@@ -207,12 +215,16 @@ class RandomPoints:
 
 
 def _numbers(field: LinearField, context: Any) -> list[tuple[tuple[int, int], Any]]:
+    """Return the entries of (A | a) that are not 0, as (row, column) and a number of mpmath."""
     return [(entry, context.mpf(x.numerator) / x.denominator)
             for entry, x in field.weights.items()]
 
 
 def _relative(terms: Floats) -> float:
-    """Return the largest |Σ| relative to its largest term; further axes are points."""
+    """Return the largest |Σ terms|/max |terms| over all points; 0 for no terms.
+
+    ``terms`` has the shape (terms, points), or (terms,) for one point.
+    """
     sizes = abs(terms).max(axis=0, initial=0)
     with np.errstate(all="ignore"):
         rates = abs(terms.sum(axis=0)) / np.where(sizes > 0, sizes, 1)
@@ -220,7 +232,10 @@ def _relative(terms: Floats) -> float:
 
 
 def _scaled(conditions: Floats) -> Floats:
-    """Return the rows with all numbers finite, each of length 1; matrices are rows."""
+    """Return one row of length 1 for each condition; conditions that are 0 or not finite have none.
+
+    ``conditions`` has the shape (points, n, n + 1): a matrix becomes a row of n (n + 1) numbers.
+    """
     conditions = conditions.reshape(len(conditions), -1)
     lengths = np.linalg.norm(conditions, axis=1)
     usable = np.isfinite(lengths) & (lengths > 0)
@@ -228,7 +243,7 @@ def _scaled(conditions: Floats) -> Floats:
 
 
 def _orthonormal(columns: Floats) -> Floats:
-    """Return an orthonormal basis of the span."""
+    """Return an orthonormal basis of the span of the columns, in columns."""
     U, sizes, _ = np.linalg.svd(columns, full_matrices=False)
     return np.asarray(U[:, sizes > _ZERO * sizes[0]])
 
@@ -244,16 +259,16 @@ def _null_space(conditions: Floats) -> Floats:
 
 
 def _newton(x: Floats, conditions: Callable[[Floats], _Step]) -> Floats:
-    """Return points, shape (n, points), moved to where the conditions vanish.
+    """Return points, shape (n, points), moved to where the conditions vanish; NaN where they don't.
 
-    By the shortest increments that make the linearised conditions vanish; NaN where 12 of them
-    are not enough: convergence is quadratic, and points are one by one.
+    Each of at most 12 iterations makes the linearised conditions vanish by the shortest increments:
+    near a solution the number of correct digits doubles. Every point is solved by itself.
     """
     converged = np.zeros(x.shape[1], dtype=bool)
     for _ in range(12):
         defect, slopes = conditions(x)
         usable = np.isfinite(slopes).all(axis=(1, 2)) & np.isfinite(defect).all(axis=1)
-        step = np.full(x.shape, np.nan)
+        step = np.full(x.shape, np.nan)  # a point without finite conditions is lost
         step[:, usable] = (np.linalg.pinv(slopes[usable]) @ defect[usable, :, None])[:, :, 0].T
         x = x - step
         converged = np.abs(step).max(axis=0) <= 1e-12 * np.abs(x).max(axis=0)

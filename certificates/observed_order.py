@@ -27,11 +27,11 @@ from ..generator.tableaux.tableau import FIELDS, NumericTableau, Tableau
 
 __all__ = ["HiddenOrderError", "observed_order"]
 
-#: Steps are shortened by this while the order seems higher than it is proved to be, or no whole
-#: number: an error of 1e-12 in one coefficient shows at last. And so often at most.
+#: Factor by which steps are shortened, _TIMES times at most, while the order seems higher than it
+#: is proved to be, or is no whole number: an error of 1e-12 in one coefficient shows at last.
 _SHORTER, _TIMES = mp.mpf(2) ** -24, 5
-#: How far an error must be above what the rounding of decimals is worth, and a slope at most from
-#: a whole number.
+#: Least ratio of a step's error to the effect of the rounding of a tableau's decimals, and the
+#: largest distance of a slope from a whole number.
 _CLEAR, _NEAR = 8, 0.1
 
 
@@ -71,6 +71,7 @@ def _order_of_longer_steps(tableau: Tableau, h: Any, digits_given: int) -> float
 def _slope(tableau: Tableau, h: Any) -> float | None:
     """Return log2 e(h)/e(h/2) − 1; None if e(h/2) is within the rounding of the decimals."""
     reference = gauss_lobatto(tableau.s + 2)  # no order is above 2s
+    # the reference's error is about h^(its order + 1): digits below this, and 40 and more to spare
     digits = 40 + 6 * reference.s + math.ceil(-(reference.order + 3) * mp.log10(h))
     with mp.workdps(digits):
         exact, method = (_Spark(t.numeric(digits), t.s, t.p) for t in (reference, tableau))
@@ -91,6 +92,7 @@ def _rounded_differently(coefficients: NumericTableau, digits_given: int) -> Num
     draw, unit = random.Random(7), mp.mpf(10) ** -digits_given / 2
 
     def shifted(entry: Any) -> Any:
+        """Return a coefficient, or a list of them, off by half a unit up or down; a 0 is exact."""
         if isinstance(entry, list):
             return [shifted(e) for e in entry]
         return entry + draw.choice((-unit, unit)) if entry else entry
@@ -99,6 +101,7 @@ def _rounded_differently(coefficients: NumericTableau, digits_given: int) -> Num
 
 
 def _largest_difference(y: list[Any], z: list[Any]) -> Any:
+    """Return max |y_i − z_i| of two states (q, p, t)."""
     return mp.norm(mp.matrix(y) - mp.matrix(z), mp.inf)
 
 
@@ -129,18 +132,27 @@ def _functions() -> dict[str, Callable[..., Any]]:
 
 @dataclass
 class _Spark:
-    """(A.1)-(A.7) on the test problem, with plain loops in mpmath."""
+    """A step of a SPARK method on the test problem, with plain loops in mpmath.
+
+    Attributes
+    ----------
+    tab : NumericTableau
+        Its coefficients.
+    s, p : int
+        Numbers of its stages and of the multipliers Λ_l of a step.
+    """
 
     tab: NumericTableau
     s: int
     p: int
 
     def start(self) -> list[Any]:
-        """Return a consistent state and its time."""
+        """Return a state (q, p, t) with g(q) = 0 and g_q H_p = 0: five numbers."""
         f = _functions()
         q0 = mp.mpf(2) / 5
         q = [q0, mp.sqrt(1 - q0**2 - q0**3 / 5)]
         p = [mp.mpf(1), mp.mpf(0)]
+        # G does not depend on p: 0 stands in its arguments
         p[1] = mp.findroot(lambda x: mp.fdot(f["G"](*q, 0, 0), f["H_p"](*q, p[0], x)), -1.0)
         return [*q, *p, mp.mpf(1) / 3]
 
@@ -159,6 +171,7 @@ class _Spark:
         G = _functions()["G"](*q1, 0, 0)
 
         def defect(impulse: Any) -> Any:
+            """Return G H_p(q₁, p₁ − Gᵀ impulse), which is to vanish."""
             momentum = [p1[a] - impulse * G[a] for a in range(2)]
             return mp.fdot(G, _functions()["H_p"](*q1, *momentum))
 
@@ -166,12 +179,16 @@ class _Spark:
         return [*q1, *(p1[a] - impulse * G[a] for a in range(2)), y[4] + h]
 
     def _rates(self, x: list[Any]) -> tuple[list[Any], list[Any]]:
+        """Return the rates k_i and k̂_i of the stages, pairs of numbers, from the unknowns x.
+
+        x = (k_1, …, k_s, k̂_1, …, k̂_s, Λ_0, …), with two numbers in each rate.
+        """
         s = self.s
         return ([x[2 * i : 2 * i + 2] for i in range(s)],
                 [x[2 * s + 2 * i : 2 * s + 2 * i + 2] for i in range(s)])
 
     def _forces(self, q: list[Any], k: list[Any], multipliers: list[Any], h: Any) -> list[Any]:
-        """Return k̃_l = −G(Q̃_l)Λ_l, l = 0..p−1."""
+        """Return k̃_l = −G(Q̃_l)Λ_l, l = 0..p−1, the constraint force at each of its nodes."""
         force = []
         for row, multiplier in zip(self.tab.A_bar[: self.p], multipliers, strict=True):
             Q = [q[a] + h * mp.fdot(row, (rate[a] for rate in k)) for a in range(2)]
@@ -179,7 +196,7 @@ class _Spark:
         return force
 
     def _residual(self, x: list[Any], y: list[Any], h: Any) -> list[Any]:
-        """Return the residual (B.1) of the stages.
+        """Return the residual of the equations of the stages, with 2s + 2s + p numbers.
 
         k_i = H_p(Q_i, P_i), k̂_i = −H_q(Q_i, P_i) + F(t + c_i h) without constraint forces, and
         g = 0 at the nodes of the constraints after the first, divided by h².
@@ -206,12 +223,14 @@ class _Spark:
         return [*by_k, *by_k_hat, *constraints]
 
     def _solve(self, y: list[Any], h: Any) -> list[Any]:
-        """Return the unknowns (B.2) by Newton's method, with an inverse Jacobian in doubles.
+        """Return the unknowns (k, k̂, Λ) of a step by Newton's method, with an inverse Jacobian in
+        doubles.
 
         The inverse is evaluated again only while an iteration gains less than two digits.
         """
         f, s = _functions(), self.s
         H_p, H_q = f["H_p"](*y[:4]), f["H_q"](*y[:4])
+        # begin with the rates of the start in every stage, and without constraint forces
         x = [*(list(H_p) * s), *([-e for e in H_q] * s), *([mp.mpf(0)] * self.p)]
         inverse = None
         size, floor = mp.inf, mp.mpf(10) ** (12 - mp.mp.dps) / h**2  # as constraints are divided

@@ -74,21 +74,25 @@ class RoundOff:
 
     @cached_property
     def _q_step(self) -> Floats:
+        """Δt δ(H_p), the round-off of one step in each coordinate: with that of p in H_p."""
         errors = self._errors(self.system.p, self.p_sizes)
         return abs(float(self.run.dt)) * self._largest(self.system.H_p, errors)
 
     @cached_property
     def _p_step(self) -> Floats:
+        """Δt δ(H_q − F), the round-off of one step in each momentum."""
         return abs(float(self.run.dt)) * self._largest(self.system.minus_p_rate, {})
 
     def sizes_of_steps(self, dt: float) -> tuple[float, float]:
         """Return the largest round-off of q and of p, in units of ε, in steps of another length."""
         longer = abs(dt / float(self.run.dt))
+        # δ(H_p) itself grows with the round-off of p, so with the length of the step
         q = _largest_of(self.states_of_run[0]) + longer * max(1.0, longer) * self._q_step
         p = _largest_of(self.states_of_run[1]) + longer * self._p_step
         return float(q.max()) or 1.0, float(p.max()) or 1.0
 
     def _errors(self, symbols: Sequence[sp.Symbol], sizes: Floats) -> dict[sp.Symbol, float]:
+        """Return symbol → its round-off in units of ε, as ``rounding`` takes errors of symbols."""
         return dict(zip(symbols, sizes.tolist(), strict=True))
 
     @cached_property
@@ -116,6 +120,7 @@ class RoundOff:
         largest = np.zeros(n)
         entries = [*(e for row in system.G for e in row), *(e for row in system.H_pp for e in row)]
         for symbol_values, count in self.states(entries):
+            # shape (states, m + n, n): g_q above H_pp
             derivatives = evaluate(entries, symbol_values).reshape(-1, n, count).transpose(2, 0, 1)
             G, masses = derivatives[:, : system.m], derivatives[:, system.m :]
             with np.errstate(all="ignore"):
@@ -128,7 +133,10 @@ class RoundOff:
     # ------------------------------------------------------------ over the run
 
     def _largest(self, expressions: Sequence[sp.Expr], errors: Mapping[sp.Symbol, Any]) -> Floats:
-        """Return the largest error bound of each expression over the run, where it is finite."""
+        """Return δ of each expression, the largest of its error bounds over the run, in ε.
+
+        ``errors`` are those of symbols; others are exact. Bounds that are not finite are left out.
+        """
         largest = np.zeros(len(expressions))
         for symbol_values, _ in self.states(expressions):
             bounds = rounding(expressions, symbol_values, errors)
@@ -137,7 +145,10 @@ class RoundOff:
         return largest
 
     def states(self, expressions: Sequence[sp.Expr]) -> Iterator[tuple[dict[Any, Any], int]]:
-        """Yield the values of all symbols, as many states at a time as fit in memory."""
+        """Yield the values of all symbols at blocks of states, and the number of states of each.
+
+        Blocks are so long that all subexpressions of ``expressions`` fit in memory.
+        """
         parts = sum(1 for _ in parts_of(expressions)) + 1
         size = max(16, _MOST_NUMBERS // parts)
         for start in range(0, len(self.run.t), size):
@@ -156,4 +167,5 @@ class RoundOff:
 
 
 def _largest_of(states: Any) -> Floats:
+    """Return the largest |x_i| over the states, from shape (states, n) to (n,)."""
     return np.asarray(np.abs(states.astype(float)).max(axis=0))

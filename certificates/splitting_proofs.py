@@ -59,6 +59,10 @@ class _Flow:
 
     Attributes
     ----------
+    name, equation : str
+        The part of H, and its flow in the text of proofs.
+    H : Expr
+        The part of H, in the module's symbols q and p.
     left, right, force : three expressions each
         The angular velocities W in space axes and w in body axes, and f, in q and l.
     q, l : expressions
@@ -93,6 +97,7 @@ class _Flow:
         state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}
 
         def equal(expressions: Sequence[sp.Expr], expected: Sequence[sp.Expr]) -> bool:
+            """Whether two lists of expressions are equal on the phase space."""
             return all(ring.vanishes(x - y) for x, y in zip(expressions, expected, strict=True))
 
         field = [*_quaternion_rate(q, self.left, self.right), *self.force]
@@ -106,6 +111,7 @@ class _Flow:
         yield Proof(self.name, f"d/dt {self.equation} = (½ W q + ½ q w, f)", equal(
             time_derivative, [*_quaternion_rate(self.q, *self.along),
                               *(x.xreplace(state) for x in self.force)]))
+        # at t = 0 cosines and exponentials are 1, sines 0
         start = {x: sp.Integer(x in (C, D, E)) for x in self.rates}
         yield Proof(self.name, f"{self.equation} = (q, l) at t = 0", equal(
             [x.xreplace(start) for x in (*self.q, *self.l)], (*q, *l)))
@@ -124,7 +130,7 @@ def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
     q_rate = [derivative(H, y) for y in p]
     l_rate = (space_matrix(q_rate) * sp.Matrix(p)
               - space_matrix(q) * sp.Matrix([derivative(H, x) for x in q])) / 2
-    momenta = dict(zip(p, 2 * space_matrix(q).T * sp.Matrix(l), strict=True))
+    momenta = dict(zip(p, 2 * space_matrix(q).T * sp.Matrix(l), strict=True))  # p = 2 Λ(q)ᵀ l
     rates = [x.xreplace(momenta) for x in (*q_rate, *l_rate)]
     return [*rates[:4], *(x - drag * y for x, y in zip(rates[4:], l, strict=True))]
 
@@ -230,6 +236,7 @@ class _Ring:
         symbols = expression.free_symbols
         bodies = sorted({self.body_of[x] for x in symbols if x in self.body_of})
         quaternions: list[Sequence[sp.Symbol]] = []
+        # q and p of the bodies that occur, numbered by their order here, in local symbols
         names: dict[sp.Symbol, sp.Expr] = {}
         for slot, b in enumerate(bodies):
             x = sp.symbols(f"_q{slot}_0:4", real=True)
@@ -249,8 +256,9 @@ class _Ring:
         """Whether {J, e} = 0 is proved: for the arguments of functions and roots, or for e."""
         q, p = self.system.q, self.system.p
         if not e.free_symbols & self.body_of.keys() | e.free_symbols & {*q, *p}:
-            return True
+            return True  # a constant
         if e.is_Add:
+            # terms whose arguments J leaves invariant are left out of the sum
             terms = [x for x in e.args if not self._keeps_arguments(J, x)]
             return self.vanishes(bracket(J, sp.Add(*terms), q, p))
         return self._keeps_arguments(J, e) or self.vanishes(bracket(J, e, q, p))
@@ -319,6 +327,7 @@ def _by_momenta(
     """Return terms in groups without common momenta; the first is of terms without any."""
     index_of = {x: i for i, x in enumerate(p)}
     sets = [frozenset(index_of[x] for x in e.free_symbols if x in index_of) for e in terms]
+    # groups of momenta are numbered from 1; 0 is the group of terms without any
     group_of = {x: k for k, group in enumerate(connected([s for s in sets if s]), 1) for x in group}
     groups: dict[int, list[sp.Expr]] = defaultdict(list)
     for x, symbols in zip(terms, sets, strict=True):
@@ -327,7 +336,10 @@ def _by_momenta(
 
 
 def _solved(conditions: Sequence[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
-    """Return symbols for which conditions can be solved, with their solutions."""
+    """Return symbol → its solution, for conditions e = 0 that are linear in a symbol.
+
+    Each condition is solved for one symbol, the last one by name, with earlier solutions inserted.
+    """
     solution: dict[sp.Symbol, sp.Expr] = {}
     for e in conditions:
         remainder = e.xreplace(solution)

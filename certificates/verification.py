@@ -68,6 +68,7 @@ def verify_stepper(spec: Spec) -> Verification:
     elif generated.tableau is None:
         conditions = check_mean_scheme(generated.scheme)  # type: ignore[arg-type]
     else:
+        # what algebra says of the tableau first, then what is measured and what was compiled
         conditions = [
             *check_tableau(generated.tableau),
             *([] if refusal_of_velocity_rows(generated.tableau) else
@@ -97,7 +98,8 @@ def verify_composition(composition: Composition) -> Verification:
 
 
 def _measured(tableau: Tableau) -> Condition:
-    """Check the order measured on a constrained test problem: at least the proved one."""
+    """Return the condition that the order measured on a constrained test problem is at least the
+    proved one, and within 0.2 of a whole number."""
     name, equation = "order, measured", "log2 of the local error's ratio for h, h/2, less 1"
     try:
         slope = observed_order(tableau)
@@ -117,10 +119,12 @@ def _measured(tableau: Tableau) -> Condition:
 
 
 def _compiled(generated: Generated, tableau: Tableau, real_name: RealName) -> Condition:
-    """Compare the coefficients in the compiled module with the correctly rounded exact ones."""
+    """Return the condition that each coefficient in the compiled module is the exact one, correctly
+    rounded to the stepper's type."""
     stepper = Stepper(generated.source.name, generated.source.files())
     real = REALS[real_name]
     exact = tableau.map_enclosures(real.round)
+    # in the order of the module: field by field, matrices row by row
     exact_coefficients = [e for field in FIELDS for row in exact[field]
                           for e in (row if isinstance(row, list) else [row])]
     total, compiled = len(exact_coefficients), stepper.binding.coefficients()
@@ -136,13 +140,18 @@ def _compiled(generated: Generated, tableau: Tableau, real_name: RealName) -> Co
 
 
 def _scaled_coefficients(tableau: Tableau, real_name: RealName) -> list[Condition]:
-    """Check the coefficients of the fixed-point iteration: μ_ij = a_ij/b_j in pairs x, 1 − x."""
+    """Return the condition on the coefficients of the fixed-point iteration, μ_ij = a_ij/b_j.
+
+    μ̂_ij + μ_ji = 1 must hold exactly after rounding: pairs x and 1 − x. No condition for a tableau
+    that the iteration refuses, or that is not symplectic.
+    """
     fast, real = FastTableau(tableau), REALS[real_name]
     if fast.refusal is not None:
         return []
     if tableau.claims.get("symplectic") == 0:  # it has no pairs to be kept
         return []
     errors = fast.rounding_errors(real)
+    # in units of 2^-bits, the rounding of numbers near 1
     largest_error = max(abs(e) for e in errors) * 2**real.bits
     return [Condition(
         "scaled coefficients of the fixed-point iteration",
