@@ -29,11 +29,12 @@ import click
 
 from .._version import __version__
 from ..core.arguments import choose
-from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed
+from ..core.errors import CompilerError, GyrosparkError, InputWarning, StepFailed, Stopped
 from ..core.former_names import FORMER_OPTIONS
+from ..core.interrupts import Interrupts
 from ..core.progress import terminal_messages
 
-__all__ = ["main", "main_generate"]
+__all__ = ["exit_code_of", "main", "main_generate"]
 
 
 #: Each command with its module, which is imported when the command is asked for.
@@ -126,6 +127,23 @@ def _call(command: click.Command, name: str) -> NoReturn:
         _fail(name, f"Reading or writing {where} failed: {error.strerror or error}.", 2)
 
 
+def exit_code_of(trouble: BaseException | None, interrupts: Interrupts, subject: str) -> int:
+    """Return the exit code of a command whose report is printed, or raise the error of its work.
+
+    ``Stopped`` is printed, not raised: click takes it for any KeyboardInterrupt. ``subject`` is
+    what is complete where a signal came during the report.
+    """
+    if trouble is None and interrupts.requested:
+        trouble = Stopped(f"Stopped while the report was made: the {subject} is complete.",
+                          interrupts.signal)
+    if isinstance(trouble, Stopped):
+        click.echo(f"gyrospark: {trouble}", err=True)
+        return 128 + trouble.signal
+    if trouble is not None:
+        raise trouble
+    return 0
+
+
 def _former_option(error: click.ClickException) -> str | None:
     """Return a sentence with the present form of an option that a command had."""
     if not isinstance(error, click.NoSuchOption) or error.ctx is None:
@@ -141,8 +159,7 @@ def _printing_warnings(name: str) -> Iterator[None]:
     printed: set[str] = set()
 
     def show(message: Warning | str, category: type[Warning], *where: Any, **more: Any) -> None:
-        """Print a warning of unusual input once, in one line; other warnings as Python prints them.
-        """
+        """Print a warning about the input once, in one line; other ones as Python prints them."""
         if not issubclass(category, InputWarning):
             original(message, category, *where, **more)
         elif str(message) not in printed:
@@ -150,12 +167,14 @@ def _printing_warnings(name: str) -> Iterator[None]:
             click.echo(f"{name}: warning: {_one_line(str(message))}", err=True)
 
     with warnings.catch_warnings():
+        # ``catch_warnings`` restores the function at its end
         original, warnings.showwarning = warnings.showwarning, show
         warnings.simplefilter("always", InputWarning)
         yield
 
 
 def _one_line(message: str) -> str:
+    """Return a message with single spaces in place of line ends and indentation."""
     return " ".join(message.split())
 
 
@@ -168,5 +187,6 @@ def _forget_output() -> None:
 
 
 def _fail(name: str, message: str, code: int) -> NoReturn:
+    """Print an error on stderr and leave the process with an exit code."""
     click.echo(f"{name}: {message}", err=True)
     sys.exit(code)

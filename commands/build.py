@@ -44,6 +44,7 @@ class Targets(click.Group):
 
 
 def _list(context: click.Context, parameter: click.Parameter, value: bool) -> None:
+    """Print the targets for --list, and end the command."""
     if value:
         click.echo("\n".join(map(_line, TARGETS.values())))
         context.exit()
@@ -72,7 +73,8 @@ def build() -> None:
 
 
 def _command(target: Target) -> click.Command:
-    """Return the command of one target."""
+    """Return the command of one target, with the options that this target has."""
+    # a target has the options that it takes: others are unknown to its command
     of_several = ", or several with commas" if target.several else ""
     parameters: list[click.Parameter] = [
         click.Argument(["model"], metavar="MODEL",
@@ -100,9 +102,9 @@ def _command(target: Target) -> click.Command:
     parameters.append(click.Option(["--check"], is_flag=True,
                                    help="Load it again, and compare its bits with those of C."))
 
-    def write(**given: Any) -> int:
-        return _write(target, **given)
-
+    def write(**options: Any) -> int:
+        """Write the artefact that the options describe; return the exit code."""
+        return _write(target, **options)
     return click.Command(target.name, params=parameters, callback=write, no_args_is_help=True,
                          context_settings=_HELP, short_help=target.about,
                          help=f"Write a stepper of MODEL as {target.about}.\n\nMODEL is one of "
@@ -111,6 +113,7 @@ def _command(target: Target) -> click.Command:
 
 
 def _option(name: str, metavar: str, about: str, names: Any = ()) -> click.Option:
+    """Return an option that takes one text, which the shell completes to one of ``names``."""
     return click.Option([name], metavar=metavar, help=about,
                         shell_complete=completing(names) if names else None)
 
@@ -120,6 +123,7 @@ def _write(
     stages: str | None, order: str | None, dt: str | None, check: bool, **scheme_options: Any,
 ) -> int:
     """Write the artefact and print its files; return the exit code, 1 if its bits differ from C."""
+    # SIGTERM must remove what is written in part
     with imported_for_good("sympy"), catch_termination():
         built = build_artefact(
             target.name, _model(model, settings),
@@ -141,7 +145,7 @@ def _write(
 
 
 def _model(name: str, settings: tuple[str, ...]) -> Any:
-    """Return the name of a model; with settings, the model that they make."""
+    """Return the name of a model as it is; with settings, the model that they make."""
     if is_model_file(name):
         from ..generator.models.model_file import read_model
         from ..generator.parsing.text_file import model_text

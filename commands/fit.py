@@ -77,6 +77,7 @@ def fit(
     from ..runtime.analysis.observations import observation_of
 
     _, step, start, t0 = started(problem, settings, choice, scaled=True)
+    # the columns of the table are those of the observation
     observed = _names(observe)
     names = observation_of(step, observed).names
     times, rows = _read(data, names)
@@ -97,6 +98,7 @@ fit.help = (fit.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
 
 
 def _names(text: str) -> list[str]:
+    """Return the names in a text with commas."""
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
@@ -142,7 +144,8 @@ def _number(text: str) -> float:
 
 
 def _result(outcome: Fit) -> dict[str, Any]:
-    """Return the numbers of the report; a standard deviation that the data leave open is null."""
+    """Return the numbers of the report for JSON; a standard deviation that the data leave open
+    is null."""
     return {
         "converged": outcome.converged, "samples": len(outcome.residuals), "rms": outcome.rms,
         "truncation": outcome.truncation, "iterations": outcome.iterations,

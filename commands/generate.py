@@ -71,6 +71,7 @@ def generate(
     gyrospark generate --scheme G-L --stages 3 --energy
     gyrospark generate --check --all
     """
+    # --check alone checks the paper's steppers, as --all does
     has_choices = any([*choice.values(), profile])
     if everything or (check and not has_choices):
         if has_choices:
@@ -177,7 +178,7 @@ def check_files(
     Return the exit code: 1 if a file differs.
     """
     generated = _generate(spec, allow_invalid, derivatives)
-    stale = 0
+    stale = 0  # the exit code
     for name, text in generated.source.files(standalone=standalone).items():
         path = out / name
         present_text = _text_of(path)
@@ -215,9 +216,12 @@ def write_files(files: dict[str, str], out: Path) -> None:
 
 
 def _cached(spec: Spec) -> dict[str, str]:
-    """Return the files of a named stepper whose C includes the engine, derived once and cached."""
-    from ..runtime.compilation.build_cache import digest, read_cache, write_cache
+    """Return the files of a named stepper, name → text, derived once and cached.
 
+    Their C includes the engine's headers, which are not part of the cached text.
+    """
+    from ..runtime.compilation.build_cache import digest, read_cache, write_cache
+    # other versions of the generator have other keys
     key = digest([str(spec), "without engine", generator_fingerprint()])
     name = f"{spec.name}-{key}.source.json"
     files: dict[str, str] | None = read_cache(name)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,6 +61,7 @@ def lyapunov(
 
     if plot is not None:
         check_picture(plot)
+    # options are read before the stepper is made
     between = whole_number("--every", every)
     exponent_count = None if count is None else whole_number("--count", count)
     _, step, start, t0 = started(problem, settings, choice)
@@ -82,7 +84,8 @@ lyapunov.help = (lyapunov.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).re
 def _result(spectrum: Lyapunov) -> dict[str, Any]:
     """Return the numbers of the report; None for those that --count or a short run leaves out."""
     def number(value: float) -> float | None:
-        return None if value != value else float(value)
+        """Return a number for JSON, which has no NaN: None in its place."""
+        return None if math.isnan(value) else float(value)
 
     return {
         "stepper": spectrum.name, "dt": float(spectrum.dt), "steps": spectrum.steps,

@@ -40,6 +40,7 @@ def models(as_json: bool) -> int:
     if as_json:
         click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
         return 0
+    # names in a column
     width = max(len(str(row["name"])) for row in rows)
     for kind, use in _USES.items():
         click.echo(f"{kind}s: {use.format(name='NAME')}")
@@ -126,6 +127,7 @@ _made = shutil.ignore_patterns("__pycache__", "__init__.py")
 
 
 def _examples() -> list[Path]:
+    """Return the paths of the examples, files and folders, sorted by name."""
     return sorted(path for path in _EXAMPLES.iterdir() if not path.name.startswith("__"))
 
 
@@ -137,6 +139,7 @@ def _about(path: Path) -> str:
                      if file.is_file()), path)
     if path.suffix == ".json":  # which has no comments
         return ""
+    # without the marks of comments in Markdown, TOML, Python, XML and C
     lines = [re.sub(r'^\s*(#+|"""|<!--|/\*+|\*)\s?', "", line).strip()
              for line in path.read_text(encoding="utf-8").splitlines()
              if not line.startswith("<?xml")]

@@ -66,6 +66,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--energy", is_flag=True,
                      help="With G-L of at least 2 stages: exact energy in every step."),
     ]
+    # click lists the option that is applied last first
     for option in reversed(options):
         function = option(function)
     return function
@@ -102,6 +103,7 @@ def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add --json, which shows no progress."""
 
     def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
+        """Silence messages about progress where JSON is printed."""
         if value:
             TERMINAL.setLevel(logging.CRITICAL)  # until terminal_messages ends
         return value
@@ -135,18 +137,22 @@ def completing(names: Iterable[str]) -> Callable[..., list[str]]:
 
 
 def whole_number(name: str, text: str) -> int:
-    """Return the whole number an option's text says: 1000, 1e3, 1000.0."""
+    """Return the whole number in an option's text: 1000, 1e3, 1000.0; InputError names the option.
+    """
     if re.fullmatch(r"-?[0-9]{1,18}", text):
         return int(text)
     if re.fullmatch(r"-?[0-9]{1,18}(\.[0-9]{0,18})?([eE]\+?[0-9]{1,2})?", text):
-        number = Decimal(text)
+        number = Decimal(text)  # exact: a double would round 2^53 + 1
         if number == number.to_integral_value() and abs(number) < 10**18:
             return int(number)
     raise InputError(f"{name} {text!r} is not a whole number; write digits, such as 3, or 1e3.")
 
 
 def real_number(name: str, text: str) -> float:
-    """Return the number an option's text says; wide steppers get all its digits."""
+    """Return the number in an option's text, with all its digits for wide steppers.
+
+    Raises InputError with the option's name.
+    """
     number = decimal(text)
     if number is None:
         raise InputError(f"{name} {text!r} is not a number; write for example 1e-3.")

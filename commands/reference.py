@@ -68,9 +68,9 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
 
         draw_references([(problem.name, runs) for problem, runs in measured], plot)
     if out is not None:
-        picture = "" if plot is None else os.path.relpath(plot, out.parent)
-        write_files({out.name: page(measured, Path(picture).as_posix() if picture else "")},
-                    out.parent)
+        # the page refers to the picture beside it
+        picture = "" if plot is None else Path(os.path.relpath(plot, out.parent)).as_posix()
+        write_files({out.name: page(measured, picture)}, out.parent)
     missed = [problem.name for problem, runs in measured if not reached(runs)]
     if missed:
         click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)

@@ -50,6 +50,7 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     out, remark = _report_folder(name, out, as_json=as_json)
     if summary is not None:
         check_writable("--summary", summary)
+    # files and folders are checked above: computing all results takes minutes
     with _progress(len(names), quiet=as_json) as (advance, watch):
         results = compute(names, Engine(watch=watch), advance)
     if out is not None:
@@ -92,7 +93,8 @@ def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path 
 
 
 def _sound(results: Sequence[Result]) -> bool:
-    """Return whether all claims hold and all differences have a reason, known exceptions apart."""
+    """Return whether all claims hold and all differences have a reason, but for known exceptions.
+    """
     from ..studies.summary import tables_of, unexpected, unexplained
 
     return not unexpected(results) and not any(unexplained(table) for table in tables_of(results))
@@ -117,6 +119,7 @@ def _progress(
                TextColumn("{task.completed:.0f} of {task.total:.0f}"), TimeElapsedColumn(),
                TextColumn("{task.description}"))
     with hide_tasks(), Progress(*columns, console=Console(stderr=True), transient=True) as bar:
+        # one bar for all results, with the name of the present one
         task = bar.add_task("", total=result_count, result="")
         yield (lambda name, results_done: bar.update(task, completed=results_done, result=name,
                                                      description=""),
@@ -173,6 +176,7 @@ def _print_table(table: Table) -> None:
     from ..studies.report import MARKS, is_scientific, number_text
     from ..studies.summary import counts_line, notes
 
+    # rows and columns in the paper's order; a cell may be empty
     cells = {(cell.row, cell.column): cell for cell in table.cells}
     columns = list(dict.fromkeys(cell.column for cell in table.cells))
     scientific = is_scientific(table)

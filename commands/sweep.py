@@ -13,6 +13,7 @@ import click
 
 from ..core.errors import GyrosparkError, InputError, Stopped
 from ..core.interrupts import catch_signals
+from . import exit_code_of
 from .options import check_ending, check_picture, check_writable, json_option, whole_number
 
 if TYPE_CHECKING:
@@ -90,15 +91,7 @@ def sweep(
             if plot is not None:
                 failure = _draw(store, show, plot, result)
             click.echo(json.dumps(result, indent=2) if as_json else _text(result))
-    if trouble is None and interrupts.requested:
-        trouble = Stopped("Stopped while the report was made: the sweep is complete.",
-                          interrupts.signal)
-    if trouble is not None:  # to click a KeyboardInterrupt is one like another
-        click.echo(f"gyrospark: {trouble}", err=True)
-        return 128 + trouble.signal
-    if failure is not None:
-        raise failure
-    return 0
+    return exit_code_of(trouble or failure, interrupts, "sweep")
 
 
 def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:
@@ -120,7 +113,7 @@ def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, A
 
 
 def _draw(store: Path, show: str, plot: Path, result: dict[str, Any]) -> GyrosparkError | None:
-    """Draw one result of a sweep; return the error if that fails: the numbers are printed anyway.
+    """Draw one result of a sweep; return the error if that fails, so that the numbers are printed.
     """
     from ..sweeps.results import load_sweep
     from ..sweeps.sweep_plots import draw
@@ -158,6 +151,7 @@ def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: 
         totals = {"workers": workers, "wall_seconds": wall}
         click.echo(json.dumps(asdict(estimate) | totals, indent=2))
         return
+    # cells are independent, so that workers share them evenly
     spread = f"({_duration(estimate.low / workers)} to {_duration(estimate.high / workers)})"
     click.echo("\n".join([
         f"{study.name} with {', '.join(s.name for s in study.steppers)}",

@@ -110,10 +110,12 @@ def verify(
 def _compositions(target: str | None, choice: dict[str, Any]) -> list[Composition]:
     """Return the compositions to verify; none where a stepper or a tableau is."""
     composed = {"scheme", "order", "composition"}
-    composition_choices = [choice[key] for key in composed if choice[key] is not None]
-    if target is not None or not composition_choices or choice["scheme"] not in (None,
-                                                                                 SPLITTING) or any(
-            option not in (None, False) for key, option in choice.items() if key not in composed):
+    names_composition = any(choice[key] is not None for key in composed) and (
+        choice["scheme"] in (None, SPLITTING))
+    # with a system, a representation or the like it is a stepper of that composition
+    has_other_options = any(option not in (None, False)
+                            for key, option in choice.items() if key not in composed)
+    if target is not None or not names_composition or has_other_options:
         return []
     if choice["composition"] is None and choice["order"] is None:
         return list(COMPOSITIONS.values())
@@ -152,6 +154,7 @@ def spec_of_name(name: str) -> Spec:
     """Return the spec whose name this is."""
     methods = {scheme.key: scheme.name for scheme in SCHEMES.values()}
     reals = {real.replace("-", "_"): real for real in REALS}
+    # SYSTEM_METHODstages_REP[_REAL], as heavy_top_gl3_gamma_float128
     pattern = (
         rf"({'|'.join(SYSTEMS)})_({'|'.join(methods)})(\d*)_({'|'.join(REPS)})"
         rf"(?:_({'|'.join(reals)}))?"
@@ -177,20 +180,13 @@ def _certify(
     plot: Path | None, choice: dict[str, Any], *, frame: str | None, as_json: bool,
 ) -> int:
     """Print the certificate of a model; 0 if no guarantee is missed."""
-    if target is not None:
-        raise InputError(f"{target!r} is given besides --model; name a scheme with --scheme and "
-                         "--stages or --tableau.")
-    for option in ("system", "real"):
-        if choice[option] is not None:
-            raise InputError(f"--{option} does not go with --model: the model brings its system, "
-                             "and is checked in double.")
+    _refuse_beside_model(target, choice)
     if plot is not None:
         check_picture(plot)
     count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
     spec = spec_from(**choice)
     from ..certificates.certificate import certify
     from ..runtime.rigid_body.problems import Problem
-
     step_size = None if dt is None else real_number("--dt", dt)
     with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
@@ -214,16 +210,31 @@ def _certify(
         click.echo(json.dumps(certificate.as_dict() | picture_report, indent=2, allow_nan=False))
     else:
         _print_certificate(certificate)
-        click.echo("".join(f"wrote {path}\n" for path in [picture_report.get("plot")] if path),
-                   nl=False)
+        if picture_report:
+            click.echo(f"wrote {picture_report['plot']}")
     return 0 if certificate.holds else 1
+
+
+def _refuse_beside_model(target: str | None, choice: dict[str, Any]) -> None:
+    """Refuse a stepper's name, --system and --real beside --model, which says them."""
+    if target is not None:
+        raise InputError(f"{target!r} is given besides --model; name a scheme with --scheme and "
+                         "--stages or --tableau.")
+    for option in ("system", "real"):
+        if choice[option] is not None:
+            raise InputError(f"--{option} does not go with --model: the model brings its system, "
+                             "and is checked in double.")
 
 
 def _draw(
     model: Model | Problem, certificate: Certificate, choice: dict[str, Any], spec: Spec,
     rep: RepName | None, plot: Path,
 ) -> dict[str, Any]:
-    """Draw error and round-off over time to ``plot``; return its path and the numbers, for JSON."""
+    """Draw the error over the step and over the CPU time of a run to ``plot``.
+
+    Return its path and the numbers, for JSON. The step and the number of steps are the
+    certificate's.
+    """
     from ..certificates.accuracy_over_time import accuracy, draw
     from ..certificates.certificate import compile_model
 
@@ -240,7 +251,8 @@ def _draw(
 
 
 def _model(name: str, rep: str | None) -> Model | Problem:
-    """Return the named problem or model, or the model of a file."""
+    """Return the problem or model of a name, or the model of a file; ``rep`` is gamma, alpha or
+    None."""
     if not Path(name).suffix and not Path(name).is_file():
         entry = entry_named(name, "model")
         options = {"rep": rep} if rep is not None and entry.kind == "model" else {}
@@ -267,6 +279,7 @@ def _print_certificate(certificate: Certificate) -> None:
     console = Console()
     console.print(table)
     for line in certificate.lines:
+        # the reasons behind the table, in full width
         if line.why and not line.holds:
             console.print(f"{line.quantity}: {line.why}", highlight=False, markup=False)
     failed = [line.quantity for line in certificate.lines if line.holds is False]

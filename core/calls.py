@@ -30,6 +30,7 @@ def explain_arguments(cls: Class) -> Class:
     classes; it decorates those whose instances other calls return.
     """
     for base in cls.__mro__:
+        # classes of other packages keep their own errors
         if base.__module__.partition(".")[0] != _PACKAGE or base in _EXPLAINED:
             continue
         _EXPLAINED.add(base)
@@ -49,7 +50,10 @@ def explain_arguments(cls: Class) -> Class:
 
 
 def _refuse_former_members(cls: type) -> None:
-    """Let a class refuse its former attributes by a sentence with the present ones."""
+    """Let a class refuse its former attributes by a sentence with the present ones.
+
+    ``__getattr__`` does it, which Python calls for attributes that are not there.
+    """
     former, inherited = FORMER_MEMBERS[cls.__name__], getattr(cls, "__getattr__", None)
 
     def refuse(self: Any, name: str) -> Any:
@@ -84,6 +88,7 @@ def explain_module(module: ModuleType) -> ModuleType:
     _EXPLAINED.add(module)
 
     def refuse(name: str) -> Any:
+        """Raise AttributeError for an unknown name, with the nearest one."""
         raise AttributeError(
             f"module {module.__name__!r} has no attribute {name!r}{proposal(name, names)}")
 
@@ -93,7 +98,11 @@ def explain_module(module: ModuleType) -> ModuleType:
 
 
 def _explained(function: Any, shown: str, *, bound: bool) -> Any:
-    """Return a function that refuses wrong arguments by a sentence; ``bound`` has a self."""
+    """Return a function that refuses wrong arguments by a sentence, in which it is called
+    ``shown``.
+
+    ``bound`` says that its first argument is self or cls.
+    """
     if hasattr(function, "__explained__"):
         return function
 
@@ -122,6 +131,7 @@ def _refusal(
     names, too many arguments, one given twice, missing ones.
     """
     parameters = list(inspect.signature(function).parameters.values())[bound:]
+    # the names that may be left out, and those that may be written
     by_place = [parameter.name for parameter in parameters
                 if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)]
     by_name = [parameter.name for parameter in parameters

@@ -160,4 +160,5 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
 
 
 def _step_failed(arguments: dict[str, Any]) -> StepFailed:
+    """Return the error of a pickle, whose arguments have names."""
     return StepFailed(**arguments)

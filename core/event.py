@@ -131,6 +131,7 @@ def with_restitutions(
     Raises InputError for an unknown parameter, and one outside of [0, 1].
     """
     def value(e: Any) -> Any:
+        """Return the number of a restitution, which may be the name of a parameter."""
         if not isinstance(e, str):
             return e
         number = parameters[choose("parameter of a restitution", e, list(parameters))]
@@ -170,6 +171,7 @@ def as_impacts(
     if not isinstance(impacts, Sequence):
         return ()
     if not any(isinstance(event_or_impact, Impact) for event_or_impact in impacts):
+        # events of the caller stand beside the impacts of the model, and are refused below
         impacts = (*model_impacts, *impacts) if model_impacts else ()
     for impact in impacts:
         refuse_together(impacts="impacts", events=not isinstance(impact, Impact) and "events")
@@ -188,6 +190,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     ``quantities`` are names of quantities, coordinates and momenta, and of the time in scaled time.
     Raises InputError for a value that is no event, an unknown quantity, two events of one name.
     """
+    # the default, which most calls have
     if type(argument) is tuple and not argument:
         return ()
     events = (argument,) if isinstance(argument, Event | Impact) else argument

@@ -65,8 +65,9 @@ def exact(value: Any) -> Fraction | float | None:
     if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "f") not in "fiu":
         return None
     if hasattr(value, "_mpf_"):  # of mpmath, and SymPy's Float
-        return _of_mpf(value.func(_CONSTANT_BITS, "n") if hasattr(value, "func") and not hasattr(
-            value, "is_number") else value._mpf_)
+        # mpmath's constants, such as pi, have a function of the precision; so have SymPy's numbers
+        is_constant = hasattr(value, "func") and not hasattr(value, "is_number")
+        return _of_mpf(value.func(_CONSTANT_BITS, "n") if is_constant else value._mpf_)
     if isinstance(value, Decimal):
         return _of_decimal(value)
     if isinstance(value, numbers.Rational):  # int among them, and SymPy's
@@ -77,17 +78,21 @@ def exact(value: Any) -> Fraction | float | None:
             return Fraction(*ratio())  # of all floats, NumPy's among them, the method is there
         except (OverflowError, ValueError):  # of infinity, of NaN
             return float(value)
-    if getattr(value, "is_number", False) and getattr(value, "is_finite", False) and getattr(
-            value, "is_real", False):  # SymPy's pi/9, sqrt(2), ...
+    # SymPy's pi/9, sqrt(2), ...
+    if all(getattr(value, attribute, False) for attribute in ("is_number", "is_finite", "is_real")):
         return exact(value.evalf(80))
     return None
 
 
 def _of_mpf(value: tuple[int, int, int, int]) -> Fraction | float:
-    """Return mpmath's sign, mantissa, exponent and length as a number."""
+    """Return (−1)^sign · mantissa · 2^exponent, mpmath's tuple of a number, as a fraction.
+
+    NaN, ±∞ and numbers beyond the range of all types are floats; ``length`` is the mantissa's in
+    bits.
+    """
     sign, mantissa, exponent, length = value
     if not mantissa:
-        special = {-456: math.inf, -789: -math.inf}
+        special = {-456: math.inf, -789: -math.inf}  # mpmath's codes
         return Fraction(0) if exponent == 0 else special.get(exponent, math.nan)
     if abs(exponent + length) > _RANGE:
         return _beyond(exponent, negative=bool(sign))
@@ -105,12 +110,14 @@ def _of_decimal(value: Decimal) -> Fraction | float:
 
 
 def _of_ratio(above: int, below: int) -> Fraction | float:
+    """Return above/below as a fraction; infinity or 0 beyond the range of all types."""
     size = above.bit_length() - below.bit_length()
     return _beyond(size, negative=above < 0) if abs(size) > _RANGE else Fraction(above, below)
 
 
 def _beyond(size: int, *, negative: bool) -> Fraction | float:
-    """Return the overflow or underflow of a number beyond every type."""
+    """Return 0 for a number too small for any type, whose exponent ``size`` is negative, else ±∞.
+    """
     if size < 0:
         return Fraction(0)
     return -math.inf if negative else math.inf
@@ -149,6 +156,7 @@ def nearest(value: Fraction, bits: int, least_exponent: int) -> tuple[int, int]:
     m has at most ``bits`` bits, and e is at least ``least_exponent``, that of the last bit of a
     subnormal number.
     """
+    # |value| < 2^(size + 1): the first exponent may leave one bit or two too many
     size = abs(value.numerator).bit_length() - value.denominator.bit_length()
     exponent = max(size - bits - 1, least_exponent)
     while True:

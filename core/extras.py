@@ -22,13 +22,15 @@ def install(extra: str) -> str:
 
 def packages_of(extra: str) -> list[str]:
     """Return the requirements of an extra, with extras among them replaced by their own."""
-    requirements: dict[str, None] = {}
+    requirements: list[str] = []
     for requirement in _extras()[extra]:
         match = _OWN.match(requirement)
-        requirements |= dict.fromkeys(
-            [requirement.partition(";")[0].strip()] if match is None else
-            [package for name in match[1].split(",") for package in packages_of(name)])
-    return list(requirements)
+        if match is None:
+            requirements.append(requirement.partition(";")[0].strip())
+            continue
+        for name in match[1].split(","):
+            requirements += packages_of(name)
+    return list(dict.fromkeys(requirements))
 
 
 def _extras() -> dict[str, list[str]]:

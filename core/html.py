@@ -24,6 +24,7 @@ class Raw(str):
 
 
 def _escaped(content: object) -> str:
+    """Return a text with HTML's signs escaped; ``Raw`` as it is."""
     return content if isinstance(content, Raw) else html.escape(str(content))
 
 
@@ -63,7 +64,8 @@ def curve(x: Any, y: Any, label: str) -> Raw:
     if len(points) < 2:
         return Raw("")
     (x0, x1), (y0, y1) = ((min(values), max(values)) for values in zip(*points, strict=True))
-    x_range, y_range = (x1 - x0) or 1.0, (y1 - y0) or 1.0
+    x_range, y_range = (x1 - x0) or 1.0, (y1 - y0) or 1.0  # 1 for a straight line
+    # with a margin of 4 on each side; y points down in SVG
     line = " ".join(f"{4 + (_WIDTH - 8) * (a - x0) / x_range:.1f},"
                     f"{_HEIGHT - 4 - (_HEIGHT - 8) * (b - y0) / y_range:.1f}" for a, b in points)
     caption = html.escape(f"{label}: {y0:.3g} to {y1:.3g}")

@@ -56,8 +56,11 @@ def real_array(value: Any) -> Floats | None:
         return None
     try:
         array = np.asarray(value)
-        if array.dtype.kind not in "fiuO" or (array.dtype.kind == "O" and any(
-                isinstance(x, (str, bytes, bool, type(None))) for x in array.flat)):
+        if array.dtype.kind not in "fiuO":  # of floats, integers and objects
+            return None
+        # float() would take these for numbers, or None for NaN
+        not_numbers = (str, bytes, bool, type(None))
+        if array.dtype.kind == "O" and any(isinstance(x, not_numbers) for x in array.flat):
             return None
         return np.array(array, dtype=float)
     except (TypeError, ValueError, OverflowError):  # ragged, symbols, beyond 1e308
@@ -117,9 +120,9 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
     if not size or np.linalg.eigvalsh(tensor / size).min() <= 8 * _EPS:
         raise InputError(f"The {label} {shown(inertia)} is not positive definite: one of its "
                          "principal moments is not above 0; correct its products of inertia.")
-    return cast("Tensor", tuple(tuple(
-        rows[i][j] if rows[i][j] == rows[j][i] else float(tensor[i, j]) for j in range(3))
-        for i in range(3)))
+    symmetric = [[rows[i][j] if rows[i][j] == rows[j][i] else float(tensor[i, j])
+                  for j in range(3)] for i in range(3)]
+    return cast("Tensor", tuple(map(tuple, symmetric)))
 
 
 def as_moments(inertia: Any, label: str = "inertia", *, zeros: int = 0) -> Moments:
@@ -137,6 +140,7 @@ def as_moments(inertia: Any, label: str = "inertia", *, zeros: int = 0) -> Momen
         raise InputError(f"The {label} has {len(moments)} moments; give the three principal "
                          "moments I1, I2, I3, or a 3 × 3 tensor.")
     for axis, moment in enumerate(moments, start=1):
+        # the rules for γ take a thin rod, whose moment about itself is 0
         vanishing_allowed = moment == 0 and moments.count(0.0) <= zeros
         if not math.isfinite(moment) or (moment <= 0 and not vanishing_allowed):
             where = "" if label == "inertia" else f", in the {label}"
@@ -180,9 +184,10 @@ def inverse_entries(inertia: Inertia) -> list[float]:
     J = [[Fraction(cast("Any", exact(x))) for x in row] for row in inertia_rows(inertia)]
 
     def cofactor(i: int, j: int) -> Fraction:
-        (a, b), (c, d) = ((J[row][(j + 1) % 3], J[row][(j + 2) % 3])
-                          for row in ((i + 1) % 3, (i + 2) % 3))
-        return a * d - b * c
+        """Return the cofactor of J_ij; cyclic indices give its sign."""
+        row, next_row = J[(i + 1) % 3], J[(i + 2) % 3]
+        column, next_column = (j + 1) % 3, (j + 2) % 3
+        return row[column] * next_row[next_column] - row[next_column] * next_row[column]
 
     determinant = sum(J[0][j] * cofactor(0, j) for j in range(3))
     return [knowing(cofactor(j, i) / determinant) for i in range(3) for j in range(i, 3)]
@@ -246,9 +251,9 @@ def refuse_impossible_inertias(
 def _are_plainly_possible(
     bodies: Mapping[str, Sequence[str]], parameters: Mapping[str, Any]
 ) -> bool:
-    """Return whether all have moments in plain floats with max I ≤ sum of the others, to rounding.
+    """Return whether all inertias are three floats with max I ≤ the sum of the others, to rounding.
 
-    A call of a step checks them each time: arrays take longer.
+    Each call of a step checks them: arrays take longer.
     """
     for names_of_inertia in bodies.values():
         values = [*map(parameters.__getitem__, names_of_inertia)]
@@ -263,7 +268,7 @@ def _are_plainly_possible(
 def _moments_of_inverses(values: Floats) -> Floats:
     """Return principal moments, shape (bodies, 3, ...), NaN unless J⁻¹ is positive definite.
 
-    ``values`` are K11, K12, K13, K22, K23, K33, shape (bodies, 6, ...).
+    ``values`` are K11, K12, K13, K22, K23, K33 of K = J⁻¹, shape (bodies, 6, ...).
     """
     upper = np.moveaxis(values, 1, -1)
     K = np.zeros((*upper.shape[:-1], 3, 3))
@@ -304,6 +309,7 @@ def _warn_of_length(label: str, values: Any, norms: Floats) -> None:
     """
     array = np.asarray(values)
     eps = float(np.finfo(array.dtype).eps) if array.dtype.kind == "f" else _EPS
+    # of the entries as they are written; some hundred tell the digits of a long table
     decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in array.ravel()[:400])
     bound = 10.0 ** -min(max(decimals, 2), 17) + 4 * max(eps, _EPS)
     worst = int(np.abs(norms - 1).argmax())

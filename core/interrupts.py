@@ -85,7 +85,10 @@ def before_start(subject: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _handling(numbers: list[int]) -> Iterator[Interrupts]:
-    """Yield interrupts of these signals: those of an outer call, none outside the main thread."""
+    """Yield interrupts of the signals with these numbers, which are restored at the end.
+
+    Within an outer call they are its interrupts; outside the main thread there are none.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield Interrupts()
         return

@@ -78,6 +78,7 @@ def _is_written(field: Field[Any], record: Any) -> bool:
 
 
 def _refuse(value: Any, expected: str) -> Any:
+    """Raise UnfitError: a value is not of the type that ``expected`` names."""
     raise UnfitError(f"is {shown(value)}, not {expected}")
 
 
@@ -92,7 +93,10 @@ def _at(path: str, decode: Decoder, value: Any) -> Any:
 
 @cache
 def _decoder(hint: Any) -> Decoder:
-    """Return the function that checks JSON against a type."""
+    """Return the function that checks a value of JSON against a type, and converts it.
+
+    It raises UnfitError for another type.
+    """
     origin, type_arguments = get_origin(hint), get_args(hint)
     if is_dataclass(hint):
         return _of_record(hint)
@@ -102,21 +106,23 @@ def _decoder(hint: Any) -> Decoder:
     if origin in (Union, types.UnionType):
         return _of_union(type_arguments)
     if origin is tuple:
-        return _of_items(_decoder(type_arguments[0])) if type_arguments[1:] == (...,) else _of_row(
-            [_decoder(argument) for argument in type_arguments])
+        if type_arguments[1:] == (...,):
+            return _of_items(_decoder(type_arguments[0]))
+        return _of_row([_decoder(argument) for argument in type_arguments])
     if origin is not None and issubclass(origin, Mapping):
         return _of_mapping(_decoder(type_arguments[1]))
-    kinds = (int, float) if hint is float else (hint,)
+    kinds = (int, float) if hint is float else (hint,)  # JSON writes 1.0 as 1 as well
     name = {str: "text", int: "a whole number", float: "a number", bool: "true or false",
             type(None): "null"}[hint]
     return lambda value: value if type(value) in kinds else _refuse(value, name)
 
 
 def _of_union(types_of_union: tuple[Any, ...]) -> Decoder:
-    """Return a decoder that takes the first type that fits."""
+    """Return a decoder that takes the first of these types that fits."""
     decoders = [_decoder(argument) for argument in types_of_union]
 
     def decode(value: Any) -> Any:
+        """Return the value of the first type that fits; the error of the last one if none does."""
         for decoder in decoders[:-1]:
             try:
                 return decoder(value)
@@ -128,8 +134,9 @@ def _of_union(types_of_union: tuple[Any, ...]) -> Decoder:
 
 
 def _of_items(decode_one: Decoder) -> Decoder:
-    """Return a decoder of lists of any length."""
+    """Return a decoder of lists of any length, as tuples, by the decoder of one item."""
     def decode(value: Any) -> Any:
+        """Return the list as a tuple; an error names the index."""
         if type(value) is not list:
             _refuse(value, "a list")
         return tuple(_at(f"[{i}]", decode_one, item) for i, item in enumerate(value))
@@ -138,8 +145,9 @@ def _of_items(decode_one: Decoder) -> Decoder:
 
 
 def _of_row(decoders: list[Decoder]) -> Decoder:
-    """Return a decoder of lists of one length."""
+    """Return a decoder of lists of one length, as tuples, by a decoder for each item."""
     def decode(value: Any) -> Any:
+        """Return the list as a tuple; an error names the index."""
         if type(value) is not list or len(value) != len(decoders):
             _refuse(value, f"a list of {len(decoders)}")
         return tuple(_at(f"[{i}]", decode_one, item)
@@ -149,8 +157,9 @@ def _of_row(decoders: list[Decoder]) -> Decoder:
 
 
 def _of_mapping(decode_one: Decoder) -> Decoder:
-    """Return a decoder of objects with values of one type."""
+    """Return a decoder of objects with values of one type, by the decoder of one value."""
     def decode(value: Any) -> Any:
+        """Return the object as a dict that refuses changes; an error names the key."""
         if type(value) is not dict:
             _refuse(value, "an object")
         return FrozenDict({key: _at(f".{key}", decode_one, item)
@@ -163,10 +172,12 @@ def _of_record(cls: Any) -> Decoder:
     """Return a decoder of a dataclass: unknown and missing keys are refused."""
     hints = typing.get_type_hints(cls)
     decoders = {field.name: _decoder(hints[field.name]) for field in fields(cls)}
+    # fields without a default
     needed = [field.name for field in fields(cls)
               if field.default is MISSING and field.default_factory is MISSING]
 
     def decode(value: Any) -> Any:
+        """Return the record of an object; an error names the key."""
         if type(value) is not dict:
             _refuse(value, "an object")
         for key in value:

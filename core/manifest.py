@@ -345,7 +345,7 @@ class Manifest:
                 for remark in source.remarks]
 
     def _check(self) -> None:
-        """Refuse inconsistent sizes."""
+        """Raise UnfitError for sizes that do not fit each other, and unusable symmetries."""
         system, n = self.system, len(self.system.coordinates)
         for name, length, expected in (
                 ("momenta", len(system.momenta), n),
@@ -359,15 +359,19 @@ class Manifest:
         if not self.fast_path.available and self.fast_path.reason is None:
             raise UnfitError("lacks 'reason'", "fast_path")
         for symmetry in () if self.frame is None else self.frame.symmetries:
-            names = {*system.parameters}
-            terms = [term for polynomial in symmetry.vanishing for term in polynomial]
-            if not (symmetry.name in names
-                    and all(0 <= min(i, j) <= max(i, j) < n and _FRACTION.fullmatch(x)
-                            for i, j, x in symmetry.A)
-                    and all(_FRACTION.fullmatch(x) and {*powers} <= names
-                            and all(0 < power < 100 for power in powers.values())
-                            for x, powers in terms)):
+            if not _is_usable(symmetry, {*system.parameters}, n):
                 raise UnfitError("is no symmetry of the system", f"frame.{symmetry.name}")
+
+
+def _is_usable(symmetry: SymmetryManifest, parameters: set[str], n: int) -> bool:
+    """Return whether A is an n × n matrix of fractions, and conditions are of the parameters."""
+    has_matrix = all(0 <= min(i, j) <= max(i, j) < n and _FRACTION.fullmatch(x)
+                     for i, j, x in symmetry.A)
+    terms = [term for polynomial in symmetry.vanishing for term in polynomial]
+    has_conditions = all(_FRACTION.fullmatch(factor) and {*powers} <= parameters
+                         and all(0 < power < 100 for power in powers.values())
+                         for factor, powers in terms)
+    return symmetry.name in parameters and has_matrix and has_conditions
 
 
 def _numbered(system: SystemManifest) -> tuple[str, ...]:

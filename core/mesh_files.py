@@ -36,6 +36,7 @@ def read_triangles(path: Path) -> Floats:
     try:
         if not path.is_file():
             raise InputError("there is no such file; correct the path.")
+        # before the file is in memory
         if path.stat().st_size > MAX_BYTES:
             raise InputError(f"it has more than {MAX_BYTES >> 20} MiB; simplify it.")
         content = path.read_bytes()
@@ -49,6 +50,7 @@ def read_triangles(path: Path) -> Floats:
 
 
 def _check_number(count: int) -> None:
+    """Refuse a number of triangles that is too large."""
     if count > MAX_TRIANGLES:
         raise InputError(f"it has {count} triangles and at most {MAX_TRIANGLES} are allowed; "
                          "simplify it.")
@@ -60,6 +62,7 @@ def _stl(content: bytes) -> Floats:
     # some binary files begin with "solid", as text does: only the length decides
     if len(content) == _HEADER + _FACET * count:
         _check_number(count)
+        # a facet of binary STL, with two bytes that most programs leave 0
         kind = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("more", "<u2")])
         return np.frombuffer(content, kind, offset=_HEADER)["corners"].astype(float)
     lines = [line.split() for line in content.decode("utf-8", "replace").splitlines()]
@@ -116,9 +119,10 @@ def located(shape: Shape, model: str | Path) -> Shape:
         return replace(shape, file=str(folder / (relative or shape.file)))
     package, _, path_in_package = relative.partition("/")
     for above in (folder, *folder.parents):
-        # the package is a folder above, or one beside it
-        for candidate in (above / relative,
-                          *([above / path_in_package] if above.name == package else [])):
+        candidates = [above / relative]  # the package beside the model, or beside a folder above
+        if above.name == package:  # the model is in the package
+            candidates.append(above / path_in_package)
+        for candidate in candidates:
             if candidate.is_file():
                 return replace(shape, file=str(candidate))
     return shape

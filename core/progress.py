@@ -93,6 +93,7 @@ def _is_notebook() -> bool:
 
 
 def _is_terminal() -> bool:
+    """Whether stderr is a terminal; a program may have none."""
     return sys.stderr is not None and sys.stderr.isatty()
 
 
@@ -124,13 +125,19 @@ class TerminalHandler(logging.Handler):
             self._tasks[len(self._tasks) - (task == "step"):] = [record.getMessage()]
         if self._tasks:
             if self._display is None:
-                self._display = (_Cell() if _is_notebook() else
-                               _Status() if _is_terminal() else _Lines())
+                self._display = _new_display()
             self._display.show(self._tasks[-1])
         elif self._display is not None:
             printed = self.results and record.levelno >= logging.INFO
             self._display.end(record.getMessage() if printed else "")
             self._display = None
+
+
+def _new_display() -> _Status | _Cell | _Lines:
+    """Return the display of tasks: of a notebook, of a terminal, or lines on another stderr."""
+    if _is_notebook():
+        return _Cell()
+    return _Status() if _is_terminal() else _Lines()
 
 
 TERMINAL = TerminalHandler()
@@ -198,10 +205,7 @@ def log_progress(
 def _log_progress(
     text: str, total: int, progress: Progress
 ) -> Iterator[Callable[..., Any] | None]:
-    """Yield the function of ``log_progress``: the caller's own, one that logs, or None.
-
-    The time left is (total − done) · seconds so far/steps since the start.
-    """
+    """Yield the function of ``log_progress``: the caller's own, one that logs, or None."""
     as_progress(progress)
     if callable(progress) or progress is False:
         with hide_tasks():
@@ -212,31 +216,50 @@ def _log_progress(
         if not _LOGGER.isEnabledFor(logging.DEBUG):
             yield None
             return
-        start = time.perf_counter()
-        due, has_begun, steps_before = start + _FIRST, False, None
-
-        def report(done: int, *_: Any) -> None:
-            """Log the share that is done, at intervals, from the main thread alone."""
-            nonlocal due, has_begun, steps_before
-            seconds = time.perf_counter()
-            # of a resumed task the steps of earlier calls say nothing about its speed
-            steps_before = done if steps_before is None else steps_before
-            if seconds < due or threading.current_thread() is not threading.main_thread():
-                return
-            due = seconds + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
-            seconds_left = ((total - done) * (seconds - start) / (done - steps_before)
-                            if done > steps_before else 0.0)
-            time_left = (f", {timedelta(seconds=round(seconds_left))} left"
-                         if _SOON <= seconds_left < _FAR else "")
-            _LOGGER.debug("%s: %.0f %%%s …", text, 100 * done / max(total, 1), time_left,
-                          extra={"task": "step" if has_begun else "begin"})
-            has_begun = True
-
+        messages = _ShareMessages(text, total)
         try:
-            yield report
+            yield messages.report
         finally:
-            if has_begun:
-                _LOGGER.debug("%s: ended", text, extra={"task": "end"})
+            messages.end()
+
+
+class _ShareMessages:
+    """Log messages on the share of a task that is done, with the time left."""
+
+    def __init__(self, text: str, total: int) -> None:
+        """Begin the task ``text`` of ``total`` steps; the first message is due after a second."""
+        self._text, self._total = text, total
+        self._start = time.perf_counter()
+        self._due = self._start + _FIRST
+        self._has_begun = False
+        #: The steps of earlier calls, which a resumed task reports first; None before it does.
+        self._steps_before: int | None = None
+
+    def report(self, done: int, *_: Any) -> None:
+        """Log the share of ``done`` steps, at intervals, from the main thread alone.
+
+        The time left is (total − done) · seconds so far/steps since the start.
+        """
+        now = time.perf_counter()
+        if self._steps_before is None:  # they say nothing about the speed of this call
+            self._steps_before = done
+        if now < self._due or threading.current_thread() is not threading.main_thread():
+            return
+        self._due = now + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)
+        seconds_left = 0.0
+        if done > self._steps_before:
+            seconds_a_step = (now - self._start) / (done - self._steps_before)
+            seconds_left = (self._total - done) * seconds_a_step
+        time_left = (f", {timedelta(seconds=round(seconds_left))} left"
+                     if _SOON <= seconds_left < _FAR else "")
+        _LOGGER.debug("%s: %.0f %%%s …", self._text, 100 * done / max(self._total, 1), time_left,
+                      extra={"task": "step" if self._has_begun else "begin"})
+        self._has_begun = True
+
+    def end(self) -> None:
+        """Log the end of the task, if a message has shown its begin."""
+        if self._has_begun:
+            _LOGGER.debug("%s: ended", self._text, extra={"task": "end"})
 
 
 @contextlib.contextmanager
@@ -263,6 +286,7 @@ def terminal_messages(*, explicit: bool = False) -> Iterator[None]:
 
     ``explicit`` is for ``progress=True``: no results, and lines where stderr is no terminal.
     """
+    # calls may be nested: each restores what it has changed
     before = _LOGGER.level, TERMINAL.level, TERMINAL.results, TERMINAL.asked
     is_attached = TERMINAL in _LOGGER.handlers
     TERMINAL.results, TERMINAL.asked = TERMINAL.results or not explicit, TERMINAL.asked or explicit

@@ -193,10 +193,10 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
             q_new = q - fraction * step
             g_new = system.g(q_new)
         # a step below the round-off of q: g cannot become smaller
-        settled = np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(q), EPS)
+        is_round_off = np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(q), EPS)
         if _norm(g_new) <= _norm(g):
             best = q_new
-        if settled:
+        if is_round_off:
             return best
         if fraction <= 1e-6:
             break
@@ -220,6 +220,7 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
         f = system.f(q, p)
         step = _newton_step(system, rows, system.W(q, p, rows), f)
         p = p - step
+        # the step is round-off
         if np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(p), EPS):
             return p
         if not np.isfinite(p).all():
@@ -334,6 +335,7 @@ def _factor(A: csr_array, shift: float = 0.0) -> Array:
     """
     from scipy.linalg import cholesky_banded
 
+    # row k of the band has the k-th diagonal below the main one
     diagonals = A.todia()
     lower = diagonals.offsets <= 0
     band = np.zeros((1 - int(diagonals.offsets.min(initial=0)), A.shape[0]))
@@ -397,10 +399,12 @@ def _singular(system: Constrained, G: Array) -> str:
 
 
 def _names(system: Any) -> list[str]:
+    """Return the names of the constraints, then of the velocity constraints, as f has them."""
     return [*system.constraint_names, *system.velocity_constraint_names]
 
 
 def _listed(names: Any) -> str:
+    """Return names in quotes, with commas."""
     return ", ".join(repr(name) for name in names)
 
 
@@ -410,6 +414,7 @@ def _round_off_of_g(G: Array | csr_array, q: Array) -> float:
 
 
 def _norm(x: Array) -> float:
+    """Return the Euclidean norm as a float."""
     return float(np.linalg.norm(x))
 
 
@@ -423,4 +428,6 @@ def _furthest(change: Array, names: Sequence[str]) -> tuple[float, str]:
 
 
 def _moved(letter: str, size: float, name: str) -> str:
+    """Return how far q or p was moved, as a clause; ``name`` is the entry that moved most, ""
+    for none."""
     return f"{letter} moved by up to {size:.3e} ({name})" if name else f"{letter} not moved"

@@ -36,23 +36,29 @@ else:
 
 
 def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: Any) -> type:
-    """Return a frozen dataclass with methods that read its fields when they are called."""
-    attributes = {**cls.__dict__}
+    """Return a frozen dataclass whose methods read its fields when they are called.
+
+    The methods of ``dataclasses`` are compiled for each class, which takes much of an import.
+    """
+    attributes = {**cls.__dict__}  # before the decorator adds its own
     record: type = dataclasses.dataclass(eq=False, repr=False, **options)(cls)
     fields = dataclasses.fields(record)
     compared = [f.name for f in fields if f.compare]
     hashed = [f.name for f in fields if (f.compare if f.hash is None else f.hash)]
 
     def is_equal(self: Any, other: object) -> Any:
+        """Compare the fields of records of one class."""
         if type(other) is not type(self):
             return NotImplemented
         return _values(self, compared) == _values(other, compared)
 
     def hash_of(self: Any) -> int:
+        """Return a hash of the compared fields."""
         return hash(_values(self, hashed))
 
     @recursive_repr()
     def text(self: Any) -> str:
+        """Return the constructor call of the record."""
         field_texts = (f"{f.name}={getattr(self, f.name)!r}" for f in fields if f.repr)
         return f"{type(self).__qualname__}({', '.join(field_texts)})"
 
@@ -64,4 +70,5 @@ def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: A
 
 
 def _values(record: object, names: Sequence[str]) -> tuple[Any, ...]:
+    """Return the fields of a record with these names."""
     return tuple([getattr(record, name) for name in names])

@@ -75,11 +75,14 @@ class Entry:
 
     @property
     def _function(self) -> Any:
+        """The function that makes it; names have "-" where Python has "_"."""
         return function_of(self.home, self.name.replace("-", "_"))
 
 
 def _entries(kind: Literal["system", "problem", "model"], home: str, *names: str
              ) -> dict[str, Entry]:
+    """Return entries by name: problems, models or systems that functions of the module ``home``
+    make."""
     return {name: Entry(name, kind, home) for name in names}
 
 

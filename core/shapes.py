@@ -23,10 +23,12 @@ _COLOUR = re.compile(r"#[0-9a-fA-F]{6}")
 
 
 def _zeros() -> Floats:
+    """Return the default centre: the origin of the body."""
     return np.zeros(3)
 
 
 def _identity() -> Floats:
+    """Return the default axes: those of the body."""
     return np.eye(3)
 
 
@@ -69,6 +71,7 @@ class Shape:
         choose("kind of a shape", self.kind, KINDS)
         for name, shape in (("size", (3,)), ("centre", (3,)), ("axes", (3, 3))):
             object.__setattr__(self, name, self._array(name, getattr(self, name), shape))
+        # a mesh with a negative scale is mirrored
         if (self.size == 0).any() or (self.kind != "mesh" and (self.size < 0).any()):
             raise InputError(f"The size of a {self.kind} is {self.size.tolist()}; give three "
                              "lengths above 0.")

@@ -140,6 +140,7 @@ class Start:
 
     @property
     def _times(self) -> str:
+        """The time, or the first few of several, as text."""
         return few(f"{float(x):.6g}" for x in np.ravel(np.array(self.t, dtype=object)))
 
     @property

@@ -46,6 +46,7 @@ def base_units(text: str) -> dict[str, Fraction]:
     """
     dimensions: dict[str, Fraction] = {}
     parts = re.split(r"([./])", text if isinstance(text, str) else "")
+    # "kg.m2/s" is split into kg . m2 / s: a factor, and the sign before each further one
     for sign, factor in zip([".", *parts[1::2]], parts[::2], strict=False):
         match = _FACTOR.fullmatch(factor.strip())
         name = match[1] if match else ""
@@ -54,10 +55,13 @@ def base_units(text: str) -> dict[str, Fraction]:
             raise InputError(f"The unit {shown(text)} is no product of {', '.join(unit_names)}; "
                              'write one such as "kg.m2" or "N.m/rad"'
                              f"{proposal(factor, unit_names)}.")
-        exponents_of_name = ({} if name == "1" else {name: Fraction(1)} if name in _BASE
-                             else base_units(_NAMED[name]))
-        dimensions = combined((dimensions, 1), (
-            exponents_of_name, int(match[2] or 1) * (1 if sign == "." else -1)))
+        factor_dimensions: dict[str, Fraction] = {}
+        if name in _BASE:
+            factor_dimensions = {name: Fraction(1)}
+        elif name != "1":
+            factor_dimensions = base_units(_NAMED[name])
+        power = int(match[2] or 1) * (1 if sign == "." else -1)
+        dimensions = combined((dimensions, 1), (factor_dimensions, power))
     return dimensions
 
 
@@ -68,6 +72,11 @@ def unit_name(dimensions: Dimensions) -> str | None:
     for usual in _USUAL:
         if base_units(usual) == dimensions:
             return usual
-    above, below = ([f"{unit}{abs(dimensions[unit]) if abs(dimensions[unit]) > 1 else ''}"
-                     for unit in _BASE if dimensions.get(unit, 0) * sign > 0] for sign in (1, -1))
+    above: list[str] = []
+    below: list[str] = []
+    for unit in _BASE:
+        power = int(dimensions.get(unit, 0))
+        if power:
+            factor = unit if abs(power) == 1 else f"{unit}{abs(power)}"
+            (above if power > 0 else below).append(factor)
     return "/".join([".".join(above) or "1", *below])

@@ -66,6 +66,7 @@ class Flow(FlowFunction):
         self.function = _value(self._flow, self._has_second)
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        """Return F(x) as a column; the parts of x are numbers or CasADi's matrices."""
         return self.function(casadi.vertcat(*(_column(component, shape)
                                               for component, shape in parts)))
 
@@ -80,7 +81,10 @@ class Flow(FlowFunction):
 
 
 def _column(component: Any, shape: tuple[int, ...]) -> Any:
-    """Return a part of x as a column; inputs row by row."""
+    """Return a part of x as a column of numbers or symbols; a matrix of inputs row by row.
+
+    One row of inputs serves all steps: it is repeated.
+    """
     if not isinstance(component, (casadi.MX, casadi.SX, casadi.DM)):
         component = casadi.DM(np.asarray(component, dtype=float))
     if len(shape) == 2 and component.shape != shape:  # the same inputs in each step
@@ -154,6 +158,7 @@ class _Function(casadi.Callback):
 
 
 def _named(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, tuple[int, int]]:
+    """Return the shapes by the names that CasADi gives."""
     return dict(zip(names, shapes, strict=True))
 
 
@@ -162,15 +167,18 @@ def _value(flow: DiscreteFlow, has_second: bool) -> Any:
     x, z = (flow.size, 1), (2 * flow.n, 1)
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
+        """Return the function x, z ↦ F'(x), one row per entry of F."""
         return _Function(name, _named(ins, [x, z]), _named(outs, [(z[0], x[0])]),
                          lambda x, z: (flow.jacobian(x.T)[0],))
 
     def forward(name: str, ins: list[str], outs: list[str], count: int) -> Any:
+        """Return the function x, z, dx ↦ F'(x) dx for ``count`` directions, the columns of dx."""
         return _Function(
             name, _named(ins, [x, z, (x[0], count)]), _named(outs, [(z[0], count)]),
             lambda x, z, dx: (flow.tangent(x.T, dx.T[None])[0].T,))
 
     def reverse(name: str, ins: list[str], outs: list[str], count: int) -> Any:
+        """Return the function x, z, w ↦ F'(x)ᵀ w for ``count`` cotangents, the columns of w."""
         return _reverse(flow, has_second, name, ins, outs, count)
 
     return _Function("gyrospark_run", {"x": x}, {"z": z}, lambda x: (flow.value(x.T).T,),
@@ -187,6 +195,8 @@ def _reverse(
     shapes = [(flow.size, 1), (2 * flow.n, 1), (2 * flow.n, count)]
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
+        """Return the Jacobian of x, z, w ↦ F'(x)ᵀ w by the three arguments; refused without
+        second order."""
         if not has_second:
             raise no_second_order(
                 ": IPOPT does without them by hessian_approximation=\"limited-memory\"")
@@ -204,8 +214,10 @@ def _reverse(
         # columns of w are stacked: by w it is one block F'ᵀ for each column
         first_order = flow.jacobian(x.T)[0].T
         unit = np.eye(flow.size)[None]
-        by_x = np.concatenate([flow.second(flow.adjoint, x.T, np.repeat(
-            cotangent[None, None], flow.size, axis=1), unit)[0].T for cotangent in w.T])
+        # each cotangent is differentiated along all entries of x at once
+        by_x = np.concatenate([
+            flow.second(flow.adjoint, x.T, np.repeat(cotangent[None, None], flow.size, axis=1),
+                        unit)[0].T for cotangent in w.T])
         return by_x, np.zeros((len(by_x), len(z))), np.kron(np.eye(count), first_order)
 
     return _Function(name, _named(ins, shapes), _named(outs, [(flow.size, count)]),

@@ -91,7 +91,8 @@ class DiscreteFlow:
             self.size += width
         self.failures: deque[str] = deque(maxlen=16)
         # A direction of the compiled code has the rows q, p, all parameters, Δt, t0; the inputs of
-        # a step are among the parameters. These are the rows of x without inputs, and of inputs.
+        # a step are among the parameters. _fixed_rows are the rows of x but for inputs, in the
+        # order of x, _input_rows the rows of the inputs of a step.
         row_of = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
         self._row_count = len(row_of) + 2 * self.n + 2
         self._fixed_rows = np.array([*range(2 * self.n), *(row_of[name] for name in self.names),
@@ -155,9 +156,8 @@ class DiscreteFlow:
         directions = np.concatenate([projected.T[:, self._fixed_rows],
                                      dx[:, self._fixed_rows.size :]], axis=1)
         # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h
-        h = np.finfo(float).eps ** 0.2 / np.maximum(
-            (np.abs(directions) / self._sizes(start)).max(axis=1, initial=0),
-            np.finfo(float).tiny)
+        relative_changes = (np.abs(directions) / self._sizes(start)).max(axis=1, initial=0)
+        h = np.finfo(float).eps ** 0.2 / np.maximum(relative_changes, np.finfo(float).tiny)
         h[~directions.any(axis=1)] = 1  # a direction 0, whose derivative is 0 with any h
         derivative: Array = sum(
             sign * weight / h[:, None]
@@ -193,7 +193,10 @@ class DiscreteFlow:
 
     def _of_rows(self, function: Callable[..., Array], shape: int | tuple[int, ...],
                  *arrays: Array) -> Array:
-        """Return a function of each row; a row that fails is NaN, and its reason is kept."""
+        """Return ``function`` of each row of the arrays, shape (rows, *shape).
+
+        A row that fails is NaN, and its reason is appended to ``failures``.
+        """
         results = np.full((len(arrays[0]), *np.atleast_1d(shape)), np.nan)
         inputs = [np.array(array, dtype=float) for array in arrays]  # compiled code may write
         for i, row_arguments in enumerate(zip(*inputs, strict=True)):
@@ -302,10 +305,13 @@ class DiscreteFlow:
 
     def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
         """Return the derivative of F'(x) v along dx: that of each entry's gradient, times v."""
-        units = np.eye(2 * self.n)
-        return np.array([[by_x @ direction for by_x in self._second_adjoint(
-            x, units, np.repeat(along[None], 2 * self.n, axis=0))]
-            for direction, along in zip(v, dx, strict=True)])
+        units = np.eye(2 * self.n)  # cotangents that pick one entry of F
+        rows = []
+        for direction, along in zip(v, dx, strict=True):
+            gradient_slopes = self._second_adjoint(
+                x, units, np.repeat(along[None], 2 * self.n, axis=0))
+            rows.append([slope @ direction for slope in gradient_slopes])
+        return np.array(rows)
 
     def _second_adjoint(self, x: Array, w: Array, dx: Array) -> Array:
         """Return d/dε F'(x + ε dx)ᵀ w at ε = 0, a row for each pair of w and dx.
@@ -371,13 +377,19 @@ class DiscreteFlow:
     # ------------------------------------------------------------ the derivative of the projection
 
     def _projected(self, space: TangentSpace, dx: Array) -> Array:
-        """Return directions of the compiled code, in columns, of a start that is projected."""
+        """Return directions of the start, projected, as columns with the rows of compiled code.
+
+        ``dx`` has a row for each direction: the entries of x without inputs.
+        """
         dz = self.stepper.binding.new(self._row_count, len(dx))
         dz[self._fixed_rows] = dx.T
         return np.ascontiguousarray(space.projected(dz))
 
     def _sizes(self, x: Array) -> Array:
-        """Return the size of each entry of x, in which a difference is small."""
+        """Return the size of each entry of x, shape (size,), in which a difference is small.
+
+        That is |q| and |p| for their entries, Δt for t0, and |x_i| for the others, 1 where it is 0.
+        """
         size = np.where(x == 0, 1.0, np.abs(x))
         for name in ("q", "p"):
             size[self.fields[name]] = np.linalg.norm(x[self.fields[name]]) or 1.0

@@ -88,12 +88,15 @@ class FlowFunction(ABC):
         """Return F(x); ``parts`` are the components of x, each with the shape to broadcast to."""
 
     def _shape(self, value: Any) -> tuple[int, ...]:
+        """Return the shape of an argument, as NumPy has shapes."""
         return np.shape(value)
 
     def _parts(
         self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
     ) -> list[tuple[Any, tuple[int, ...]]]:
-        """Return the components of x in their order, each with its full shape, or refuse a shape.
+        """Return the components of x in their order, each with its full shape; refuse other shapes.
+
+        Parameters are a dict, a component for each, or one vector.
         """
         flow, count = self._flow, len(self._flow.input_names)
         arguments: list[tuple[str, Any, tuple[int, ...]]] = [("q", q, (flow.n,)),

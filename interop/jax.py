@@ -92,21 +92,26 @@ def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> Non
     F(x). Compiled programs call Python back.
     """
     def shape(x: Any, *directions: Any, flow: DiscreteFlow) -> tuple[int, ...]:
+        """Return the shape of the result: rows and directions as the arguments have them."""
         width = flow.size if is_adjoint else 2 * flow.n
         return (*(directions[0].shape[:2] if directions else x.shape[:1]), width)
 
     def compute(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Evaluate the primitive on arrays in Python."""
         return call(flow, *map(np.asarray, arrays))
 
     def lowered(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return the operation of a compiled program that calls ``compute`` back."""
         return jax.pure_callback(
             partial(compute, flow=flow, has_second=has_second),
             jax.ShapeDtypeStruct(shape(*arrays, flow=flow), jnp.float64), *arrays)
 
     def abstract(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return shape and type of the result, which JAX asks for before it is computed."""
         return ShapedArray(shape(*arrays, flow=flow), jnp.dtype("float64"))
 
     def implement(*arrays: Any, **settings: Any) -> Any:
+        """Evaluate the primitive outside of compiled programs."""
         return jnp.asarray(compute(*arrays, **settings))
 
     primitive.def_impl(implement)
@@ -123,6 +128,7 @@ def _batch(
                 if axis is not None)
 
     def repeat(array: Any, axis: int, size: int) -> Any:
+        """Insert an axis of ``size`` equal entries."""
         return jnp.broadcast_to(jnp.expand_dims(array, axis),
                                 (*array.shape[:axis], size, *array.shape[axis:]))
 
@@ -131,10 +137,12 @@ def _batch(
 
 
 def _is_nonzero(tangent: Any) -> bool:
+    """Whether a tangent is an array: JAX has an object for tangents that are zero."""
     return type(tangent) is not ad.Zero
 
 
 def _value_jvp(primals: Any, tangents: Any, **settings: Any) -> Any:
+    """Return F(x) and F'(x) dx, as JAX asks for a primitive's derivative."""
     (x,), (dx,) = primals, tangents
     value = _value.bind(x, **settings)
     return value, _tangent.bind(x, dx[:, None], **settings)[:, 0]
@@ -143,7 +151,12 @@ def _value_jvp(primals: Any, tangents: Any, **settings: Any) -> Any:
 def _linear_jvp(
     linear: Any, second: Any, primals: Any, tangents: Any, *, flow: DiscreteFlow, has_second: bool
 ) -> Any:
-    """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
+    """Return F'(x) v or F'(x)ᵀ v, and its derivative: exact by v, and by x as ``second_order``
+    says.
+
+    ``linear`` is the primitive of the product, ``second`` that of its derivative by x; the tangents
+    dx and dv may be zero.
+    """
     (x, v), (dx, dv) = primals, tangents
     settings = {"flow": flow, "has_second": has_second}
     product = linear.bind(x, v, **settings)
@@ -157,13 +170,18 @@ def _linear_jvp(
 
 
 def _transpose(transposed_primitive: Any, cotangent: Any, x: Any, v: Any, **settings: Any) -> Any:
-    """The transpose of F'(x) v by v is F'(x)ᵀ, and the other way round."""
+    """Return the cotangents of x and v of F'(x) v, which is linear in v: None, and F'(x)ᵀ
+    cotangent.
+
+    Of F'(x)ᵀ w it is F'(x) cotangent: ``transposed_primitive`` is the other one of the two.
+    """
     if not _is_nonzero(cotangent):
         return None, ad.Zero(v.aval)
     return None, transposed_primitive.bind(x, cotangent, **settings)
 
 
 def _refuse_transpose(*arrays: Any, **settings: Any) -> Any:
+    """Raise InputError: a second derivative has no transpose here."""
     raise InputError("Second derivatives of steps are taken forward over reverse: use jax.hessian, "
                      "or jacfwd of jacrev.")
 

@@ -52,6 +52,7 @@ class Flow(FlowFunction):
     """N steps as a PyTorch function; see ``run``. Tensors are of double precision, on the CPU."""
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
+        """Return F(x) as a tensor of 2 n numbers."""
         x = torch.cat([_double(component).broadcast_to(shape).reshape(-1)
                        for component, shape in parts])
         return _Value.apply(x[None], self._flow, self._has_second)[0]
@@ -71,6 +72,8 @@ def _double(component: Any) -> Any:
 
 
 def _computed(function: Any, *tensors: Any) -> Any:
+    """Return a function of NumPy arrays, evaluated on tensors, as a tensor that autograd does
+    not record."""
     return torch.from_numpy(function(*(tensor.detach().numpy() for tensor in tensors)))
 
 
@@ -87,6 +90,7 @@ def _batch(function: Any, size: int, axes: tuple[Any, ...], inputs: tuple[Any, .
     *tensors, flow, has_second = inputs
 
     def repeat(tensor: Any, axis: int, size: int) -> Any:
+        """Insert an axis of ``size`` equal entries."""
         return tensor.unsqueeze(axis).expand(*tensor.shape[:axis], size, *tensor.shape[axis:])
 
     return on_mapped_axis(lambda *merged: function.apply(*merged, flow, has_second), tensors,
@@ -98,10 +102,12 @@ class _Batched(Function):
 
     @staticmethod
     def setup_context(ctx: Any, inputs: tuple[Any, ...], output: Any) -> None:
+        """Keep the arguments for derivatives."""
         _save(ctx, inputs)
 
     @classmethod
     def vmap(cls, info: Any, in_dims: tuple[Any, ...], *inputs: Any) -> Any:
+        """Return the function of batched arguments, and the batch axis of the result."""
         return _batch(cls, info.batch_size, in_dims, inputs)
 
 
@@ -110,6 +116,7 @@ class _Value(_Batched):
 
     @staticmethod
     def forward(x: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return F(x)."""
         return _computed(flow.value, x)
 
     @staticmethod
@@ -122,12 +129,16 @@ class _Value(_Batched):
 
     @staticmethod
     def jvp(ctx: Any, dx: Any, *_: Any) -> Any:
+        """Return F'(x) dx."""
         (x,) = ctx.saved_tensors
         return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.has_second)[:, 0]
 
 
 def _transposed(ctx: Any, transposed_function: Any, cotangent: Any) -> Any:
-    """Return the cotangent of v, of which F'(x) v and F'(x)ᵀ v are linear functions."""
+    """Return the cotangents of x, v, flow and has_second: only v has one.
+
+    F'(x) v and F'(x)ᵀ v are linear in v, so that it is the transposed function of ``cotangent``.
+    """
     if ctx.needs_input_grad[0]:
         raise InputError("Second derivatives of steps are taken forward over reverse: use "
                          "torch.func.hessian, or jacfwd of jacrev.")
@@ -138,7 +149,10 @@ def _transposed(ctx: Any, transposed_function: Any, cotangent: Any) -> Any:
 
 
 def _linear_jvp(ctx: Any, function: Any, second: Any, dx: Any, dv: Any) -> Any:
-    """The derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says."""
+    """Return the derivative of F'(x) v or F'(x)ᵀ v: exact by v, and by x as ``second_order`` says.
+
+    dx and dv are None where they are zero; so is the result without both.
+    """
     x, v = ctx.saved_tensors
     terms = [] if dv is None else [function.apply(x, dv, ctx.flow, ctx.has_second)]
     if dx is not None:
@@ -154,14 +168,17 @@ class _Tangent(_Batched):
 
     @staticmethod
     def forward(x: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return F'(x) dx."""
         return _computed(flow.tangent, x, dx)
 
     @staticmethod
     def backward(ctx: Any, w: Any) -> Any:
+        """Return the cotangent of dx, F'(x)ᵀ w."""
         return _transposed(ctx, _Adjoint, w)
 
     @staticmethod
     def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
+        """Return the derivative of F'(x) v along (dx, dv)."""
         return _linear_jvp(ctx, _Tangent, _SecondTangent, dx, dv)
 
 
@@ -170,14 +187,17 @@ class _Adjoint(_Batched):
 
     @staticmethod
     def forward(x: Any, w: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return F'(x)ᵀ w."""
         return _computed(flow.adjoint, x, w)
 
     @staticmethod
     def backward(ctx: Any, dv: Any) -> Any:
+        """Return the cotangent of w, F'(x) dv."""
         return _transposed(ctx, _Tangent, dv)
 
     @staticmethod
     def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
+        """Return the derivative of F'(x)ᵀ v along (dx, dv)."""
         return _linear_jvp(ctx, _Adjoint, _SecondAdjoint, dx, dv)
 
 
@@ -186,6 +206,7 @@ class _SecondTangent(_Batched):
 
     @staticmethod
     def forward(x: Any, v: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return the derivative of F'(x) v by x along dx."""
         return _computed(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
 
 
@@ -194,4 +215,5 @@ class _SecondAdjoint(_Batched):
 
     @staticmethod
     def forward(x: Any, w: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+        """Return the derivative of F'(x)ᵀ w by x along dx."""
         return _computed(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)

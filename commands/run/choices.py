@@ -60,7 +60,10 @@ def with_options(
 
 
 def _inertia_parameter(name: str, text: str) -> float:
-    """Return γ or α from a number."""
+    """Return γ or α from the text of a number; InputError for 0 and for other texts.
+
+    ``name`` is the option, gamma or alpha.
+    """
     number = decimal(text)
     if number is None:
         raise InputError(f"--{name} {text!r} is none of {listed([*RULES, 'a number'])}.")
@@ -71,7 +74,7 @@ def _inertia_parameter(name: str, text: str) -> float:
 
 
 def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
-    """Return the rates that options name."""
+    """Return the rates of a frame by name, in rad/s, from texts such as "omega_x=1,omega_y=2"."""
     names = [symmetry.name for symmetry in step.symmetries]
     rates = {}
     for option in (rate for text in options for rate in text.split(",")):
@@ -97,10 +100,11 @@ def tuned(
 
     clocked = step.binding.clocked
     if options["step_error"] is not None:  # gs.tune chooses dt
-        numbers: dict[str, Any] = {
-            name: (whole_number if name == "steps" else real_number)(
-                f"--{name.replace('_', '-')}", text)
-            for name, text in options.items() if text is not None}
+        numbers: dict[str, Any] = {}
+        for name, text in options.items():
+            if text is not None:
+                number = whole_number if name == "steps" else real_number
+                numbers[name] = number(f"--{name.replace('_', '-')}", text)
         tuning = tune(step, state, **numbers, **search)
         dt, span = tuning.dt, {"t_end": numbers["t_end"]}
     else:
@@ -134,7 +138,7 @@ def steps_of(span: Mapping[str, Any], t0: Any, dt: Any) -> int:
 
 
 def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
-    """Return the number of steps in place of a time that whole steps lead to."""
+    """Return {"steps": N} where whole steps lead to the end of the run, else ``span`` as it is."""
     from ...runtime.integration.run_arguments import span_of
 
     count, remainder = span_of(span.get("steps"), span.get("t_end"), t0, dt)

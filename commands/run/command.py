@@ -9,12 +9,13 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import click
 
 from ...core.arguments import listed
-from ...core.errors import GyrosparkError, StepFailed, Stopped
+from ...core.errors import GyrosparkError, StepFailed
 from ...core.interrupts import catch_signals
 from ...core.registry import MODELS, PROBLEMS, RULES
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.plotting.scene import check_bodies
+from .. import exit_code_of
 from ..options import (
     DEFAULT,
     Grouped,
@@ -162,8 +163,7 @@ def run(
         try:
             with capture_warnings() as captured:
                 outcome = integrate_to(step, state, out, arguments, resume=resume)
-            trouble = outcome.trouble
-            _pass_warnings_on(captured, trouble)
+            _pass_warnings_on(captured, outcome.trouble)
             result = result_of(start, step, outcome, t0)
             if tuning is not None:
                 result |= about_tuning(tuning)
@@ -171,25 +171,19 @@ def run(
                 result |= axis_errors(paper_problem.exact, outcome.trajectory)
             pictures = {"plot": () if plot is None else (plot,), "show": show}
             error_of_picture = _draw(outcome.trajectory, pictures, result)
-            trouble = trouble or error_of_picture
             warn_of_rest(outcome.trajectory, problem)
             click.echo(json_text(result) if as_json else as_text(result, step.manifest.system))
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {stored_location(out)}".rstrip(), err=True)
             return 130
-    if trouble is None and interrupts.requested:
-        trouble = Stopped("Stopped while the report was made: the run is complete.",
-                          interrupts.signal)
-    if isinstance(trouble, Stopped):  # not raised: click takes it for any KeyboardInterrupt
-        click.echo(f"gyrospark: {trouble}", err=True)
-        return 128 + trouble.signal
-    if trouble is not None:
-        raise trouble
-    return 0
+    return exit_code_of(outcome.trouble or error_of_picture, interrupts, "run")
 
 
 def _pass_warnings_on(messages: Iterable[str], trouble: BaseException | None) -> None:
-    """Warn of the messages of a run, each once; add them to the error of a step that failed."""
+    """Warn of the messages of a run, each once; after a failed step add them to its error.
+
+    ``trouble`` is the error that ended the run, or None.
+    """
     if not isinstance(trouble, StepFailed):
         for message in dict.fromkeys(messages):
             warn(message)

@@ -85,7 +85,7 @@ def check_targets(
 def events_of(
     texts: tuple[str, ...], model_events: Sequence[Event | Impact], step: Stepper
 ) -> dict[str, Any]:
-    """Return the argument for the model's own events and what --event adds, where it does."""
+    """Return {"events": ...}, the model's own and those of --event; {} without --event."""
     if not texts:
         return {}
     events = [*model_events, *map(_named, texts)]
@@ -100,6 +100,7 @@ def _named(text: str) -> Event:
 
 
 def _is_store(out: Path | None) -> bool:
+    """Return whether a path, which may be None, names a store of a run."""
     return out is not None and ending_of(out) in endings("store")
 
 
@@ -142,7 +143,7 @@ def _in_memory(
     count = steps_of(arguments, start.t, arguments.get("dt"))
     if isinstance(trouble, Stopped) and count:
         trouble = _with_location(trouble, trajectory.report.steps, count, saved_path)
-    origin = trajectory._origin
+    origin = trajectory._origin  # None after a failure
     events = () if origin is None else (*origin.events, *origin.impacts)
     ended_by = next((event.name for event in events
                      if event.terminal and len(trajectory.events.get(event.name, ()))), None)

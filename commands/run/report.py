@@ -55,15 +55,13 @@ def result_of(
     ``outcome.last`` has the end of the run and the report of all its steps, ``outcome.trajectory``
     the states that are kept. Of a stored run ``last`` is one state, which has no events.
     """
-    import numpy as np  # not for --help
-
     from ...core.real_types import REALS
     from ...runtime.results.rotation_rate import fastest_rotation
 
     trajectory = outcome.last
     report = trajectory.report
-    end = float(t0) + report.steps * float(trajectory.dt)
     clocked = step.binding.clocked
+    end = float(t0) + report.steps * float(trajectory.dt)
     if outcome.between_steps or clocked:
         end = float(trajectory.t[-1])
     result: dict[str, Any] = {
@@ -86,10 +84,7 @@ def result_of(
         "ns_per_step": outcome.seconds / outcome.steps * 1e9 if outcome.steps else None,
     }
     if trajectory.has_motion_energy:
-        with np.errstate(all="ignore"):  # the numbers of a failed run may be infinite
-            motion_errors = abs(outcome.trajectory.energy_error(of_motion=True, stepper=step))
-        result["motion_energy_error_max"] = float(motion_errors.max())
-        result["motion_energy_error_mean"] = float(motion_errors.mean())
+        result |= _motion_energy(outcome.trajectory, step)
     if REALS[step.manifest.real].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
@@ -101,13 +96,28 @@ def result_of(
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
-    result |= _events(outcome.trajectory)
+    return result | _events(outcome.trajectory) | _start_move(outcome.trajectory, start) | _ending(
+        outcome)
+
+
+def _motion_energy(trajectory: Trajectory, step: Stepper) -> dict[str, Any]:
+    """Return the errors of H at the stored states with p projected onto g_q H_p = 0."""
+    import numpy as np  # not for --help
+
+    with np.errstate(all="ignore"):  # the numbers of a failed run may be infinite
+        errors = abs(trajectory.energy_error(of_motion=True, stepper=step))
+    return {"motion_energy_error_max": float(errors.max()),
+            "motion_energy_error_mean": float(errors.mean())}
+
+
+def _start_move(trajectory: Trajectory, start: RunDefaults) -> dict[str, Any]:
+    """Return by how much the start was projected onto the constraints; {} for round-off."""
+    import numpy as np
+
     displacement = max(float(np.abs(np.subtract(x, x0)).max()) for x, x0 in (
-        (outcome.trajectory.q[0], start.q0), (outcome.trajectory.p[0], start.p0)))
-    # the start was projected onto the constraints by more than round-off
-    if displacement > _MOVED * max(map(abs, (*start.q0, *start.p0))):
-        result["start_moved"] = displacement
-    return result | _ending(outcome)
+        (trajectory.q[0], start.q0), (trajectory.p[0], start.p0)))
+    size = max(map(abs, (*start.q0, *start.p0)))
+    return {"start_moved": displacement} if displacement > _MOVED * size else {}
 
 
 def _events(trajectory: Trajectory) -> dict[str, Any]:
@@ -181,7 +191,7 @@ def axis_errors(motion: ExactMotion, trajectory: Trajectory) -> dict[str, Any]:
 
 
 def _constraint_lines(result: dict[str, Any], system: SystemManifest) -> list[str]:
-    """Return the lines on g and on the constraint that it puts on the momenta."""
+    """Return the lines on g and on the hidden constraint, none for a system without constraints."""
     if not system.constraints:
         return []
     g, f = ("|qᵀq − 1|", "|qᵀp|") if system.rigid_body else ("|g(q)|", "|g_q H_p|")
@@ -190,30 +200,51 @@ def _constraint_lines(result: dict[str, Any], system: SystemManifest) -> list[st
 
 
 def _resumed_lines(result: dict[str, Any]) -> list[str]:
-    """Return the line on where a stored run was gone on with."""
+    """Return the line on where a stored run was resumed; none for a run that began here."""
     if result.get("done_before"):
         return ["  done before: no step was left to take, and the numbers are the store's"]
     return [f"  gone on with at step {result['resumed_at']:,}"] if "resumed_at" in result else []
 
 
 def as_text(result: dict[str, Any], system: SystemManifest) -> str:
-    """Return the report as text; ``system`` is that part of the manifest."""
-    balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
-    lines = [
+    """Return the report as text: a line for each entry of ``result_of`` that there is.
+
+    ``system`` is that part of the manifest.
+    """
+    cost = f", {result['ns_per_step'] / 1e3:.2f} µs a step" if result["ns_per_step"] else ""
+    paths = [*([result["out"]] if "out" in result else []), *result.get("plot", []),
+             *result.get("show", [])]
+    return "\n".join([
         f"{result['problem']} with {result['stepper']} (order {result['order']})",
         *_resumed_lines(result),
-        f"  {result['steps']:,} steps of {_step_size(result)} to t = {result['t_end']:g} s" + (
-            f", {result['ns_per_step'] / 1e3:.2f} µs a step" if result["ns_per_step"] else ""),
+        f"  {result['steps']:,} steps of {_step_size(result)} to t = {result['t_end']:g} s{cost}",
         *_constraint_lines(result, system),
-        f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
-        f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}",
+        *_energy_lines(result),
         f"  iterations              mean {result['iterations_mean']:.2f}, "
         f"most {result['iterations_max']}",
-    ]
+        *_motion_lines(result),
+        *_event_lines(result),
+        *_tuning_lines(result),
+        *_error_lines(result),
+        *(f"  wrote {path}" for path in paths),
+    ])
+
+
+def _energy_lines(result: dict[str, Any]) -> list[str]:
+    """Return the lines on the energy error of all steps, and on that of the motion."""
+    balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
+    lines = [f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
+             f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}"]
     if "motion_energy_error_max" in result:
-        lines.insert(-1, f"  energy     of the motion, g_q H_p = 0 (stored states) largest "
+        lines.append("  energy     of the motion, g_q H_p = 0 (stored states) largest "
                      f"{result['motion_energy_error_max']:.2e}, "
                      f"mean {result['motion_energy_error_mean']:.3e}")
+    return lines
+
+
+def _motion_lines(result: dict[str, Any]) -> list[str]:
+    """Return the lines on the fastest rotation, the work and the quantities at the end."""
+    lines = []
     if "energy_waits" in result:
         lines.append("  energy waits            in "
                      f"{result['energy_waits']:,} steps without a small θ")
@@ -222,33 +253,45 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
                      f"{result['fastest_body']}")
     if "work" in result:
         lines.append(f"  work of the forces      {result['work']:.6g}")
-    lines += [f"  {name:<23} {quantity:.9g}"
-              for name, quantity in result.get("quantities", {}).items()]
-    lines += [_event_line("event", name, crossings)
-              for name, crossings in result.get("events", {}).items()]
+    return lines + [f"  {name:<23} {quantity:.9g}"
+                    for name, quantity in result.get("quantities", {}).items()]
+
+
+def _event_lines(result: dict[str, Any]) -> list[str]:
+    """Return a line for each event and impact, and the one on the event that ended the run."""
+    lines = [_event_line("event", name, crossings)
+             for name, crossings in result.get("events", {}).items()]
     lines += [_event_line("impact", name, hits) + f", {sum(hits['energy_lost']):.6g} J lost"
               for name, hits in result.get("impacts", {}).items()]
     if "ended" in result:
         lines.append("  ended                   by event {event} at t = {t:.12g} s".format(
             **result["ended"]))
-    if "tuned" in result:
-        numbers = result["tuned"]["parameters"] | {"dt": result["tuned"]["dt"]}
-        values = ", ".join(f"{name} = {x:.8g}" for name, x in numbers.items())
-        lines.append(f"  tuned                   {values}, {result['tuned']['reason']}, in "
-                     f"{result['tuned']['pilots']} pilot runs")
+    return lines
+
+
+def _tuning_lines(result: dict[str, Any]) -> list[str]:
+    """Return the line on the numbers that ``gs.tune`` chose; none where nothing was chosen."""
+    if "tuned" not in result:
+        return []
+    tuned = result["tuned"]
+    numbers = ", ".join(f"{name} = {x:.8g}"
+                        for name, x in (tuned["parameters"] | {"dt": tuned["dt"]}).items())
+    return [f"  tuned                   {numbers}, {tuned['reason']}, in {tuned['pilots']} pilot "
+            "runs"]
+
+
+def _error_lines(result: dict[str, Any]) -> list[str]:
+    """Return the lines on the error of a body's axis, where it is known, and on a failed step."""
+    lines = []
     if "axis_reference" in result:
         lines.append(
             f"  axis error ({result['axis_reference']})  mean x {result['axis_x_error_mean']:.3e}, "
-            f"z {result['axis_z_error_mean']:.3e}"
-        )
+            f"z {result['axis_z_error_mean']:.3e}")
     if "failed" in result:
         failed = result["failed"]
         lines.append(f"  stopped: step {failed['step']} at t = {failed['t']:g} s "
                      f"{failed['reason']}")
-    paths = [result["out"]] if "out" in result else []
-    lines += [f"  wrote {path}" for path in
-              [*paths, *result.get("plot", []), *result.get("show", [])]]
-    return "\n".join(lines)
+    return lines
 
 
 def _adapted(trajectory: Trajectory, duration: float) -> dict[str, float]:
@@ -259,6 +302,8 @@ def _adapted(trajectory: Trajectory, duration: float) -> dict[str, float]:
 
 
 def _step_size(result: dict[str, Any]) -> str:
+    """Return the step as text: Δt in seconds; in scaled time Δτ, with the least and the largest Δt.
+    """
     if "dtau" not in result:
         return f"{result['dt']:g} s"
     return f"dtau = {result['dtau']:g}, {result['dt_min']:.3g} to {result['dt_max']:.3g} s,"

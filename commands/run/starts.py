@@ -34,6 +34,7 @@ def started(
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else arguments_of(entry, settings)
     if entry is not None and entry.kind == "problem":
+        # a problem of the paper has one body, and its exact motion where that is known
         paper_problem = entry.make(**options)
         return (paper_problem, stepper_of(spec_from(**choice, system=paper_problem.system)),
                 RunDefaults.of_problem(paper_problem), t0)
@@ -46,7 +47,7 @@ def started(
 
 
 def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
-    """Return the settings but t, and the time of the start that this one says."""
+    """Return the settings other than t=..., and the time of the start t0, by default 0."""
     times = [text for text in settings if text.partition("=")[0].strip() == "t"]
     if not times:
         return settings, 0.0
@@ -58,7 +59,11 @@ def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
 
 
 def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
-    """Return the settings as arguments of what makes a problem or a model."""
+    """Return the settings as arguments of the function that makes a problem or a model.
+
+    A setting is KEY=NUMBER or KEY=NUMBER,NUMBER,...; InputError for a key that the entry does not
+    have.
+    """
     allowed = entry.options if settings else []
     arguments: dict[str, Any] = {}
     for setting in settings:
@@ -70,13 +75,14 @@ def arguments_of(entry: Entry, settings: tuple[str, ...]) -> dict[str, Any]:
                 "(Masses, lengths and the like are keys of a model file, "
                 f"{_file_like(entry.name)}; in Python they are parameters of a run.)"
             )
+        # several numbers, as of an inertia, are a tuple
         numbers = [real_number(f"--set {key}", number) for number in numbers_text.split(",")]
         arguments[key] = numbers[0] if len(numbers) == 1 else tuple(numbers)
     return arguments
 
 
 def _file_like(name: str) -> str:
-    """Return an example of the same name, or one to begin with."""
+    """Return the path of an example file of that name, or of another example."""
     example = f"examples/{name}.toml"
     is_in_checkout = Path(__file__).parents[2].joinpath(example).is_file()
     return example if is_in_checkout else "such as examples/pendulum.toml"
