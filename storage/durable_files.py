@@ -62,9 +62,10 @@ class DurableStore(LocalStore):
 
 
 def _array_folder(root: Path) -> Path | None:
-    """Return the folder of an array, where unfinished files of the root may lie.
+    """Return the folder of some array in a store, None if there is none.
 
-    Readers list the root, and warn of files that they do not know.
+    Unfinished files of the root lie there: readers list the root, and warn of files that they do
+    not know.
     """
     if not root.is_dir():
         return None

@@ -161,8 +161,10 @@ class Recorder:
         return CheckpointState(state, status=status), 0, block_rows
 
     def _states(self, state: CheckpointState) -> int:
-        """Return the number of states up to a checkpoint: the start, stored steps, a final event
-        or t_end."""
+        """Return the number of states up to a checkpoint.
+
+        These are the start, the stored steps, and the state at a final event or at t_end.
+        """
         run = self.run
         if state.ended_by is not None:
             return state.steps // run.every + 2
@@ -322,13 +324,17 @@ class Recorder:
         self.end = np.array([run.t_end], partial_run.t.dtype)
         if ends_within(self.events, partial_run, run.dt):
             self.end = partial_run.t[-1:]
-            name = first_terminal_event(self.events, partial_run.events, run.dt)
-            if not name:  # the impact that happened last
-                name = max(partial_run.impacts, key=lambda gap: max(
-                    partial_run.impacts[gap].elapsed, default=0 * elapsed))
             names = [event.name for event in self.events]
-            self.state = replace(self.state, status=-1 - names.index(name))
+            last_event = self._last_event(partial_run)
+            self.state = replace(self.state, status=-1 - names.index(last_event))
         self._commit(writer, crossings=crossings)
+
+    def _last_event(self, partial_run: Trajectory) -> str:
+        """Return the name of the terminal event or the last impact, which ends a partial step."""
+        terminal_event = first_terminal_event(self.events, partial_run.events, self.run.dt)
+        impacts = partial_run.impacts
+        return terminal_event or max(
+            impacts, key=lambda gap: max(impacts[gap].elapsed, default=0 * self.run.dt))
 
     # ------------------------------------------------------------ events
 

@@ -99,8 +99,7 @@ def _is_count(value: Any, lower_bound: int) -> bool:
 
 
 def _is_number(value: Any, real: RealName = "double") -> bool:
-    """Whether a value of JSON is a stored number; numbers of a wide type may be texts of their
-    digits."""
+    """Whether a value of JSON is a stored number; of a wide type it may be text."""
     try:
         from_text(value, real)
     except ValueError:
@@ -196,7 +195,7 @@ def _check_events(
 
 
 def _check_report(report: Any) -> Iterator[str]:
-    """Yield the faults of a report."""
+    """Yield the faults of a report: missing fields, and values that are no numbers."""
     if report is None:
         return
     needed = {f.name for f in fields(Report) if f.default is MISSING}
@@ -204,6 +203,7 @@ def _check_report(report: Any) -> Iterator[str]:
         yield "its report is not complete"
         return
     for name, field_value in known_fields(Report, report).items():
+        # all other fields are one number
         is_state = name in ("q", "p") and isinstance(field_value, list)
         numbers = field_value if is_state else [field_value]
         if not all(map(_is_number, numbers)):

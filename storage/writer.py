@@ -108,7 +108,10 @@ class Writer:
             raise self._error
 
     def _work(self) -> None:
-        """Commit batches until the queue ends; the first error is kept for the caller."""
+        """Commit batches until the queue ends: the work of the thread.
+
+        The first error is kept, for ``_raise`` to raise in the thread of the caller.
+        """
         while (batch := self._queue.get()) is not None:
             if self._error is None:  # after an error only the queue is emptied
                 try:

@@ -110,10 +110,9 @@ def start_axis(q: Any, p: Any) -> Axis:
 
 
 def _scheme_axis(values: Any) -> Axis:
-    """Return the axis of a list of schemes: column of their numbers 0, 1, ..., the schemes as
-    labels.
+    """Return the axis of a list of schemes: a column of numbers 0, 1, ... with labels.
 
-    A scheme is a text, "G-L 3", or a pair of name and stages.
+    A scheme is a text, "G-L 3", or a pair of name and stages; its label is the text.
     """
     if isinstance(values, str) or not isinstance(values, Sequence) or not values:
         raise InputError(f"scheme = {values!r} is no list of schemes; write for example "

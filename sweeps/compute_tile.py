@@ -106,9 +106,10 @@ def _run_without_events(
     options = binding.options(study.tolerance, study.max_iterations, study.solver)
     reports, status = binding.integrate_many(structs, options, dt, steps, every, q, p, out,
                                              _memory(stepper))
-    samples_with_start = () if out is None else zip((q0, p0), out, strict=True)
-    samples = tuple(np.concatenate([start[:, None], stored_states], axis=1)
-                    for start, stored_states in samples_with_start)
+    samples: tuple[Array, ...] = ()
+    if out is not None:  # compiled code stores states after steps, not the start
+        samples = tuple(np.concatenate([start[:, None], stored_states], axis=1)
+                        for start, stored_states in zip((q0, p0), out, strict=True))
     return CellEnds(q, p, reports, status, samples, {})
 
 
@@ -124,9 +125,10 @@ def _memory(stepper: Stepper) -> tuple[Any, ...]:
 def _in_scaled_time(
     study: Study, stepper: Stepper, structs: Array, q: Array, p: Array
 ) -> tuple[Array, Array]:
-    """Return the starts of cells with their time and its momentum, if time is scaled.
+    """Return the starts of cells with t and e = −H as last coordinate and momentum, in scaled time.
 
-    ``structs`` has a row of parameters for each row of q and p, on which e = −H depends.
+    ``structs`` has a row of parameters for each row of q and p, on which H depends. Where time is
+    not scaled q and p are returned as they are.
     """
     binding = stepper.binding
     if not binding.clocked:

@@ -140,13 +140,7 @@ def checked_study(study: Study) -> Study:
                                  "sweep can vary, for the results have the states under this name; "
                                  f"give states as the axis {START!r}, or rename the parameter.")
             _check_column(study, names, column, values)
-    fixed = {name: number for name, number in study.parameters.items() if not study.varied(name)}
-    # the first cell stands for all: columns of axes are checked above
-    first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
-                          for name in axis.columns if name in names}
-    doubles = as_parameters(first_cell, stepper.parameter_domains, symmetries=stepper.symmetries)
-    warn_of_negative(doubles)
-    _refuse_broken_frames(study, doubles)
+    parameters = _checked_parameters(study)
     if (study.steps is None) == (study.t_end is None):
         raise InputError("Give a sweep either steps, the number for every cell, or t_end, the "
                          "time of the end of every cell.")
@@ -170,8 +164,21 @@ def checked_study(study: Study) -> Study:
         refuse_together(sweep="a sweep", float128=REALS[stepper_of_scheme.manifest.real].in_mpmath
                         and "numbers of type float128")
         stepper_of_scheme._refuse_solver(study.solver)
-    return replace(study, parameters={name: doubles[name] for name in fixed}, dt=dt,
-                   t_end=t_end, events=_events(study))
+    return replace(study, parameters=parameters, dt=dt, t_end=t_end, events=_events(study))
+
+
+def _checked_parameters(study: Study) -> dict[str, float]:
+    """Return the parameters that all cells share as doubles, by name; refuse unusable ones."""
+    stepper = study.steppers[0]
+    domains = stepper.parameter_domains
+    fixed = {name: number for name, number in study.parameters.items() if not study.varied(name)}
+    # the first cell stands for all: the columns of axes have been checked
+    first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
+                          for name in axis.columns if name in domains}
+    doubles = as_parameters(first_cell, domains, symmetries=stepper.symmetries)
+    warn_of_negative(doubles)
+    _refuse_broken_frames(study, doubles)
+    return {name: doubles[name] for name in fixed}
 
 
 def _checked_end(study: Study) -> float | None:

@@ -283,6 +283,7 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
 
 def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
     """Refuse a start of the caller's off the constraints: steps do not project it."""
+    # of a file, a name, or the caller's own
     if spec.model is not None:
         model = load_model(spec.model)
     elif model is None:

@@ -599,7 +599,10 @@ def _first_run(
 
 
 def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
-    """Return a standard deviation for each column of residuals; sets ``fitting.samples`` to 1."""
+    """Return a standard deviation for each column of residuals, shape (columns,).
+
+    One number serves all columns. Sets ``fitting.samples`` to 1: one sample tells the columns.
+    """
     fitting.samples = 1
     columns = fitting.residuals(point).shape[1]
     numbers = as_numbers("sigma", sigma)

@@ -74,6 +74,7 @@ class Inertia:
         J = inertia_of(L @ L.T)
         J_by_L = []
         for i, j in zip(*self.entries, strict=True):
+            # dL has one entry 1
             unit = np.zeros((3, 3))
             unit[i, j] = 1.0
             J_by_L.append(inertia_of(unit @ L.T + L @ unit.T))

@@ -85,10 +85,7 @@ def minimise(
     linear = linearise(point)
     factor = 1.0
     for iteration in range(iteration_limit):
-        # The residual as the last column: one QR factorisation gives R and Qᵀr.
-        R = triangle(np.column_stack([linear.J * linear.units, linear.r]))
-        U, s, Vt = np.linalg.svd(R[:, :-1], full_matrices=False)
-        g = U.T @ R[:, -1]  # residual along the left singular vectors
+        s, Vt, g = _singular_system(linear)
         cost = float(linear.r @ linear.r)
         variance = cost / max(1, len(linear.r) - len(s)) + noise**2
         # No step along directions whose standard deviation exceeds _BEYOND units.
@@ -116,6 +113,14 @@ def minimise(
         if not failed:
             factor = max(1.0, factor / _GROWTH)
     return Minimum(point, iteration_limit, False)
+
+
+def _singular_system(linear: Linear) -> tuple[Array, Array, Array]:
+    """Return s, Vᵀ and g = Uᵀ r of J diag(u) = U diag(s) Vᵀ: the residual along each direction."""
+    # the residual as the last column: one QR factorisation gives R and Qᵀr
+    R = triangle(np.column_stack([linear.J * linear.units, linear.r]))
+    U, s, Vt = np.linalg.svd(R[:, :-1], full_matrices=False)
+    return s, Vt, U.T @ R[:, -1]
 
 
 def triangle(A: Array) -> Array:

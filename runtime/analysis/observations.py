@@ -148,6 +148,7 @@ class Observation:
         sample_count, columns = data.shape
         shape = (sample_count, columns, self.n)
         predictions, by_q, by_p = (np.asarray(x, dtype=float) for x in returned)
+        # one observed number needs no axis of its own
         if columns == 1 and predictions.shape == (sample_count,):
             predictions = predictions[:, None]
         if columns == 1 and by_q.shape == by_p.shape == (sample_count, self.n):

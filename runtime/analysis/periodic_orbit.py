@@ -476,13 +476,14 @@ class OrbitSearch:
 def _fixed(
     stepper: Stepper, fix: str | Sequence[str] | None, *, time_dependent: bool
 ) -> tuple[str, ...]:
-    """Return the names of the fixed quantities.
+    """Return the names of the fixed quantities: of a list, of one name, or none.
 
     Raises InputError for an unknown name, and for a time-dependent system whose period is not
     fixed.
     """
-    names = () if fix is None else (fix,) if isinstance(fix, str) else tuple(
-        as_items("fix", fix, "names"))
+    names: tuple[str, ...] = ()
+    if fix is not None:
+        names = (fix,) if isinstance(fix, str) else tuple(as_items("fix", fix, "names"))
     system = stepper.manifest.system
     allowed = ["energy", "period", *system.coordinates, *system.momenta]
     for name in names:

@@ -167,6 +167,7 @@ def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
     for index, entry in enumerate(array.ravel()):
         number = converted.flat[index] = quad(entry)
         if not _CONTEXT.isfinite(number):
+            # infinite as given, or a finite number beyond the range
             finite = isinstance(exact_number(entry), Fraction)
             raise InputError(f"{name} = {array} is " + (
                 "too large for float128; give smaller numbers." if finite else

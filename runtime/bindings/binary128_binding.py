@@ -254,9 +254,11 @@ def _recorded(index: int) -> property:
         return end - (len(_RECORDED) - index) * binary128.BYTES
 
     def read(record: _Record) -> Any:
+        """Return the number."""
         return record.block.read(start(record))
 
     def write(record: _Record, value: Any) -> None:
+        """Set the number."""
         record.block.write(start(record), binary128.pack([value]))
 
     return property(read, write)
@@ -269,6 +271,7 @@ def _time_step(offset: int) -> property:
     """
 
     def read(record: _Record) -> Any:
+        """Return the step."""
         start = record.index * record.block.size + _COUNTS
         return record.block.read(start + offset * binary128.BYTES)
 
@@ -279,9 +282,11 @@ def _counted(name: str) -> property:
     """Return a property for the field ``name`` of a report, a whole number, which cffi knows."""
 
     def read(record: _Record) -> int:
+        """Return the number."""
         return int(getattr(record.pointer, name))
 
     def write(record: _Record, value: int) -> None:
+        """Set the number."""
         setattr(record.pointer, name, value)
 
     return property(read, write)

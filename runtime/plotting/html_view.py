@@ -205,6 +205,7 @@ def _content(
         "energy": _bytes(scene.energy_error), "impacts": _bytes(scene.impacts - scene.t[0]),
         "bodies": [{
             "name": body.name, "q": _bytes(body.q), "centre": body.centre.tolist(),
+            # a body that stays has one row for all frames
             "x": _bytes(body.x if np.ptp(body.x, axis=0).any() else body.x[:1]),
             "axes": body.axes.T.tolist(), "tip": body.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in body.sizes.items()},

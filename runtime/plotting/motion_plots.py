@@ -109,6 +109,7 @@ def _panels(title: str, run: Trajectory, panels: Sequence[Panel],
     shown_states = thin(run)
     t, first_axes = run.t[shown_states].astype(float), None
     for k, (panel_title, names, columns) in enumerate(panels, start=1):
+        # panels share the time axis of the first one
         axes = figure.add_subplot(len(panels), 1, k, sharex=first_axes)
         first_axes = first_axes or axes
         for name, column in zip(names, columns[shown_states].astype(float).T, strict=True):

@@ -154,6 +154,7 @@ def draw_picture(
     target = None if path is None else check_picture_file(path)
     choose("background", background, tuple(BACKGROUNDS))
     traces = as_flag("traces", traces)
+    # the poses of all bodies together are bounded
     count = min(_FRAMES, max(2, _POSES // max(len(trajectory.bodies), 1)))
     if time is None:
         scene, frame = scene_of(trajectory, count), None
@@ -496,6 +497,7 @@ def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tu
     elif tie.kind == "spring" and along > 0:
         s = np.linspace(0, 1, 20 * _TURNS + 1)
         u, v, e = axes_about((b - a) / along).T
+        # straight ends of a tenth of the length, and between them the windings
         coil_share = np.clip((s - 0.1) / 0.8, 0, 1)
         coil_radius = _COIL * reach * np.clip(8 * np.minimum(s - 0.08, 0.92 - s), 0, 1)[:, None]
         turn = 2 * np.pi * _TURNS * coil_share[:, None]
@@ -547,7 +549,8 @@ def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, he
             ) -> tuple[Camera, float, Array]:
     """Return a camera that sees all points, with half the diagonal and the centre of their box.
 
-    A camera with the focus 1 is moved back along the axis of sight; the focus then makes the
+    It looks at the centre from the azimuth ``facing`` and the elevation ``tilt``, in radians. A
+    camera with the focus 1 is moved back along the axis of sight; the focus then makes the
     projected points fill the picture: focus = fill · min(width/Δx, height/Δy), of the extents Δx
     and Δy of the points at the focus 1.
     """

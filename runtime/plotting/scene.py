@@ -501,6 +501,7 @@ def _remarks(trajectory: Trajectory, parts: list[ScenePart], state_indices: Any)
         bodies = bodies_of(trajectory.manifest)
         for body in (body for body in parts if body.name in bodies):
             omega = trajectory.body(body.name).angular_velocity()[state_indices]
+            # |Ω| Δt from frame to frame: beyond half a turn the eye sees another rotation
             turn = np.linalg.norm(omega, axis=1)[1:] * np.abs(np.diff(t))
             if turn.max() > np.pi:
                 yield (f"{body.name} turns by up to {turn.max() / (2 * np.pi):.1f} turns between "

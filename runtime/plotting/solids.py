@@ -205,8 +205,9 @@ def _revolved(profile: Profile, sectors: int, around: int) -> Mesh:
     """
     line = np.array(profile, float)
     step = np.diff(line, axis=0)
-    distinct = step.any(axis=1)
+    distinct = step.any(axis=1)  # repeated points have no normal
     line, step = line[np.append(True, distinct)], step[distinct]
+    # (dz, −dr) points outwards, where the line leads upwards
     normal = np.stack([step[:, 1], -step[:, 0]], axis=1)
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     # normals at the two ends of each piece: their sum with the neighbour's where the line is smooth

@@ -248,6 +248,7 @@ def draw_section(section: Section, x: str, y: str, path: str | os.PathLike[str] 
     x_values, y_values = section.values(x).astype(float), section.values(y).astype(float)
     figure = figure_class()(figsize=(7, 6), layout="constrained")
     axes = figure.add_subplot()
+    # many points are drawn as pixels: a vector file of them would be large
     is_dense = len(section) > _MANY
     axes.scatter(x_values, y_values, c=section.trajectory, s=0.2 if is_dense else 2, cmap="viridis",
                  linewidths=0, rasterized=is_dense)

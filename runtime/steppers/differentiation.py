@@ -335,7 +335,7 @@ class Differentiation(Evaluation):
     ) -> RunArguments:
         """Return a checked run of one step, whose inputs are among its parameters.
 
-        Derivatives by inputs are then those by parameters.
+        The derivatives by inputs are then derivatives by parameters.
         """
         state = merged_start(self, start, p, parameters)
         values = dict(as_mapping("parameters", state.parameters, "{'m': 1.0}"))
@@ -345,6 +345,7 @@ class Differentiation(Evaluation):
         return self._run_of(replace(state, parameters=values), dt=dt, steps=1)
 
     def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:
+        """Return a checked run from a start; ``Stepper`` has it."""
         raise NotImplementedError
 
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
@@ -459,6 +460,7 @@ class Differentiation(Evaluation):
         kinds = self._rows_of(run, solver)
 
         def checked(arrays: Mapping[str, Any]) -> Any:
+            """Return cotangents of stored states, checked as those of ``gradient``."""
             return cotangents_of(self, kinds, arrays)  # type: ignore[arg-type]
 
         stepper: Any = self

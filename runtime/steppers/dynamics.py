@@ -79,6 +79,7 @@ class Dynamics(Differentiation):
             arrays = np.array([getattr(motion, name) for motion in motions], self.binding.dtype)
             return arrays.reshape(*shape, width)
 
+        # d/dt of quantities at each state, name → rate
         rates = [motion.quantity_rates() for motion in motions]
         return Accelerations(
             rows("acceleration", self.n), rows("p_rate", self.n), rows("v", self.n),

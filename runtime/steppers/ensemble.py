@@ -493,7 +493,7 @@ def _ensemble(
     stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]],
     event_tuple: tuple[Event, ...],
 ) -> Ensemble:
-    """Return the stored states as arrays, NaN behind a failed step, and the failures.
+    """Return the ensemble of stored states, NaN behind a failed step, with failures and events.
 
     ``crossings`` has a dict, event's name → crossings, for each run; it is empty without events.
     Members are made from ``computed`` when they are asked for.
@@ -604,6 +604,7 @@ def _run_on_threads(
     def integrate_run(i: int) -> _FinishedRun:
         """Integrate run i, and count its steps among those of all runs."""
         def count_steps(steps: int) -> None:
+            """Note the steps of run i so far, and report the sum of all runs."""
             step_counts[i] = steps
             if report is not None:
                 report(sum(step_counts))
@@ -736,6 +737,7 @@ def _each_parameters(
     if isinstance(parameters, Mapping):
         parameters = with_rules(parameters, domains)
         refuse_texts(parameters, domains)
+        # rules are evaluated later, with the inertia of each run
         rules = {name: rule for name, rule in parameters.items() if isinstance(rule, Rule)}
         columns = {name: _each(f"Parameter {name}", number_or_rule, size)
                    for name, number_or_rule in parameters.items() if name not in rules}

@@ -56,9 +56,9 @@ class Evaluation:
 
     @property
     def _binding_of_many(self) -> Binding:
-        """Calls for many trajectories; lanes are compiled when this is first asked for.
+        """Calls for many trajectories; lanes are compiled when they are first asked for.
 
-        What is passed to it was made by it: structs of the two modules have types of their own.
+        Structs that are passed to it must be made by it: those of ``binding`` have another type.
         """
         if not self.binding.lanes:
             return self.binding
@@ -68,6 +68,7 @@ class Evaluation:
         return self._lanes_binding[0]
 
     def _bound(self, module: Any) -> Binding:
+        """Return the calls of a loaded module on arrays of this stepper's numbers."""
         return _binding_type(self.manifest.real)(module, self.name, self.manifest)
 
     # ------------------------------------------------------------ what a step solves
@@ -110,6 +111,7 @@ class Evaluation:
         return x + self._origin(*state)
 
     def _refuse_unless_solving(self, feature: str) -> None:
+        """Raise InputError where steps solve no equations; ``feature`` is what was asked for."""
         if not self.binding.solves:
             raise InputError(f"{self.name} has no {feature}: its steps are compositions of exact "
                              "flows; take a stepper of scheme G-L for one.")
@@ -185,6 +187,7 @@ class Evaluation:
         return v.reshape(*shape, self.n)
 
     def _refuse_unless_lagrangian(self, feature: str) -> None:
+        """Raise InputError where velocities are not known; ``feature`` is what was asked for."""
         if not self.manifest.system.velocity_names:
             raise InputError(f"{self.name} has no {feature}: its system was given by its "
                              "Hamiltonian; System.from_lagrangian makes one that knows them.")
@@ -319,6 +322,7 @@ class Evaluation:
         return self.binding.converted(numbers)
 
     def _step_of(self, dt: Number | None, dtau: Number | None) -> Any:
+        """Return the checked step: dt, or dtau in scaled time."""
         return self._step(step_argument(self.binding, dt, dtau), scaled=True)
 
     def _step(self, dt: Number, *, scaled: bool = False) -> Any:

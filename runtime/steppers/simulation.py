@@ -572,6 +572,7 @@ class Simulation:
 
     @property
     def _records(self) -> bool:
+        """Whether every state is kept."""
         return isinstance(self._held, RecordingRun)
 
     def _image(self) -> tuple[Any, ...]:
@@ -660,6 +661,7 @@ class _InputValues(MutableMapping[str, Any]):
 
 
 def _no_input(name: Any, names: list[str]) -> InputError:
+    """Return the refusal of a name that no input has, with the nearest name."""
     return InputError(f"{shown(name)} is no input of this system, which has "
                       f"{', '.join(names) or 'none'}{proposal(name, names)}.")
 

@@ -659,6 +659,7 @@ class Stepper(Dynamics):
         return run.with_inputs(run.inputs)
 
     def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:
+        """Return a checked run from a start; ``options`` are those of ``_run_arguments``."""
         return self._resolved(self._run_arguments(start, **options))
 
     def _run(self, run: RunArguments) -> Trajectory:

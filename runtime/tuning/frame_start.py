@@ -77,6 +77,7 @@ def directions_of(
             continue
         weights = np.ones(1)
         if len(symmetries) > 1:
+            # three rotations do not commute: they turn together about l
             weights = np.array([symmetry.momentum(position, momenta) for symmetry in symmetries])
             size = float(np.linalg.norm(weights))
             if size == 0:

@@ -86,10 +86,10 @@ def _blocks(q: Array) -> tuple[list[slice], list[list[int]]]:
     points: list[list[int]] = []
     column, n, starts_point = 0, q.shape[1], True
     while column < n:
-        if column + 4 <= n and np.abs((q[:, column : column + 4] ** 2).sum(axis=1)
-                                      - 1).max() < 1e-4:
+        squares = (q[:, column : column + 4] ** 2).sum(axis=1)
+        if column + 4 <= n and np.abs(squares - 1).max() < 1e-4:
             quaternions.append(slice(column, column + 4))
-            column, starts_point = column + 4, True
+            column, starts_point = column + 4, True  # a coordinate behind it begins a new point
             continue
         if starts_point:
             points.append([])

@@ -310,6 +310,7 @@ class Pilots:
         motion = root_mean_squares(errors.motion[: self.rows], paths)
         if base_errors is not None:
             base_sizes = root_mean_squares(base_errors.motion[: self.rows], paths)
+            # paths that are exact with the base have no ratio
             worst = float((motion[base_sizes > 0]
                            / base_sizes[base_sizes > 0]).max(initial=-math.inf))
         return Pilot(label, parameters, dt, float(motion.max()),

@@ -152,9 +152,9 @@ class Search:
             yield self._symbol(symbol), np.concatenate(
                 [self.pilots.trials[best][: self.rate_count], u])
         for index, factor in product(dict.fromkeys(trials), (0.5, 2.0)):
-            x = self.pilots.trials[index]
-            yield f"{self._symbol('γ_m')} times {1 / factor:g}", np.where(
-                np.arange(len(x)) < self.rate_count, x, factor)
+            x = self.pilots.trials[index].copy()
+            x[self.rate_count :] = factor  # u = γ_m/γ of each body
+            yield f"{self._symbol('γ_m')} times {1 / factor:g}", x
 
     def _symbol(self, symbol: str) -> str:
         """Return the symbol of a mean, with α in place of γ where all searched parameters are α."""

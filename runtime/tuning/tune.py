@@ -291,6 +291,7 @@ def _span(step_error: Any, t_end: Any, t: Any, **excluded: Any) -> Fraction:
                              "it; leave one of them away.")
     if t_end is None:
         raise InputError("step_error needs t_end, the time of the last state.")
+    # exactly: the steps are fractions of the span
     start_time, end_time = (exact(as_real(name, x)) for name, x in (("t", t), ("t_end", t_end)))
     assert isinstance(start_time, Fraction)
     assert isinstance(end_time, Fraction)
@@ -399,7 +400,10 @@ class _Rules:
             return (*search.best(), tuple(search.pilots))
 
     def _directions(self, pilot: RunArguments, *, longer: bool) -> list[Direction]:
-        """Return the rates to search; if there are none, [], and ``reasons`` says why."""
+        """Return the free rates of the frame, which are searched.
+
+        Where there are none, the list is empty and ``reasons`` says why.
+        """
         if not {*self.rates.values()} & {*AIMS}:
             return []
         directions = directions_of(self.stepper, pilot.q, pilot.p, pilot.parameters)

@@ -6,6 +6,7 @@ import struct
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 from ...core.errors import GyrosparkError
 from ...core.incompatibilities import refuse_together
@@ -32,6 +33,18 @@ _MACROS = frozenset([
     "EXIT_SUCCESS", "MB_CUR_MAX", "SIZE_MAX"])
 #: Of a check.
 _STEPS = 2000
+
+
+def _end_from(slave: Slave, state: Any, dt: float, names: list[str]) -> list[float]:
+    """Return variables after the steps of a check from a state; raise GyrosparkError if one fails.
+    """
+    slave.restore(state)
+    for step in range(_STEPS):
+        status = slave.step(step * dt, dt)
+        if status not in ("OK", "Warning"):
+            raise GyrosparkError(f"Step {step + 1} of the FMU returns {status}: "
+                                 f"{' '.join(slave.messages[-1:])}")
+    return slave.get(names)
 
 
 class Fmu:
@@ -88,19 +101,10 @@ class Fmu:
                        {v.name: k for k, v in enumerate(variables)}) as slave:
                 slave.start()
                 state = slave.keep()
-                first_end: list[float] = []
-                second_end: list[float] = []
                 # twice from one saved state: a state that does not hold all of the solver's memory
                 # shows here
-                for end_state in (first_end, second_end):
-                    slave.restore(state)
-                    for step in range(_STEPS):
-                        status = slave.step(step * options.dt, options.dt)
-                        if status not in ("OK", "Warning"):
-                            raise GyrosparkError(
-                                f"Step {step + 1} of the FMU returns {status}: "
-                                f"{' '.join(slave.messages[-1:])}")
-                    end_state += slave.get(names)
+                first_end, second_end = (_end_from(slave, state, options.dt, names)
+                                         for _ in range(2))
                 slave.free(state)
         expected_bits = native_bits(built.stepper, options, _STEPS)
         bits = struct.pack(f"={len(first_end)}d", *first_end).hex()
