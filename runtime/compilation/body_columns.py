@@ -36,12 +36,12 @@ _PULLS = {"force": (3, 0), "torque": (3, 3), "distance": (0, 0), "axial": (3, 0)
 
 @dataclass(frozen=True)
 class BodyAt:
-    """Where a body is in the arrays of a run.
+    """Columns of a body in the arrays of a run, and its inertia.
 
     Attributes
     ----------
     q : list of int
-        The columns of its unit quaternion; its momenta have the same.
+        The columns of its unit quaternion; its momenta have the same columns of p.
     inertia : list of str
         The parameters I1, I2, I3, or K11, K12, K13, K22, K23, K33 of J⁻¹.
     x : list of int
@@ -49,8 +49,9 @@ class BodyAt:
     origin : list of entries
         Where the origin is held in space, if it is.
     centre : list of entries
-        The centre of mass in body axes from the origin; none where nobody says.
+        The centre of mass in body axes from the origin; empty where the model does not give it.
     mass : entry or None
+        None where the model does not give it.
     """
 
     q: list[int]
@@ -61,20 +62,20 @@ class BodyAt:
     mass: Entry | None
 
     def inertia_of(self, parameters: Mapping[str, float]) -> Inertia:
-        """Return the body's inertia from the values of a run's parameters."""
+        """Return the body's inertia, in kg m², from the values of a run's parameters."""
         values = [parameters[name] for name in self.inertia]
         return as_moments(values) if len(values) == 3 else tensor_of_inverse(values)
 
     def mass_of(self, parameters: Mapping[str, float]) -> float | None:
-        """Return the mass, None where nobody says."""
+        """Return the mass in kg; None where the model does not give it."""
         return None if self.mass is None else float(numbers([self.mass], parameters)[0])
 
 
 @dataclass(frozen=True)
 class PlacedAt:
-    """Which quantities are the place of a body's centre of mass, and its first two axes in space.
+    """Names of the quantities that are a body's centre of mass x and its first two axes in space.
 
-    ``axes`` is empty for a particle.
+    x has three names, ``axes`` six, or none for a particle.
     """
 
     x: list[str]
@@ -83,7 +84,7 @@ class PlacedAt:
 
 @dataclass(frozen=True)
 class Pull:
-    """How the multiplier λ of one constraint of a joint acts on b; on a acts the opposite.
+    """Force or torque of the multiplier λ of a joint's constraint on body b; its opposite is on a.
 
     ``kind`` is ``"force"``, λ e with e = ``on_a`` in space; ``"torque"``, λ (R_a n) × (R_b e) with
     n = ``on_a`` and e = ``on_b``; ``"distance"``, the force 2λ (P_a − P_b); or ``"axial"``, the
@@ -109,12 +110,12 @@ class JointAt:
     axis_a, axis_b : list of entries
         n₁ and n₂, two vectors of a, and n₁ × n₂ in b; none where there is no axis in common.
     zero : list of entries
-        Of a joint whose angle the system goes by, c and full turns: θ = 2 atan2(v, w) + turns with
-        (w, v e) = q̄_a q_b c.
+        Of a joint whose angle is in the model, a quaternion c and full turns in rad:
+        θ = 2 atan2(v, w) + turns with (w, v e) = q̄_a q_b c. Empty for other joints.
     pulls : list of Pull, or None
-        None where it is not known how each of its constraints acts.
+        None where the force of one of its constraints is not known.
     constraints : int
-        How many it has: none of a spring.
+        Number of its constraints: 0 for a spring.
     section : SectionManifest, optional
         Of a joint of a beam.
     """
@@ -132,7 +133,7 @@ class JointAt:
 
 
 def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Floats:
-    """Return a vector from the values of a run's parameters."""
+    """Return a vector of numbers and names of parameters as doubles, by a run's parameters."""
     return np.array([float(parameters[e]) if isinstance(e, str) else e for e in entries])
 
 
@@ -163,7 +164,7 @@ def bodies_of(manifest: Manifest) -> dict[str, BodyAt]:
 
 
 def placed_of(manifest: Manifest) -> dict[str, PlacedAt]:
-    """Return the bodies that quantities tell the place of; raises as ``bodies_of`` does."""
+    """Return the bodies whose places are quantities, by name; raises as ``bodies_of`` does."""
     system = manifest.system
     for name, placed in system.placed.items():
         if len(placed.x) != 3 or len(placed.axes) not in (0, 6) or not (
@@ -214,21 +215,23 @@ def _section(
     system: SystemManifest, path: str, section: SectionManifest | None
 ) -> SectionManifest | None:
     """Return the section of a joint, its vectors checked; raise UnfitError for other lengths."""
-    if section is not None:
-        for vector, lengths in (
-                (section.stiffness, (3,)), (section.rest, (3,)), (section.extension, (0, 3)),
-                (section.turn, (4 if section.holder else 0,)),
-                ([section.spacing, section.damping], (2,))):
-            _vector(system, path, vector, *lengths)
+    if section is None:
+        return None
+    # a section at a clamp has the attitude of the beam in its holder, a quaternion
+    turn_length = 4 if section.holder else 0
+    for vector, lengths in (
+            (section.stiffness, (3,)), (section.rest, (3,)), (section.extension, (0, 3)),
+            (section.turn, (turn_length,)), ([section.spacing, section.damping], (2,))):
+        _vector(system, path, vector, *lengths)
     return section
 
 
 def built_inertias(system: SystemManifest) -> dict[str, tuple[str, ...]]:
-    """Return the inertia parameters of each body of a builder.
+    """Return the inertia parameters of each body of a builder, body → names.
 
-    Those of another system may be effective moments, which fluid or rotors add to.
+    They are moments of a body, which obey triangle inequalities. Moments of other systems may be
+    effective ones, to which fluid or rotors add: these are left out.
     """
-    # a system of one rigid body may have effective moments
     entries = {} if system.rigid_body else {
         name: body.inertia or body.inverse_inertia for name, body in system.bodies.items()}
     return {name: names for name, names in entries.items() if {*names} <= system.parameters.keys()}
@@ -292,8 +295,9 @@ def _pull(
         raise UnfitError("has other constraints", path)
     if pull is None:
         return None
-    on_a, on_b = (_vector(system, path, vector, length) for vector, length in zip(
-        (pull.on_a, pull.on_b), _PULLS[pull.kind], strict=True))
+    length_on_a, length_on_b = _PULLS[pull.kind]
+    on_a = _vector(system, path, pull.on_a, length_on_a)
+    on_b = _vector(system, path, pull.on_b, length_on_b)
     return Pull(system.constraint_names.index(name), pull.kind, on_a, on_b)
 
 

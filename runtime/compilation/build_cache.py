@@ -221,6 +221,7 @@ def publish(file: Path, name: str) -> Path:
 
 
 def _checksum_of(text: bytes) -> bytes:
+    """Return the SHA-256 of a text in hexadecimal digits."""
     return hashlib.sha256(text).hexdigest().encode()
 
 
@@ -236,7 +237,7 @@ def write_cache(name: str, content: Any) -> None:
 def read_cache(name: str) -> Any:
     """Return the cached value of a name; None if it is missing or damaged.
 
-    What others could have written is as if it were not there.
+    A file that other users could have written counts as missing.
     """
     path = cache_folder() / name
     try:
@@ -252,8 +253,8 @@ def read_cache(name: str) -> Any:
 def entries() -> list[Path]:
     """Return the finished files in the cache.
 
-    Other programs name libraries by hashes too: ours have their record beside them, or, of older
-    versions, their checksum.
+    Other programs name libraries by hashes too: those of gyrospark have a record beside them, or,
+    from older versions, a checksum.
     """
     folder = cache_folder()
     if not folder.is_dir():

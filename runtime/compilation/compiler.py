@@ -88,7 +88,9 @@ _CURE = (
 
 @dataclass(frozen=True)
 class Compiler:
-    """A C compiler: its command, its version, and its target.
+    """A C compiler: its command, the answer to --version, and its target.
+
+    ``portable`` code runs on any machine of this architecture, other code on this one.
     """
 
     command: tuple[str, ...]
@@ -98,8 +100,7 @@ class Compiler:
     @property
     def flags(self) -> list[str]:
         """Flags for code that runs on this machine, or on any of its architecture."""
-        level = optimisation()
-        flags = [level, *SPEED_FLAGS]
+        flags = [optimisation(), *SPEED_FLAGS]
         if self.portable:
             return [*flags, "-fPIC"]
         # on ARM and POWER the option that names a CPU is -mcpu
@@ -188,7 +189,7 @@ def optimisation() -> str:
 
 
 def is_whole() -> bool:
-    """Whether a stepper is one object and one module: at -O0, where several take longer."""
+    """Whether a stepper is compiled as one object and one module: at -O0 several take longer."""
     return optimisation() == "-O0"
 
 
@@ -223,8 +224,9 @@ def compile_module(
                                      newton_apart=newton_apart)
     wrapper = _write_wrapper(name, files, checks, folder, module_kind, newton_apart=newton_apart)
     include = sysconfig.get_paths()["include"]
-    running = [*objects, _start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
-                                 wrapper.name, "-o", "wrapper.o"], folder)]
+    wrapper_object = _start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
+                             wrapper.name, "-o", "wrapper.o"], folder)
+    running = [*objects, wrapper_object]
     _end(running)
     # gcc may have compiled a permutation wrongly, which shows in the object alone (object_files)
     if compiler.is_gcc:
@@ -246,8 +248,9 @@ def _start_objects(
 ) -> tuple[list[_Running], list[CheckFunction]]:
     """Start to compile the objects of a module; return the commands and the objects' checks.
 
-    Each object has a folder with a header of its own, which says what is public in it. The last
-    word of a command is the object's file. ``newton_apart``: Newton's method is in no object of it.
+    Each object has a folder with a header of its own, which declares its public functions. The last
+    word of a command is the object's file. With ``newton_apart`` Newton's method is in no object of
+    the module, but in a library.
     """
     source = files[f"{name}.c"]
     extended = _extended(read_declarations(files[f"{name}.h"]))
@@ -258,11 +261,12 @@ def _start_objects(
         object_folder = folder / object_file.name
         object_folder.mkdir(exist_ok=True)
         (object_folder / f"{name}.h").write_text(object_file.header, encoding="utf-8")
-        own_checks = check_functions(f"{name}_{object_file.name}", kernels, object_file.checks)
-        checks += own_checks
-        (object_folder / f"{name}.c").write_text(
-            with_inline_functions(source) if object_file.sparse
-            else source + check_text(own_checks, source), encoding="utf-8")
+        object_checks = check_functions(f"{name}_{object_file.name}", kernels, object_file.checks)
+        checks += object_checks
+        # an object of few functions has no checks
+        text = (with_inline_functions(source) if object_file.sparse
+                else source + check_text(object_checks, source))
+        (object_folder / f"{name}.c").write_text(text, encoding="utf-8")
         # second derivatives compute with dual numbers
         on_duals = compiler.is_gcc and "typedef _Complex" in source
         options = [*object_file.flags, *compiler.lower_flags.get(object_file.level, ()),
@@ -273,7 +277,10 @@ def _start_objects(
 
 
 def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
-    """Compile objects with suspect permutations again; commands end with the object's name."""
+    """Compile objects with suspect permutations again, without the passes that make them.
+
+    ``commands`` compiled the objects; their last words are -o and the object's file.
+    """
     for flags in WITHOUT_PERMUTATIONS:
         again = [command for command in commands
                  if has_permutation((folder / command[-1]).read_bytes())]
@@ -320,7 +327,7 @@ def _write_cffi_wrapper(
     ffi = cffi.FFI()
     checked = "\n".join(check.declaration for check in checks)
     declarations, pointers = _as_pointers(f"{declarations}\n{checked}")
-    # Work memory is opaque to callers; how large it is, the C compiler tells cffi.
+    # work memory is opaque to callers; the C compiler tells cffi its size
     ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};\n"
              + (newton_library.declarations(name) if calls else ""))
     ffi.set_source(module_name(name), f'{renamed}#define {name.upper()}_WORK\n'
@@ -344,7 +351,7 @@ def _as_pointers(declarations: str) -> tuple[str, str]:
 
 
 def _extended(declarations: str) -> Real | None:
-    """Return the type of these declarations if not every C compiler has it."""
+    """Return the type of numbers of these declarations if not every C compiler has it, or None."""
     return next((real for real in REALS.values() if not real.standard
                  and re.search(rf"\b{real.c_type}\b", declarations)), None)
 
@@ -391,9 +398,12 @@ def how_ended(code: int) -> str:
 
 
 def _end(running: list[_Running]) -> None:
-    """Wait for commands that run side by side; the first that failed is reported at the end."""
-    ended = [process.communicate() for _, process in running]
-    for (command, process), (_, stderr) in zip(running, ended, strict=True):
+    """Wait for commands that run side by side; raise CompilerError for the first that failed.
+
+    All are waited for, so that none writes into a folder that is removed.
+    """
+    outputs = [process.communicate() for _, process in running]
+    for (command, process), (_, stderr) in zip(running, outputs, strict=True):
         if process.returncode != 0:
             raise CompilerError(
                 f"The C compiler {how_ended(process.returncode)}: "

@@ -85,23 +85,25 @@ def _declared(name: str, header: str) -> dict[str, Any]:
 
     Raises ValueError for a header that is none of gyrospark's.
     """
-    sizes = _found(r"n = (\d+) coordinates, m = (\d+) constraints, (\d+) unknowns a step, "
-                   r"order (\d+)\.", header)
-    step = _found(rf"multipliers \((\d+)\n \* of them\)[^;]*\n"
-                  rf"int ({name})_step\([^;]*?\n    (.+?) dt,", header)
-    fields = _found(rf"typedef struct {{([^{{}}]*)}} {name}_parameters;", header)[0]
-    # A comment may follow a field.
+    coordinates, constraints, unknowns, order = _groups(
+        r"n = (\d+) coordinates, m = (\d+) constraints, (\d+) unknowns a step, order (\d+)\.",
+        header)
+    multipliers, stepper_name, real = _groups(
+        rf"multipliers \((\d+)\n \* of them\)[^;]*\n"
+        rf"int ({name})_step\([^;]*?\n    (.+?) dt,", header)
+    (fields,) = _groups(rf"typedef struct {{([^{{}}]*)}} {name}_parameters;", header)
+    # a comment may follow a field
     parameters = re.findall(r"^    [^/;]*?(\w+);", fields, flags=re.MULTILINE)
     rows = re.search(r"Quantities of `count` states, in rows of (\d+):", header)
     return {
-        "name": step[1],
-        "real": step[2],
+        "name": stepper_name,
+        "real": real,
         "parameters": parameters,
-        "coordinates": int(sizes[0]),
-        "constraints": int(sizes[1]),
-        "unknowns": int(sizes[2]),
-        "order": int(sizes[3]),
-        "multipliers": int(step[0]),
+        "coordinates": int(coordinates),
+        "constraints": int(constraints),
+        "unknowns": int(unknowns),
+        "order": int(order),
+        "multipliers": int(multipliers),
         "forces": " *work_out," in header,
         "velocities": f" {name}_momenta(" in header,
         "fast path": f" {name}_lanes(void)" in header,
@@ -110,7 +112,7 @@ def _declared(name: str, header: str) -> dict[str, Any]:
     }
 
 
-def _found(pattern: str, text: str) -> tuple[str, ...]:
+def _groups(pattern: str, text: str) -> tuple[str, ...]:
     """Return the groups of a pattern in a header, or raise ValueError."""
     match = re.search(pattern, text)
     if match is None:

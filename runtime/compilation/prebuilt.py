@@ -52,7 +52,7 @@ def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
 
 
 def prebuilt_module(files: dict[str, str], module_kind: ModuleKind) -> Path | None:
-    """Return the module that this wheel has of a stepper's text; None if there is none, or damaged.
+    """Return the path of this wheel's module of a stepper; None if it has none, or a damaged one.
     """
     for name, about in _modules().items():
         path = FOLDER / name
@@ -63,7 +63,7 @@ def prebuilt_module(files: dict[str, str], module_kind: ModuleKind) -> Path | No
 
 
 def prebuilt_provenance(files: dict[str, str]) -> dict[str, str] | None:
-    """Return with which compiler and flags this wheel's module of a stepper was made."""
+    """Return the compiler and flags of this wheel's module of a stepper; None if it has none."""
     for about in _modules().values():
         if about["source"] == digest(files):
             return {"compiler": about["compiler"], "flags": about["flags"]}

@@ -29,14 +29,14 @@ from .verified_build import compile_verified, import_module, loaded
 __all__ = ["load_module", "provenance"]
 
 def load_module(name: str, files: dict[str, str], module_kind: ModuleKind = "runs") -> Any:
-    """Return the compiled module of a stepper, or that of its lanes, which is compiled apart.
+    """Return one of the compiled modules of a stepper: from the cache, or compiled into it.
 
-    Compiles only what is not in the cache. Without a compiler, what a platform's wheel brought.
+    Without a compiler it is a module of a platform's wheel, if there is one.
 
-    A cached file that is not as it was written (a damaged disk, say) is built anew; loading it
-    could end the process, so its checksum, recorded beside it, is compared first. So is one that
-    another user could have written. What was compiled is cached when its kernels agree with their
-    statements (``kernel_check``). Raises CompilerError or CacheError: see ``compile_module`` and
+    A cached file that is not as it was written (a damaged disk, say), or that another user could
+    have written, is compiled anew; loading it could end the process, so its checksum, recorded
+    beside it, is compared first. A module is cached when its kernels agree with their statements
+    (``kernel_check``). Raises CompilerError or CacheError: see ``compile_module`` and
     ``build_folder``.
     """
     try:
@@ -77,7 +77,7 @@ def _load_compiled(
 
 
 def _with_frames(module: Any, record: dict[str, Any]) -> Any:
-    """Return a module that knows how much stack its calls take; None if that is not known."""
+    """Return the module with ``frames``, the bytes of stack of its calls, or None if unknown."""
     module.frames = record.get("frames")
     return module
 
@@ -109,11 +109,13 @@ def _further_flags(files: dict[str, str], compiler: Compiler) -> list[str]:
 
 
 def _path_of(name: str, files: dict[str, str], compiler: Compiler, module_kind: ModuleKind) -> Path:
+    """Return the path of a module in the cache, which its text and its compiler determine."""
     key = binary_key(files, compiler, module_kind)
     return cache_folder() / f"{name}-{key}{extension_suffix()}"
 
 
 def _record_of(path: Path) -> Path:
+    """Return the path of the record beside a module."""
     return path.with_name(f"{path.name}.json")
 
 
@@ -124,7 +126,8 @@ def _checksum(path: Path) -> str:
 def _record(path: Path) -> dict[str, Any]:
     """Return the record of a module in the cache.
 
-    An empty one unless the module is as it was published when checked, and by nobody else.
+    It is empty unless the module has the bytes that were checked, and only this user could have
+    written it.
     """
     try:
         record: dict[str, Any] = json.loads(_record_of(path).read_text(encoding="utf-8"))

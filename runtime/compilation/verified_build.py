@@ -32,8 +32,8 @@ def compile_verified(
 ) -> tuple[Path, dict[str, Any]]:
     """Compile a module whose kernels agree with their statements.
 
-    Where they do not, the compiler erred: the module is compiled again with flags that make it do
-    less, until they agree.
+    If they differ, the compiler erred: the module is compiled again with flags that make it
+    optimise less, until they agree.
 
     Returns
     -------
@@ -81,6 +81,7 @@ def compile_verified(
 
 
 def _listed(mismatches: list[KernelMismatch]) -> str:
+    """Return the first three mismatches and the number of the others, for a message."""
     suffix = f" and {len(mismatches) - 3} more kernels" if len(mismatches) > 3 else ""
     return "; ".join(map(str, mismatches[:3])) + suffix
 

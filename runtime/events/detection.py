@@ -181,8 +181,11 @@ def _turning(
 
 @dataclass(frozen=True)
 class Memory:
-    """The past that detection needs to resume: the last states, up to ``TAIL``, and for each event
-    whether a turning in the last step is bracketed; of impacts the round-off of each gap."""
+    """Memory of detection, from which a run resumes.
+
+    q and p, (up to ``TAIL``, n), are the last states; ``closed`` says for each event whether a
+    turning in the last step has its bracket; ``margins`` are the round-off of gaps, for impacts.
+    """
 
     q: Array
     p: Array

@@ -227,7 +227,7 @@ class ImpactObserver:
 def refuse_unusable(
     stepper: Stepper, run: RunArguments, impacts: tuple[Impact, ...], **call_features: Any
 ) -> None:
-    """Refuse impacts that the steps or the run cannot have.
+    """Refuse impacts in a run, or with a scheme or system, that cannot have any.
 
     ``call_features`` are further features of the call, as ``refuse_together`` takes them.
     """

@@ -94,9 +94,11 @@ class BeamMotion:
 
         The third component is the torsion, and |κ| = (f/h) sin(θ/2) at the angle θ.
         """
-        return np.stack([_section_of(joint).ratio / self._number(_section_of(joint).spacing)
-                         * self._strain(joint)[1]
-                         for joint in self._sections], axis=-2)
+        curvatures = []
+        for joint in self._sections:
+            section, (_, u) = _section_of(joint), self._strain(joint)
+            curvatures.append(section.ratio / self._number(section.spacing) * u)
+        return np.stack(curvatures, axis=-2)
 
     def force(self, frame: AxesName = "space") -> Array:
         """Return the force n of the part after on the part before, shape (N+1, K, 3), in N.
@@ -109,10 +111,17 @@ class BeamMotion:
         InputError
             For another frame.
         """
-        multipliers = multipliers_at_states(self._run).astype(float) if any(
-            joint.constraints for joint in self._sections) else np.zeros(0)
-        return self._in(frame, [np.add(*self._strained(joint)) if _section_of(joint).extension else
-                                self._reaction(joint, multipliers) for joint in self._sections])
+        multipliers = np.zeros(0)
+        if any(joint.constraints for joint in self._sections):
+            multipliers = multipliers_at_states(self._run).astype(float)
+        forces = []
+        for joint in self._sections:
+            if _section_of(joint).extension:
+                term_a, term_b = self._elastic_forces(joint)
+                forces.append(term_a + term_b)
+            else:
+                forces.append(self._reaction(joint, multipliers))
+        return self._in(frame, forces)
 
     def tension(self) -> Array:
         """Return n along the tangent of the section, shape (N+1, K), in N."""
@@ -133,21 +142,26 @@ class BeamMotion:
     def _sides(self, joint: JointAt) -> list[tuple[str, Array]]:
         """Return (body, attitude of the section in its axes) before the section, and after it.
 
-        At a clamp one of them is the body that holds the beam; at the start it comes first.
+        At a clamp one of the two is the body that holds the beam: the first one at the start of the
+        beam, the second one at its end.
         """
-        section, still = _section_of(joint), np.array([1.0, 0.0, 0.0, 0.0])
-        sides = [(joint.a, still), (joint.b, still)]
+        section, unturned = _section_of(joint), np.array([1.0, 0.0, 0.0, 0.0])
+        sides = [(joint.a, unturned), (joint.b, unturned)]
         if section.holder:
             holder = 0 if section.holder == "a" else 1
             sides[holder] = (sides[holder][0], self._numbers(section.turn))
-            if (holder == 0) == bool(section.arc):
+            # the start of the beam has the arc length 0: there the holder is before the section
+            is_at_start = not section.arc
+            if (holder == 0) != is_at_start:
                 sides.reverse()
         return sides
 
     def _attitudes(self, joint: JointAt) -> list[Array]:
         """Return the attitudes of the section before and after in space, shape (N+1, 4) each."""
-        return [quaternion_product(self._run.body(name).attitude.astype(float) if name else
-                       np.broadcast_to([1.0, 0, 0, 0], (*self._run.q.shape[:-1], 4)), turn)
+        # the ground, "", is not turned
+        ground = np.broadcast_to([1.0, 0, 0, 0], (*self._run.q.shape[:-1], 4))
+        return [quaternion_product(
+                    self._run.body(name).attitude.astype(float) if name else ground, turn)
                 for name, turn in self._sides(joint)]
 
     def _strain(self, joint: JointAt) -> tuple[Array, Array]:
@@ -169,38 +183,47 @@ class BeamMotion:
         strain = u - self._numbers(section.rest)
         tau = self._number(section.damping)
         if tau:
-            spins = [turned(_conjugate(q), self._spin(name)) for q, (name, _) in
-                     zip((q_a, q_b), self._sides(joint), strict=True)]
-            strain = strain + tau / 2 * (w * (spins[1] - spins[0]) + np.cross(u, sum(spins)))
+            (name_a, _), (name_b, _) = self._sides(joint)
+            omega_a = turned(_conjugate(q_a), self._spin(name_a))
+            omega_b = turned(_conjugate(q_b), self._spin(name_b))
+            u_rate_doubled = w * (omega_b - omega_a) + np.cross(u, omega_a + omega_b)
+            strain = strain + tau / 2 * u_rate_doubled
         m = ratio * self._numbers(section.stiffness) * strain
         moment = turned(q_a, w * m + np.cross(u, m))
         if section.extension:  # the term with the axes of a acts on a at P_b, that of b at P_a
-            points, terms = self._points(joint), self._strained(joint)
-            moment = moment + np.cross(points[1] - points[0], terms[0] - terms[1]) / 2
+            (point_a, point_b), (term_a, term_b) = self._points(joint), self._elastic_forces(joint)
+            moment = moment + np.cross(point_b - point_a, term_a - term_b) / 2
         return moment
 
-    def _strained(self, joint: JointAt) -> list[Array]:
-        """Return n of a joint that stretches, as two terms, with the axes of a and those of b.
+    def _elastic_forces(self, joint: JointAt) -> list[Array]:
+        """Return the two terms of n of a joint that stretches, by the axes of a and by those of b.
 
-        Each is ½ R C (Γ + τ Γ̇) with Γ = Rᵀ d/h, d = P_b − P_a: along the body's axis with the
-        stiffness ``along``, across it with ``across``; R Γ̇ = (ḋ − ω × d)/h.
+        Their shape is (N+1, 3), in N, in space axes. Each is ½ R C (Γ + τ Γ̇) with Γ = Rᵀ d/h,
+        d = P_b − P_a: along the body's axis with the stiffness ``along``, across it with
+        ``across``; R Γ̇ = (ḋ − ω × d)/h.
         """
         across, along, length = self._numbers(_section_of(joint).extension)
         tau, points = self._number(_section_of(joint).damping), self._points(joint)
         d = points[1] - points[0]
-        bodies = [self._run.body(name) for name in (joint.a, joint.b)]
-        speed = np.subtract(*(body.velocity(self._numbers(r)) for body, r in
-                              zip(bodies[::-1], (joint.on_b, joint.on_a), strict=True)))
+        a, b = self._run.body(joint.a), self._run.body(joint.b)
+        # ḋ, the velocity of the point on b against that on a
+        d_rate = b.velocity(self._numbers(joint.on_b)) - a.velocity(self._numbers(joint.on_a))
         terms = []
-        for body in bodies:
-            rate = d + tau * (speed - np.cross(body.angular_velocity("space"), d)) if tau else d
-            t = body.axis()
-            terms.append((across * rate + (along - across) * (rate * t).sum(
-                axis=-1, keepdims=True) * t) / (2 * length))
+        for body in (a, b):
+            # h R (Γ + τ Γ̇)
+            damped = (d + tau * (d_rate - np.cross(body.angular_velocity("space"), d)) if tau
+                      else d)
+            tangent = body.axis()
+            along_tangent = (damped * tangent).sum(axis=-1, keepdims=True) * tangent
+            terms.append((across * damped + (along - across) * along_tangent) / (2 * length))
         return terms
 
     def _reaction(self, joint: JointAt, multipliers: Array) -> Array:
-        """Return n of a joint with constraints: the opposite of the force on the part after."""
+        """Return n of a joint with constraints, (rows, 3), in N: Σ λ e over its constraints.
+
+        n acts on the part before, the multipliers' force on body b: the sign is −1 if b is the part
+        after. ``multipliers``, (rows, m), are those at the states.
+        """
         sign = -1.0 if self._sides(joint)[1][0] == joint.b else 1.0
         force = np.zeros((*multipliers.shape[:-1], 3))
         for pull in joint.pulls or ():
@@ -208,7 +231,10 @@ class BeamMotion:
         return sign * force
 
     def _in(self, frame: str, vectors: list[Array]) -> Array:
-        """Return vectors in space in the axes of ``frame``; the section's halve the angle."""
+        """Return vectors in space, one (N+1, 3) a section, in axes of ``frame``, (N+1, K, 3).
+
+        Axes of a section are half way between those of its two sides.
+        """
         choose("frame", frame, ["space", "section"])
         if frame == "section":
             for k, joint in enumerate(self._sections):
@@ -225,13 +251,17 @@ class BeamMotion:
                 self._run.body(joint.b).position(self._numbers(joint.on_b)))
 
     def _spin(self, name: str) -> Array:
-        return self._run.body(name).angular_velocity("space") if name else np.zeros(
-            (*self._run.q.shape[:-1], 3))
+        """Return the angular velocity of a body in space, (N+1, 3), in rad/s; 0 of the ground."""
+        if not name:
+            return np.zeros((*self._run.q.shape[:-1], 3))
+        return self._run.body(name).angular_velocity("space")
 
     def _numbers(self, entries: Any) -> Array:
+        """Return a vector of the manifest with the run's parameters."""
         return numbers(entries, self._run.parameters)
 
     def _number(self, entry: Any) -> float:
+        """Return an entry of the manifest with the run's parameters."""
         return float(self._numbers([entry])[0])
 
 
@@ -243,5 +273,5 @@ def _section_of(joint: JointAt) -> SectionManifest:
 
 def _conjugate(q: Array) -> Array:
     """Return the conjugate quaternions."""
-    opposite: Array = q * np.array([1.0, -1.0, -1.0, -1.0])
-    return opposite
+    conjugate: Array = q * np.array([1.0, -1.0, -1.0, -1.0])
+    return conjugate

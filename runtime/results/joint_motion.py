@@ -25,7 +25,7 @@ __all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
            "quaternion_product", "shortest_rotation"]
 
 _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
-#: By how many rad a turn between two states may differ from one at a constant rate.
+#: Rad by which a rotation between two states may differ from one at a constant rate.
 _STEADY = 0.5
 
 
@@ -93,32 +93,53 @@ class JointMotion:
         if self._is_measured("angle"):
             return self._run.quantity(f"{self.name}_angle") * unit
         n1, n2, e, axis_in_b = self._axes()
-        q_a, q_b = self._attitudes()
-        # the model's angle, θ = 2 atan2(v, w) + turns with (w, v e) = q̄_a q_b c
-        if self._at.zero:
-            *c, turns = numbers(self._at.zero, self._run.parameters)
-            rotation_rows = left_matrix(q_a)  # its rows with q_a: the axes of q̄_a x
-            x = quaternion_product(q_b, np.array(c))
-            w, v = (q_a * x).sum(1), (rotation_rows @ x[..., None])[..., 0] @ np.cross(n1, n2)
-            turn: Array = turns + 2 * np.arctan2(v, w)
-        else:  # the angle of b's image of n₁ in the plane of n₁ and n₂, which a carries
-            m = turned(q_b, shortest_rotation(np.cross(n1, n2), axis_in_b, n1) @ n1)
-            turn = np.arctan2((turned(q_a, n2) * m).sum(1), (turned(q_a, n1) * m).sum(1))
-        # Whole turns between two states are those that the rate between them makes.
+        turn: Array = (self._model_angle(n1, n2) if self._at.zero
+                       else self._plane_angle(n1, n2, axis_in_b))
+        # whole turns between two states are those of the mean of their rates
         t, rate = self._run.t.astype(float), self._rate(e)
         mean_turn = np.concatenate([[0.0], np.cumsum(np.diff(t) * (rate[1:] + rate[:-1]) / 2)])
         turn = np.unwrap(turn - mean_turn) + mean_turn
         self._warn_of_turns(np.diff(t), rate, np.diff(turn - mean_turn))
         return turn * unit
 
+    def _model_angle(self, n1: Array, n2: Array) -> Array:
+        """Return the model's angle θ = 2 atan2(v, w) + turns up to 4π, shape (N+1,), in rad.
+
+        (w, v e) = q̄_a q_b c with e = n₁ × n₂ in a; c and ``turns`` are ``zero`` of the joint.
+        """
+        *c, turns = numbers(self._at.zero, self._run.parameters)
+        q_a, q_b = self._attitudes()
+        x = quaternion_product(q_b, np.array(c))
+        # q̄_a x has the scalar q_a·x and the vector L(q_a) x
+        w = (q_a * x).sum(1)
+        v = (left_matrix(q_a) @ x[..., None])[..., 0] @ np.cross(n1, n2)
+        turn: Array = turns + 2 * np.arctan2(v, w)
+        return turn
+
+    def _plane_angle(self, n1: Array, n2: Array, axis_in_b: Array) -> Array:
+        """Return the angle in (−π, π] of b's image of n₁ in the plane of n₁ and n₂, shape (N+1,).
+
+        a carries the plane; the image is n₁ after the shortest rotation of the axis in a onto the
+        axis in b.
+        """
+        q_a, q_b = self._attitudes()
+        image = turned(q_b, shortest_rotation(np.cross(n1, n2), axis_in_b, n1) @ n1)
+        turn: Array = np.arctan2((turned(q_a, n2) * image).sum(1),
+                                 (turned(q_a, n1) * image).sum(1))
+        return turn
+
     def _is_measured(self, measure: str) -> bool:
-        """Whether a quantity is the measure, as for joints in series without a common axis."""
+        """Whether a quantity NAME_angle or NAME_rate of the system is the measure of the joint.
+
+        Joints in series have such quantities in place of a common axis.
+        """
         return not self.has_axis and f"{self.name}_{measure}" in self._run.quantities
 
     def _warn_of_turns(self, spans: Array, rate: Array, excess_turn: Array) -> None:
         """Warn if stored states are too far apart to count whole turns from their rates.
 
-        ``excess_turn`` is the rotation of b in each span beyond the mean of its rates.
+        ``spans``, (N,), are the times between states, ``rate``, (N+1,), the rates at states, and
+        ``excess_turn``, (N,), the rotations of b less those at the mean of the rates.
         """
         if not len(spans):
             return
@@ -145,7 +166,7 @@ class JointMotion:
 
     def _rate(self, e: Array) -> Array:
         """Return (ω_b − ω_a)·e, shape (N+1,), with the axis e in space, a row a state."""
-        # the ground does not turn
+        # the ground, "", does not turn
         omega = np.zeros((*self._run.q.shape[:-1], 3))
         for name, sign in zip(self.bodies, (-1, 1), strict=True):
             if name:
@@ -202,12 +223,12 @@ class JointMotion:
             along = self._direction(pull)
             if pull.kind in ("torque", "axial"):
                 torque = torque + factor * along
-            else:
+            else:  # its line of action is through the joint's point: no torque about it
                 force = force + factor * along
         return force, torque
 
     def _direction(self, pull: Pull) -> Array:
-        """Return the force or torque on b of a multiplier of 1, in space axes.
+        """Return the force or torque on b of a multiplier of 1 in space axes, (N+1, 3) or (1, 3).
 
         It is minus the derivative of the constraint g by the displacement or rotation of b.
         """
@@ -241,7 +262,10 @@ class JointMotion:
     # ------------------------------------------------------------ inside
 
     def _points(self) -> tuple[Array, Array]:
-        """Return the joint's points on a and on b in space; a rod's points are apart."""
+        """Return the joint's points on a and on b in space, shape (N+1, 3) each.
+
+        They differ for a rod. Raises InputError for a joint without points.
+        """
         if not self._at.on_b:
             raise InputError(f"Joint {self.name!r} has no point: it keeps an axis in common.")
         points = []
@@ -259,7 +283,10 @@ class JointMotion:
         return q_a, q_b
 
     def _axes(self) -> tuple[Array, Array, Array, Array]:
-        """Return n₁ and n₂ in a, e = n₁ × n₂ in space, shape (N+1, 3), and the axis in b."""
+        """Return n₁ and n₂ in a, e = n₁ × n₂ in space, and the axis in b.
+
+        e has the shape (N+1, 3), the others (3,). Raises InputError for a joint without an axis.
+        """
         if not self.has_axis:
             raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
                              "no angle; those of revolute and align have.")
@@ -269,7 +296,7 @@ class JointMotion:
         return n1, n2, e, numbers(self._at.axis_b, self._run.parameters)
 
     def _in(self, frame: str, vectors: Array) -> Array:
-        """Return vectors in space axes in those of ``frame``."""
+        """Return vectors in space axes, (N+1, 3), in those of ``frame``: "space" or a body."""
         choose(f"frame of joint {self.name!r}", frame, ["space", *filter(None, self.bodies)])
         if frame == "space":
             return vectors
@@ -300,9 +327,11 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
         state_multipliers[1:-1] = (at_end[:-1] + at_begin[1:]) / 2
         state_multipliers[0] = at_begin[0]
         if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
-            # One multiplier a step: of the middle, beside a part that alternates; means have none.
-            for i, j, k in ((0, 1, 2), (-1, -2, -3)):
-                state_multipliers[i] = 2 * state_multipliers[j] - state_multipliers[k]
+            # one multiplier a step, in its middle, to which the scheme adds a term of alternating
+            # sign: means of neighbours are without it, the first and last multiplier are not
+            for end, neighbour, second_neighbour in ((0, 1, 2), (-1, -2, -3)):
+                state_multipliers[end] = (2 * state_multipliers[neighbour]
+                                          - state_multipliers[second_neighbour])
     return state_multipliers
 
 
@@ -333,7 +362,7 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
 
 
 def _multipliers_of_steps(trajectory: Trajectory) -> Array:
-    """Return the multipliers of each step, shape (N, nodes, m), at least doubles."""
+    """Return the multipliers of each step, shape (N, nodes, m), in doubles or a wider type."""
     m = len(trajectory.manifest.system.constraints)
     multipliers = trajectory.multipliers
     multipliers = multipliers.astype(float) if multipliers.dtype == np.float32 else multipliers
@@ -350,7 +379,7 @@ def _is_whole(trajectory: Trajectory) -> bool:
 
 
 def quaternion_product(q: Array, r: Array) -> Array:
-    """Return q r of quaternions q, a row each, and one r."""
+    """Return Hamilton's products q r of quaternions q, shape (..., 4), and one r, (4,)."""
     w, u = r[0], r[1:]
     scalar = q[..., :1] * w - q[..., 1:] @ u[:, None]
     product: Array = np.concatenate(

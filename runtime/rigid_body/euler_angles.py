@@ -51,12 +51,14 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     axes, turning = check_sequence(sequence)
     # turns about carried axes are those about the axes of space in reverse order
     i, j, k = reversed(axes) if turning else axes
+    # proper Euler angles have equal outer axes; k is then the third axis, and i + j + k = 3
     proper_angles = i == k
     k = 3 - i - j if proper_angles else k
+    # 1 for a cyclic permutation of the axes, −1 for another
     sign = (i - j) * (j - k) * (k - i) / 2
     components = np.moveaxis(np.asarray(q, dtype=np.float64), -1, 0)
     w, x, y, z = components[0], components[1 + i], components[1 + j], sign * components[1 + k]
-    if not proper_angles:  # turned by a right angle, the outer axes are the same too
+    if not proper_angles:  # after a turn by a right angle about j the outer axes are equal too
         w, x, y, z = w - y, x + z, y + w, z - x
     # w + i x = cos(θ/2) e^(i s), y + i z = sin(θ/2) e^(i d): θ is the middle angle, s and d half
     # the sum and half the difference of the outer ones
@@ -79,4 +81,5 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     angles: NDArray[np.float64] = np.stack(
         [last_angle, middle, first_angle]
         if turning else [first_angle, middle, last_angle], axis=-1)
+    # half sum and half difference lie in [−π, π], their sums in twice that range
     return np.where(np.abs(angles) > np.pi, angles - 2 * np.pi * np.sign(angles), angles)

@@ -185,18 +185,16 @@ class FreeRotation(_PreciseMotion):
         angular_velocity: Sequence[float],
         attitude: Sequence[float],
     ) -> None:
-        """Compute the constants of the motion; j is the middle axis, i the extremal one with m ≤ 1.
-
-            Ω_i = B_i dn u, Ω_j = B_j sn u, Ω_k = B_k cn u,   u = u₀ + κ t, of the parameter m
+        """Compute the axes i, j, k, the parameter m, the amplitudes B and rate κ, and the start.
 
         With ℓ² = Σ (I Ω)² and 2T = Σ I Ω², m is 1 on the separatrix ℓ² = 2T I_j.
         """
         super().__init__(inertia, angular_velocity, attitude)
-        # In fractions nothing cancels and m = 1 is decided exactly.
+        # in fractions nothing cancels and m = 1 is decided exactly
         I = [Fraction(x) for x in inertia]  # noqa: E741 (the paper's letter)
         w = [Fraction(x) for x in angular_velocity]
         i, j, k = self._axes = _elliptic_axes(I, w)
-        # ℓ² − 2T I_k and 2T I_i − ℓ²
+        # ℓ² − 2T I_k and 2T I_i − ℓ², from which the terms of Ω_k and of Ω_i drop out
         excess_i = I[i] * (I[i] - I[k]) * w[i] ** 2 + I[j] * (I[j] - I[k]) * w[j] ** 2
         excess_k = I[j] * (I[i] - I[j]) * w[j] ** 2 + I[k] * (I[i] - I[k]) * w[k] ** 2
         m = (I[j] - I[k]) * excess_k / ((I[i] - I[j]) * excess_i)
@@ -205,9 +203,29 @@ class FreeRotation(_PreciseMotion):
         self._mp = mp = _context(DIGITS + _lost_digits(1 - m))
         # the parameter m = k² of the elliptic functions, the characteristic n, and m₁ = 1 − m
         self._m, self._n, self._m1 = (_number(mp, x) for x in (m, n, 1 - m))
+        self._set_amplitudes(I, w, excess_i, excess_k)
+        self._inertia = [_number(mp, x) for x in I]
+        self._momentum = _root(mp, sum((x * y) ** 2 for x, y in zip(I, w, strict=True)))
+        # the factor (ℓ/κ)(1/I_k − 1/I_i) of φ
+        self._drift = self._momentum * _number(mp, 1 / I[k] - 1 / I[i]) / self._rate
+        self._scale, self._ladder = _landen_ladder(mp, self._m1)
+        # Π(n; π/2) − K, which m = 1 does not need: am u never reaches π/2
+        self._quarter_excess = (self._third_kind_on_quarter(mp.mpf(1), mp.mpf(0)) if m != 1
+                                else mp.mpf(0))
+        self._set_start(w, attitude)
+
+    def _set_amplitudes(
+        self, I: list[Fraction], w: list[Fraction], excess_i: Fraction,  # noqa: E741
+        excess_k: Fraction,
+    ) -> None:
+        """Compute B_i, B_j, B_k and κ of Ω = (B_i dn u, B_j sn u, B_k cn u), u = u₀ + κ t.
+
+        ``excess_i`` is ℓ² − 2T I_k, ``excess_k`` 2T I_i − ℓ².
+        """
+        mp, (i, j, k) = self._mp, self._axes
         self._even = (j - i) % 3 == 1  # (i, j, k) is an even permutation of the axes
         self._upright = w[k] >= 0  # B_k takes the sign of Ω_k: am u₀ lies within a quarter turn
-        # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign.
+        # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign
         sign_i, sign_k = (1 if w[i] > 0 else -1), (1 if self._upright else -1)
         sign_rate = sign_i * sign_k * (1 if self._even else -1) * (1 if I[k] > I[i] else -1)
         self._amplitudes = (
@@ -216,20 +234,21 @@ class FreeRotation(_PreciseMotion):
             sign_k * _root(mp, excess_k / (I[k] * (I[i] - I[k]))),
         )
         self._rate = sign_rate * _root(mp, excess_i * (I[i] - I[j]) / (I[0] * I[1] * I[2]))
-        self._inertia = [_number(mp, x) for x in I]
-        self._momentum = _root(mp, sum((x * y) ** 2 for x, y in zip(I, w, strict=True)))
-        self._drift = self._momentum * _number(mp, 1 / I[k] - 1 / I[i]) / self._rate
-        self._scale, self._ladder = _landen_ladder(mp, self._m1)
-        # Π(n; π/2) − K, which m = 1 does not need: am u never reaches π/2
-        self._quarter_excess = (self._third_kind_on_quarter(mp.mpf(1), mp.mpf(0)) if m != 1
-                                else mp.mpf(0))
 
+    def _set_start(self, w: list[Fraction], attitude: Sequence[float]) -> None:
+        """Compute u₀ with sn u₀ = Ω_j/B_j and cn u₀ = Ω_k/B_k, and q₀ ∘ e(0)⁻¹.
+
+        w is Ω and ``attitude`` q₀, both at t = 0.
+        """
+        mp, (_, j, k) = self._mp, self._axes
         _, b_j, b_k = self._amplitudes
         am = mp.atan2(_number(mp, w[j]) / b_j, _number(mp, w[k]) / b_k)
-        self._u0 = mp.asinh(mp.tan(am)) if m == 1 else mp.ellipf(am, self._m)
+        # u = F(am, m); on the separatrix it is the inverse of the Gudermannian function
+        self._u0 = mp.ellipf(am, self._m) if self._m1 else mp.asinh(mp.tan(am))
         self._third_kind0 = self._third_kind(am, self._u0)
         q0 = [mp.mpf(x) for x in attitude]
         w0, x0, y0, z0 = self._relative_attitude(mp.mpf(0))
+        # the inverse of a unit quaternion is its conjugate
         self._to_space = _product(q0, [w0, -x0, -y0, -z0])
 
     def precise_angular_velocity(self, t: Any) -> list[Any]:
@@ -273,6 +292,7 @@ class FreeRotation(_PreciseMotion):
             e_j = cos((φ−ψ)/2) sin(θ/2),   e_k = sin((φ−ψ)/2) sin(θ/2)
         """
         mp, i = self._mp, self._axes[0]
+        # all four entries, of which the last three are then set
         e = [mp.cos((phi + psi) / 2) * mp.cos(theta / 2)] * 4
         e[1 + (i + 1) % 3] = mp.cos((phi - psi) / 2) * mp.sin(theta / 2)
         e[1 + (i + 2) % 3] = mp.sin((phi - psi) / 2) * mp.sin(theta / 2)
@@ -332,7 +352,11 @@ def free_motion(
 
 
 def _elliptic_axes(I: list[Fraction], w: list[Fraction]) -> tuple[int, int, int]:  # noqa: E741
-    """Return the axes (i, j, k) of FreeRotation: i is the extremal one with m ≤ 1."""
+    """Return the axes (i, j, k) of FreeRotation: j has the middle moment, and m ≤ 1.
+
+    m ≤ 1 for i of the largest moment if ℓ² ≥ 2T I_j, else for i of the smallest one: ℓ² − 2T I_j is
+    the difference of the two terms below.
+    """
     smallest, middle, largest = sorted(range(3), key=I.__getitem__)
     about_largest = I[largest] * (I[largest] - I[middle]) * w[largest] ** 2
     about_smallest = I[smallest] * (I[middle] - I[smallest]) * w[smallest] ** 2
@@ -373,10 +397,12 @@ def _context(digits: int) -> Any:
 
 
 def _number(mp: Any, value: Fraction) -> Any:
+    """Return a fraction as a number of mpmath."""
     return mp.mpf(value.numerator) / value.denominator
 
 
 def _root(mp: Any, value: Fraction | int) -> Any:
+    """Return the square root of a fraction as a number of mpmath."""
     return mp.sqrt(_number(mp, Fraction(value)))
 
 
@@ -393,13 +419,14 @@ def _product(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
 
 
 def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:
+    """Return a vector function of one time at all times, in doubles, shape (*t.shape, length)."""
     times = _times(t)
-    values_at_times = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
-    return np.array(values_at_times, dtype=np.float64).reshape(*times.shape, length)
+    vectors = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
+    return np.array(vectors, dtype=np.float64).reshape(*times.shape, length)
 
 
 def _times(t: ArrayLike) -> Array:
-    """Return times in seconds as doubles, or refuse NaN and infinite ones."""
+    """Return times in seconds as doubles; raise InputError for NaN and infinite ones."""
     times = np.asarray(t, dtype=np.float64)
     if not np.isfinite(times).all():
         raise InputError(f"The times {t!r} are not all finite; give seconds as finite numbers.")

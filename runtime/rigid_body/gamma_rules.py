@@ -56,12 +56,12 @@ def gamma(inertia: InertiaLike, rule: Mean = "m") -> float:
 
 
 def mean_inertia(inertia: InertiaLike, rule: str = "m") -> float:
-    """Return ``gamma`` of one of its rules."""
-    two = rule.endswith("t")
+    """Return a mean of the principal moments, in kg m², as ``gamma`` for a checked rule."""
+    of_two_largest = rule.endswith("t")
     # a mean of the two largest moments exists if the smallest is 0
-    moments = _two_or_three(inertia) if two else principal_moments(inertia)
+    moments = _two_or_three(inertia) if of_two_largest else principal_moments(inertia)
     mean = _arithmetic if rule.startswith("m") else _harmonic
-    return _mean(inertia, moments, mean, largest=2 if two else 3)
+    return _mean(inertia, moments, mean, largest=2 if of_two_largest else 3)
 
 
 def principal_moments(inertia: InertiaLike) -> Moments:
@@ -143,17 +143,19 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
 
 
 def _two_or_three(inertia: InertiaLike) -> Moments:
-    """Return the principal moments, of which the smallest may be 0."""
+    """Return the principal moments, of which the smallest may be 0 if they are given themselves."""
     if is_tensor(inertia):
         return principal_moments(inertia)
     return moments_of(as_moments(inertia, zeros=1))
 
 
 def _arithmetic(moments: Sequence[Any]) -> Any:
+    """Return (Σ I)/N."""
     return sum(moments) / len(moments)
 
 
 def _harmonic(moments: Sequence[Any]) -> Any:
+    """Return N/Σ 1/I."""
     return len(moments) / sum(1 / moment for moment in moments)
 
 
@@ -163,9 +165,11 @@ def _mean(
 ) -> float:
     """Return a mean of the largest moments: of floats in doubles, of wider numbers exactly.
 
-    Fractions then give a fraction, anything else a number of 113 bits.
+    ``moments`` are the principal moments of ``inertia`` as floats, ``rule`` is a mean of a list.
+    Fractions give a fraction, other wide numbers a number of 113 bits.
     """
     exact_moments = [exact(moment) for moment in inertia]
+    # the rows of a tensor are no numbers, and moments that are doubles lose nothing
     if None in exact_moments or exact_moments == [Fraction(moment) for moment in moments]:
         mean_of_doubles: float = rule(sorted(moments)[-largest:] if largest < 3 else moments)
         return mean_of_doubles
