@@ -54,8 +54,8 @@ class BodyMotion:
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the states, with attitude and position of the last."""
-        last = ((name, few(f"{x:.6g}" for x in rows[-1].astype(float))) for name, rows in (
-            ("last attitude", self.attitude), ("last position in m", self._origin())))
+        last = [(label, few(f"{x:.6g}" for x in rows[-1].astype(float))) for label, rows in (
+            ("last attitude", self.attitude), ("last position in m", self._origin()))]
         return card(f"Body {self.name} of {self._run.manifest.name}", table([
             *self._run._extent(), *last]))
 
@@ -217,22 +217,26 @@ class BodyMotion:
 
     @property
     def _p(self) -> Array:
+        """The momenta of the quaternion, shape (N+1, 4)."""
         momenta: Array = self._run.p[..., self._at.q]
         return momenta
 
     @property
     def _inertia(self) -> Any:
+        """The moments or the tensor, with the run's parameters."""
         return self._at.inertia_of(self._run.parameters)
 
     def _origin(self) -> Array:
-        """Return where the origin of the body axes is in space, a row a state."""
+        """Return the position of the origin of the body axes in space, (N+1, 3), in m."""
         if self.moves:
             return self._run.q[..., self._at.x].astype(float)
         fixed_point = numbers(self._at.origin, self._run.parameters)
         return np.broadcast_to(fixed_point, (*self._run.q.shape[:-1], 3))
 
     def _point(self, on_body: ArrayLike | None) -> Array:
-        """Return a point in body axes, by default the centre of mass, or refuse the argument.
+        """Return a point in body axes, (3,), by default the centre of mass.
+
+        Raises InputError for an argument that is no point.
         """
         if on_body is None:
             return self.centre
@@ -243,11 +247,11 @@ class BodyMotion:
         return r
 
     def _in_space(self, vectors: Array) -> Array:
-        """Return R(q) v of vectors in body axes."""
+        """Return R(q) v of vectors in body axes, shape (N+1, 3) or (3,)."""
         return turned(self.attitude, vectors)
 
     def _in(self, frame: FrameName, vectors: Array) -> Array:
-        """Return vectors in body axes in those of ``frame``."""
+        """Return vectors in body axes, (N+1, 3), in the axes of ``frame``."""
         in_body = choose("frame", frame, FRAMES) == "body"
         return vectors if in_body else self._in_space(vectors)
 
@@ -275,8 +279,9 @@ def total_momenta(run: Trajectory) -> tuple[Array, Array]:
         raise InputError(f"System {run.manifest.system.name!r} has coordinates of others "
                          "than free bodies; add up what body(name).momentum() and "
                          "angular_momentum() return.")
-    attitudes, positions = ([body_columns.q for body_columns in bodies],
-                            [body_columns.x for body_columns in bodies])
+    # columns of each body: arrays indexed by them have the axes (state, body, component)
+    attitudes = [body_columns.q for body_columns in bodies]
+    positions = [body_columns.x for body_columns in bodies]
     x, p = (array[:, positions].astype(float) for array in (run.q, run.p))
     m = np.einsum("kbij,kbj->kbi", quaternion.left_matrix(run.q[:, attitudes]),
                   run.p[:, attitudes].astype(float)) / 2
@@ -295,8 +300,8 @@ class PlacedMotion(BodyMotion):
         super().__init__(trajectory, name, BodyAt([], [], [], [0.0] * 3, [0.0] * 3, None))
         self._placed = placed
 
-    def _values(self, names: list[str]) -> Array:
-        """Return quantities as columns."""
+    def _quantities(self, names: list[str]) -> Array:
+        """Return quantities as columns, shape (N+1, names)."""
         return np.stack([np.asarray(self._run.quantity(name), float) for name in names], axis=-1)
 
     @property
@@ -309,7 +314,8 @@ class PlacedMotion(BodyMotion):
         """
         if not self._placed.axes:
             return np.tile([1.0, 0.0, 0.0, 0.0], (*self._run.q.shape[:-1], 1))
-        axes = self._values(self._placed.axes).reshape(-1, 2, 3)
+        # the first two columns of R, one after the other
+        axes = self._quantities(self._placed.axes).reshape(-1, 2, 3)
         # K of R: its scalar part from the antisymmetric part of R, the rest from the symmetric one
         R = np.stack([axes[:, 0], axes[:, 1], np.cross(axes[:, 0], axes[:, 1])], axis=2)
         turn = np.stack([R[:, 2, 1] - R[:, 1, 2], R[:, 0, 2] - R[:, 2, 0],
@@ -319,7 +325,7 @@ class PlacedMotion(BodyMotion):
         K[:, 0, 0] = trace
         K[:, 0, 1:] = K[:, 1:, 0] = turn
         K[:, 1:, 1:] = R + R.transpose(0, 2, 1) - trace[:, None, None] * np.eye(3)
-        q = np.linalg.eigh(K)[1][:, :, -1]
+        q = np.linalg.eigh(K)[1][:, :, -1]  # eigenvalues rise
         # an eigenvector has any sign: the scalar of the first is positive, others follow it
         q[0] *= -1 if q[0, 0] < 0 else 1
         signs = np.where((q[1:] * q[:-1]).sum(axis=1) < 0, -1.0, 1.0)
@@ -327,7 +333,7 @@ class PlacedMotion(BodyMotion):
         return q.reshape(*self._run.q.shape[:-1], 4)
 
     def _origin(self) -> Array:
-        return self._values(self._placed.x)
+        return self._quantities(self._placed.x)
 
     @property
     def _inertia(self) -> Any:

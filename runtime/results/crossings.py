@@ -75,10 +75,10 @@ class Crossings:
                        p=self.p[:, :n].copy())
 
     def until(self, last: Crossings, dt: Any) -> Self:
-        """Return the crossings up to ``last``, in a run with steps dt."""
-        # by steps, and within the last one by times
-        step, later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
-        return self._selected((self.steps < step) | (self.steps == step) & ~later.astype(bool))
+        """Return the crossings up to ``last``, a single one, in a run with steps dt."""
+        # by steps, and within the last one by times; dt < 0 backwards in time
+        step, is_later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
+        return self._selected((self.steps < step) | (self.steps == step) & ~is_later.astype(bool))
 
     def within(self, begin: Any, end: Any, ahead: int) -> Self:
         """Return the crossings from time ``begin`` to ``end``; None is no end.
@@ -93,6 +93,7 @@ class Crossings:
                             for field in fields(self)))
 
     def _selected(self, selected: Array) -> Self:
+        """Return the crossings of a mask, or of indices."""
         return type(self)(*(getattr(self, field.name)[selected] for field in fields(self)))
 
     def __repr__(self) -> str:
@@ -110,7 +111,10 @@ class Crossings:
 
 
 def _within(t: Array, begin: Any, end: Any, ahead: int) -> Array:
-    """Return which times are from ``begin`` to ``end``, None for no end."""
+    """Return a mask of the times from ``begin`` to ``end``, None for no end.
+
+    ``ahead`` is 1, or −1 in a run backwards in time.
+    """
     selected = np.array(ahead * (t - begin) >= 0, bool)
     if end is not None:
         selected &= np.array(ahead * (t - end) <= 0, bool)

@@ -38,14 +38,15 @@ class States:
     Attributes
     ----------
     binding, manifest
-        Of the stepper.
+        The stepper's.
     parameters
-        The compiled code's struct.
-    t, q, p, multipliers, iterations, work : array
-        A row a state; of multipliers and iterations, which belong to steps, one less where the
-        start has none. In scaled time t is τ; q and p have the time and its momentum as well.
+        The struct of parameters of the compiled code.
+    t, q, p, work : array, shapes (N+1,), (N+1, n), (N+1, n), (N+1,)
+        In scaled time t is τ, and the last columns of q and p are the time and its momentum.
+    multipliers, iterations : array, shapes (N, ·) and (N,)
+        They belong to the step that ends at a state: the start has none.
     elapsed : array, optional
-        Times since the start, which have more digits than t where that is late.
+        Times since the start, which have more digits than t if the start is late.
     """
 
     binding: Binding
@@ -79,6 +80,7 @@ class States:
 
     @property
     def _times(self) -> Array:
+        """t in the type of the compiled code's numbers."""
         return self.t.astype(self.binding.dtype)
 
     @property
@@ -111,41 +113,41 @@ class States:
 
 
 def _scalar(manifest: Manifest) -> Inner | None:
-    """A number a state."""
+    """Return no dimensions: a number a state."""
     return ()
 
 
 def _coordinates(manifest: Manifest) -> Inner | None:
-    """One for each coordinate."""
+    """Return the dimension of coordinates."""
     return (("coordinate", len(manifest.system.coordinates)),)
 
 
 def _multipliers(manifest: Manifest) -> Inner | None:
-    """Multipliers of each constraint at the nodes of a step."""
+    """Return the dimensions (node, constraint) of multipliers, or (node,) for one constraint."""
     m = len(manifest.system.constraints)
     along = [("constraint", m)] if m > 1 else []
     return (("node", manifest.scheme.multipliers), *along) if m else None
 
 
 def _reactions(manifest: Manifest) -> Inner | None:
-    """Multipliers of each velocity constraint at the stages of a step."""
+    """Return the dimensions (stage, velocity constraint) of reactions."""
     names = manifest.system.velocity_constraint_names
     return (("stage", manifest.scheme.reactions),
             ("velocity_constraint", len(names))) if names else None
 
 
 def _with_forces(manifest: Manifest) -> Inner | None:
-    """A number a state, of a system with forces."""
+    """Return no dimensions, a number a state, for a system with forces."""
     return () if manifest.system.forces else None
 
 
 def _where_scaled(manifest: Manifest) -> Inner | None:
-    """A number a state, of a system in scaled time."""
+    """Return no dimensions, a number a state, for a system in scaled time."""
     return () if manifest.system.clock is not None else None
 
 
 def _with_lagrangian(manifest: Manifest) -> Inner | None:
-    """One for each coordinate, of a system from its Lagrangian."""
+    """Return the dimension of coordinates for a system from its Lagrangian."""
     return _coordinates(manifest) if manifest.system.velocity_names else None
 
 
@@ -156,18 +158,18 @@ class Output:
     Attributes
     ----------
     name : str
-        In stores and files.
+        Name in stores and files.
     attribute : str
-        Of ``Trajectory``.
+        Name of the attribute of ``Trajectory``.
     long_name : str
-        What it is, for readers of files.
+        Description for readers of files.
     compute : callable
-        Of ``States``.
+        From ``States`` to the array.
     inner : callable
-        Dimensions of one state's entry for a manifest; None where the system has no such output.
-        A trajectory then has an array of ``absent`` entries.
+        From a manifest to the dimensions of one state's entry; None where the system has no such
+        output. A trajectory then has an array of ``absent`` entries.
     units, body_units : str
-        Always, and where the system is one rigid body in SI units.
+        Units of every system, and of a system of one rigid body in SI units.
     labels : str
         The entry of the manifest's system with names along the last dimension.
     split : bool
@@ -232,7 +234,10 @@ OUTPUTS = (
 
 
 def value_of(output: Output, states: States) -> Array:
-    """Return an output of stored states, in its own number type or the stepper's."""
+    """Return an output of stored states, in its own number type or the stepper's.
+
+    An output that the system does not have is an empty array, with a row for each state or step.
+    """
     binding = states.binding
     if output.inner(states.manifest) is None:
         return binding.new(max(len(states.q) - output.of_steps, 0), *output.absent)
@@ -322,7 +327,11 @@ def full_states(trajectory: Any) -> tuple[Array, Array]:
 
 
 def flat_multipliers(trajectory: Any) -> Array:
-    """Return multipliers and reactions of each step in one row, as compiled code writes them."""
+    """Return multipliers and reactions of each step in one row, as compiled code writes them.
+
+    The shape is (N, nodes · m + stages · m').
+    """
+    # with N = 0 the width cannot be −1
     parts = [x.reshape(len(x), int(np.prod(x.shape[1:])))
              for x in (trajectory.multipliers, trajectory.reactions)]
     return np.concatenate(parts, axis=1)
@@ -331,7 +340,11 @@ def flat_multipliers(trajectory: Any) -> Array:
 def defect_sizes(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the largest |g| and the largest momentum-constraint error of each row."""
+    """Return the largest |g| and the largest momentum-constraint error of each row, (rows,) each.
+
+    q and p have the shape (rows, n); ``t`` are times of the rows, or None for that of
+    ``parameters``.
+    """
     g, f = binding.defects(parameters, q, p, t)
     return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
 

@@ -119,6 +119,7 @@ class PresentBody(_SingleState, BodyMotion):
         return [(a * x + b * y + c * z) / 2 for a, b, c in self._inverse()]
 
     def _in_space(self, vectors: Array) -> Array:
+        """Return R(q) v of a vector in body axes, shape (3,)."""
         return np.array(rotated(self._quaternion(), vectors.tolist()))
 
 
@@ -152,13 +153,15 @@ class PresentJoint(_SingleState, JointMotion):
         unit = math.degrees(1.0) if as_flag("degrees", degrees) else 1.0
         if self._is_measured("angle"):
             return self._run.quantity(f"{self.name}_angle") * unit
-        axis, n1, n2, of_b, zero = self._vectors()
+        axis, n1, n2, n1_in_b, zero = self._vectors()
         q_a, q_b = map(self._quaternion_of, self.bodies)
-        if zero:
-            w, *v = product([q_a[0], *map(operator.neg, q_a[1:])], product(q_b, zero[:4]))
+        if zero:  # (w, v e) = q̄_a q_b c, θ = 2 atan2(v, w) + turns
+            conjugate_a = [q_a[0], *map(operator.neg, q_a[1:])]
+            w, *v = product(conjugate_a, product(q_b, zero[:4]))
             return (zero[4] + 2 * math.atan2(dot(v, axis), w)) * unit
-        m = rotated(q_b, of_b)
-        return math.atan2(dot(rotated(q_a, n2), m), dot(rotated(q_a, n1), m)) * unit
+        # the angle of b's image of n₁ in the plane of n₁ and n₂, which a carries
+        image = rotated(q_b, n1_in_b)
+        return math.atan2(dot(rotated(q_a, n2), image), dot(rotated(q_a, n1), image)) * unit
 
     def rate(self) -> Any:
         """Return the angular velocity of b against a about their axis, in rad/s.
@@ -167,30 +170,32 @@ class PresentJoint(_SingleState, JointMotion):
         """
         if self._is_measured("rate"):
             return self._run.quantity(f"{self.name}_rate")
-        along, rate = rotated(self._quaternion_of(self.bodies[0]), self._vectors()[0]), 0.0
+        # (ω_b − ω_a)·e with the axis e in space; the ground, "", does not turn
+        axis, rate = rotated(self._quaternion_of(self.bodies[0]), self._vectors()[0]), 0.0
         for name, sign in zip(self.bodies, (-1, 1), strict=True):
             if name:
                 body = self._run.body(name)
-                rate += sign * dot(along, rotated(body._quaternion(), body._rates()))
+                rate += sign * dot(axis, rotated(body._quaternion(), body._rates()))
         return rate
 
     def _reaction(self) -> tuple[Array, Array]:
-        """Return force and torque at the begin of the next step."""
-        # multipliers belong to a step: that from the present state, which is discarded
+        """Return force and torque at the begin of the next step, shape (3,) each, in N and N m."""
+        # multipliers belong to a step: the step from the present state, which is discarded
         force, torque = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
         return force[0], torque[0]
 
     def _quaternion_of(self, name: str) -> list[float]:
+        """Return the attitude of a body; of the ground, "", (1, 0, 0, 0)."""
         ground = [1.0, 0.0, 0.0, 0.0]
         quaternion: list[float] = self._run.body(name)._quaternion() if name else ground
         return quaternion
 
     def _constant_vectors(self) -> tuple[list[float], ...]:
         """Return e = n₁ × n₂, n₁ and n₂ in a, the image of n₁ in b at angle 0, and ``zero``."""
-        n1, n2, _, of_b = self._axes()
+        n1, n2, _, axis_in_b = self._axes()
         e = np.cross(n1, n2)
         return (e.tolist(), n1.tolist(), n2.tolist(),
-                (shortest_rotation(e, of_b, n1) @ n1).tolist(),
+                (shortest_rotation(e, axis_in_b, n1) @ n1).tolist(),
                 numbers(self._at.zero, self._run.parameters).tolist())
 
 
@@ -199,14 +204,14 @@ class _CachedFunction:
 
     def __init__(self, run: Present, names: Sequence[str], function: Any) -> None:
         self._run, self._names, self._function = run, names, function
-        self._values: list[Any] | None = None
+        self._arguments: list[Any] | None = None
         self._result: Any = None
 
     def __call__(self) -> Any:
         """Return the value of the function at the present parameters."""
-        parameter_values = [*map(self._run.parameters.__getitem__, self._names)]
-        if parameter_values != self._values:
-            self._result, self._values = self._function(), parameter_values
+        arguments = [*map(self._run.parameters.__getitem__, self._names)]
+        if arguments != self._arguments:
+            self._result, self._arguments = self._function(), arguments
         return self._result
 
 
@@ -220,7 +225,7 @@ def body_at_present(
 
 
 def _inverse(inertia: Any) -> list[list[float]]:
-    """Return J⁻¹."""
+    """Return the rows of J⁻¹, (3, 3), in 1/(kg m²), of moments or a tensor."""
     inverse: list[list[float]] = np.linalg.inv(inertia_matrix(inertia)).tolist()
     return inverse
 

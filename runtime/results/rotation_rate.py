@@ -32,18 +32,18 @@ __all__ = ["LOOKED_AT", "LOST", "FastestRotation", "Limits", "Rotations", "are_s
 _MOST = 5.0
 #: From this error in parts of the angle on a motion is lost within some turns.
 LOST = 0.05
-#: The same for a free rotation between two kicks: near π a composition has resonances.
+#: Largest rotation in rad of an exact flow between two kicks: near π compositions have resonances.
 _MOST_A_FLOW = 2.0
-#: Stored states of a run that are looked at for a warning: all of a long run would cost as much as
+#: Stored states of a run that are compared for a warning: all of a long run would cost as much as
 #: the steps of a small system.
 LOOKED_AT = 64
 #: Bodies of one state up to which floats are faster than arrays.
 _FEW = 8
-#: States of a run, likewise.
+#: States of a run up to which floats are faster than arrays.
 _FEW_ROWS = 16
 
 
-#: Of each body its inertia, the places of its q and p, and the largest |Ω|.
+#: For each body its inertia, the columns of its q and p, and the largest |Ω| in rad/s.
 Limits = list[tuple[list[float], Sequence[int], float]]
 
 
@@ -106,26 +106,29 @@ class Rotations:
             symmetry.name for symmetry in manifest.frame.symmetries]
         self._order = manifest.scheme.order
         self._limit = min(max(self._order // 2, 1) + 0.5, _MOST)
+        # the longest flow of a splitting, in parts of Δt; other schemes solve for stages
         longest_flow = manifest.scheme.longest_flow
         self._solves_stages = longest_flow is None
         if longest_flow is not None:
             self._limit = _MOST_A_FLOW / longest_flow
-        #: Bodies with moments, and those with tensors: names, columns, and inertia in a row.
+        #: Bodies with moments, and bodies with tensors: their names, the columns of their q,
+        #: (bodies, 4), and the parameters of their inertias one after another.
         self._groups = []
         for entry_count in (3, 6):
-            bodies_of_kind = {name: x for name, x in self.bodies.items()
-                              if len(x.inertia) == entry_count}
-            if bodies_of_kind:
-                self._groups.append(([*bodies_of_kind],
-                                     np.array([x.q for x in bodies_of_kind.values()]),
-                                     [key for x in bodies_of_kind.values() for key in x.inertia]))
+            group = {name: body for name, body in self.bodies.items()
+                     if len(body.inertia) == entry_count}
+            if group:
+                columns = np.array([body.q for body in group.values()])
+                inertia = [key for body in group.values() for key in body.inertia]
+                self._groups.append(([*group], columns, inertia))
 
     def fastest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
     ) -> FastestRotation | None:
-        """Return |Ω Δt| of the body that turns fastest in rows of q and p; None where none does.
+        """Return |Ω Δt| of the body that turns fastest in rows of q and p, (rows, n).
 
-        ``dt`` and each parameter are one number, or one for each row.
+        ``dt`` and each parameter are a number, or an array with an entry for each row. None where
+        no body turns.
         """
         name, radians, step = self._largest(parameters, dt, q, p)
         if not name:
@@ -151,10 +154,11 @@ class Rotations:
         moves = [as_number(parameters[name]) != 0 for name in self._rates if name in parameters]
         dt = as_number(dt)
         largest, fastest, step = -1.0, "", 0.0
-        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is left out
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers that are not finite stay out
             for name, body in bodies.items():
                 inertia = [as_number(parameters[key]) for key in body.inertia]
                 radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in columns)) * dt)
+                # −1 rad is below the rotation of any body
                 if moves:
                     radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
                 radians = np.where(np.isfinite(radians), radians, -1.0)
@@ -210,10 +214,10 @@ class Rotations:
         return fastest is not None and fastest.warn()
 
     def limits(self, parameters: Mapping[str, float], dt: float) -> Limits | None:
-        """Return what bounds the rotations of a state; None for many bodies or a frame that moves.
+        """Return the limits of |Ω| for ``are_slow``; None for many bodies or a frame that moves.
 
-        For each body its inertia, the places of its q and p, and the largest |Ω| that the method
-        bears with the step.
+        They have, for each body, its inertia, the columns of its q and p, and the largest |Ω| of
+        which the method follows the rotation with the step dt.
         """
         if len(self.bodies) > _FEW or any(parameters.get(name) for name in self._rates):
             return None
@@ -223,10 +227,12 @@ class Rotations:
                 for body in self.bodies.values()]
 
     def warn_of(self, trajectory: Trajectory) -> bool:
-        """Warn and return as ``warn`` does, for some stored states after the start, with the last.
+        """Warn and return as ``warn`` does, for some stored states of a run, the last among them.
+
+        The start is left out: it is checked before the run.
         """
         count = len(trajectory) - 1 if self.bodies else 0
-        if count < 2:  # a step's end is the start of the next call, which looks at it
+        if count < 2:  # the end of a single step is the start of the next call, which checks it
             return False
         q, p = trajectory.q, trajectory.p
         if count <= _FEW_ROWS and q.dtype == np.float64 and (
@@ -235,6 +241,7 @@ class Rotations:
             if limits is not None and all(map(are_slow, itertools.repeat(limits), q.tolist(),
                                               p.tolist())):
                 return False
+        # from the last row back to row 1
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))
         return self.warn(trajectory.parameters, trajectory.time_steps[sampled], q[sampled],
                          p[sampled])
@@ -250,7 +257,7 @@ class Rotations:
         sampled = slice(None, 0, -max(1, count // LOOKED_AT))
         rows, momenta = q[:, sampled], p[:, sampled]
         row_count = rows.shape[1]
-        # of the same states as ``rows``: from the last one back, without the start
+        # ``dt`` has no entry for the start: the steps to the same states, from the last one back
         steps = np.broadcast_to(dt, (len(q), count))[:, :: -1][:, :: max(1, count // LOOKED_AT)]
         self.warn({name: np.repeat(column, row_count) for name, column in parameters.items()},
                   steps.reshape(-1), rows.reshape(-1, rows.shape[2]),
@@ -258,7 +265,7 @@ class Rotations:
 
 
 def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
-    """Return |Ω Δt| of the body that turns fastest in the stored states of a run, if one does."""
+    """Return |Ω Δt| of the body that turns fastest in the stored states of a run, or None."""
     return Rotations(trajectory.manifest).fastest(
         trajectory.parameters, trajectory.time_steps, trajectory.q, trajectory.p)
 
@@ -266,11 +273,11 @@ def fastest_rotation(trajectory: Trajectory) -> FastestRotation | None:
 def are_slow(limits: Limits, q: list[float], p: list[float]) -> bool:
     """Return whether no |Ω| of a state exceeds its limit of ``Rotations.limits``.
 
-    A speed that is not a number exceeds it.
+    A speed that is NaN exceeds it.
     """
-    for inertia, places, largest in limits:
-        if not _speed(inertia, [*map(q.__getitem__, places)],
-                      [*map(p.__getitem__, places)]) <= largest:
+    for inertia, columns, largest in limits:
+        if not _speed(inertia, [*map(q.__getitem__, columns)],
+                      [*map(p.__getitem__, columns)]) <= largest:
             return False
     return True
 
@@ -282,12 +289,14 @@ def phase_error(order: int, radians: float) -> float:
     2s the order. A rotation by θ has the frequency θ/2 in q, and harmonics up to some θ: measured
     errors are between a hundredth of this and a hundred times it.
     """
+    # factorials by log Γ, which does not overflow for high orders
     logarithm = (2 * math.lgamma(order / 2 + 1) - math.lgamma(order + 1) - math.lgamma(order + 2)
                  + order * math.log(max(radians, 1e-300)))
     return math.exp(min(logarithm, 0.0))
 
 
 def _only(x: Any) -> float:
+    """Return a number, or the only entry of an array, as a float."""
     return x if type(x) is float else float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
 
 
@@ -297,8 +306,9 @@ def _speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
     q, p and the inertia are lists of numbers, or of columns for many bodies; (x, y, z) = L(q) p.
     """
     (a, b, c, d), (e, f, g, h) = q, p
-    x, y, z = -b * e + a * f + d * g - c * h, -c * e - d * f + a * g + b * h, (
-        -d * e + c * f - b * g + a * h)
+    x = -b * e + a * f + d * g - c * h
+    y = -c * e - d * f + a * g + b * h
+    z = -d * e + c * f - b * g + a * h
     if len(inertia) == 3:
         x, y, z = x / inertia[0], y / inertia[1], z / inertia[2]
     else:

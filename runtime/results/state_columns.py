@@ -40,7 +40,7 @@ __all__ = [
 
 #: Rows that are in memory as Python's numbers.
 _ROWS = 2**13
-#: Headings that a refusal lists.
+#: Headings that an error lists.
 _NAMED = 12
 
 
@@ -80,7 +80,7 @@ def headings(
                    "reactions": system.velocity_constraint_names}
     numbered_by_array = {name: _numbered(name, shape, constraints.get(name, ()))
                          for name, shape in shapes.items()}
-    # headings that cannot be changed are taken first: "time", "energy", "multipliers0"
+    # headings that cannot be changed come first: "time", "energy", "multipliers0"
     used_headings = {label for name, labels in numbered_by_array.items()
                      if name not in system_labels for label in labels}
     headings_in_order = []
@@ -99,10 +99,13 @@ def _numbered(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> 
 
     Along the last axis, if it counts constraints of different names, these take the index's place.
     """
-    words = ["_".join(re.findall(r"\w+", constraint)) for constraint in constraints]
-    named = len(shape) == 2 and shape[-1] == len({*words})
-    return [name + "_".join(map(str, (*index[:-1], words[index[-1]]) if named else index))
-            for index in np.ndindex(*shape)]
+    labels = ["_".join(re.findall(r"\w+", constraint)) for constraint in constraints]
+    has_labels = len(shape) == 2 and shape[-1] == len({*labels})
+    headings_of_entries = []
+    for index in np.ndindex(*shape):
+        parts = (*index[:-1], labels[index[-1]]) if has_labels else index
+        headings_of_entries.append(name + "_".join(map(str, parts)))
+    return headings_of_entries
 
 
 def places_of(
@@ -142,7 +145,7 @@ def places_of(
 
 def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> None:
     """Write blocks of states, each an array for each column or group of columns."""
-    # Lone surrogates, which only names of damaged files have, are written as \udc80.
+    # lone surrogates, which only names of damaged files have, are written as \udc80
     with path.open("w", encoding="utf-8", newline="", errors="backslashreplace") as file:
         lines = csv.writer(file)
         lines.writerow(titles)

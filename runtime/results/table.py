@@ -122,12 +122,11 @@ class Table:
                              if not isinstance(i, slice)}
             matrices = {name: array.reshape(count, math.prod(array.shape[1:]))
                         for name, array in (index_columns | arrays).items()}
-            titles = headings(self.manifest.system, {
-                name: array.shape[1:] for name, array in (index_columns | arrays).items()},
-                              self.titles)
+            shapes = {name: array.shape[1:] for name, array in (index_columns | arrays).items()}
+            titles = headings(self.manifest.system, shapes, self.titles)
             columns = [column for array in matrices.values() for column in array.T]
-            places = places_of(selection, titles,
-                               {name: array.shape[1] for name, array in matrices.items()})
+            widths = {name: array.shape[1] for name, array in matrices.items()}
+            places = places_of(selection, titles, widths)
             yield [titles[i] for i in places], [columns[i] for i in places]
 
 
@@ -180,13 +179,14 @@ def table_of_run(
             for name, array in bodies.items():
                 arrays[name] = np.stack([array.of_body(block.body(body)) for body in run.bodies],
                                         axis=1)
-            # a block of a store has the row before it, for what its first step ends with
+            # a block of a store has the row before it too, where its first step begins
             yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
                             for name, x in arrays.items()}
 
     return Table({"time": len(run)}, inner_dimensions, descriptions, read, manifest,
-                 run._attributes(), labels, titles, [_table_of_event(manifest, name, [crossings])
-                          for name, crossings in (run.events | run.impacts).items()])
+                 run._attributes(), labels, titles,
+                 [_table_of_event(manifest, name, [crossings])
+                  for name, crossings in (run.events | run.impacts).items()])
 
 
 class _BodyArray(NamedTuple):
@@ -269,7 +269,7 @@ def _table_of_trajectories(ensemble: Ensemble) -> Table:
 
 
 def _status(ensemble: Ensemble, i: int) -> str:
-    """Return how trajectory i ended."""
+    """Return how trajectory i ended: "complete", "stopped", or the reason of its failed step."""
     if i in ensemble.failures:
         return str(ensemble.failures[i].reason)
     return "complete" if len(ensemble.members[i]) == ensemble.t.shape[1] else "stopped"
@@ -340,7 +340,10 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
 
 
 def as_frame(table: Table, selection: Any = None) -> pandas.DataFrame:
-    """Return a table as a pandas DataFrame, a row a state, by trajectory and time."""
+    """Return a table as a pandas DataFrame, a row a state, with trajectory and time as index.
+
+    ``selection`` names columns, as for ``Trajectory.table``; None takes all.
+    """
     pandas = _imported("pandas", "pandas", "Data frames")
     blocks = [dict(zip(*block, strict=True)) for block in table.columns(selection)]
     # all blocks have the same columns
@@ -491,10 +494,10 @@ def _netcdf_variables(
 
 
 def _is_wide(array: Array) -> bool:
-    """Whether numbers are wider than doubles."""
+    """Whether the numbers of an array are wider than doubles: long doubles, or mpmath's."""
     return array.dtype in (np.dtype(object), np.dtype(np.longdouble))
 
 
 def _plain(value: Any) -> Any:
-    """Return an attribute as NetCDF can hold it."""
+    """Return an attribute as NetCDF can hold it: a text or a number, anything else as JSON."""
     return value if isinstance(value, (str, int, float)) else json.dumps(value)

@@ -92,9 +92,9 @@ class TangentRows:
         blocks = [self.q, self.p]
         if self.multipliers is not None:
             step_count, *inner_shape, k = self.multipliers.shape
-            forces = np.zeros((step_count + 1, int(np.prod(inner_shape)), k), self.q.dtype)
-            forces[1:] = self.multipliers.reshape(step_count, forces.shape[1], k)
-            blocks.append(forces)
+            of_multipliers = np.zeros((step_count + 1, int(np.prod(inner_shape)), k), self.q.dtype)
+            of_multipliers[1:] = self.multipliers.reshape(step_count, of_multipliers.shape[1], k)
+            blocks.append(of_multipliers)
         return np.concatenate(blocks, axis=1)
 
     def of_others(self, columns: Array, t: Array) -> TangentRows:

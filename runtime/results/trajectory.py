@@ -250,11 +250,14 @@ class Trajectory(Shown):
     def _rows(self, row_range: range) -> Trajectory:
         """Return the run of some of the states, with the multipliers of the steps that end at them.
 
-        Events and impacts are those between the first and the last of them.
+        Events and impacts are those between the first and the last of these states.
         """
         row_indices = np.asarray(row_range)
-        arrays = {output.attribute: getattr(self, output.attribute)[
-            row_indices[1:] - 1 if output.of_steps else row_indices] for output in OUTPUTS}
+        arrays: dict[str, Array] = {}
+        for output in OUTPUTS:
+            # arrays of steps have no row for the start: the step to row k is k − 1
+            indices = row_indices[1:] - 1 if output.of_steps else row_indices
+            arrays[output.attribute] = getattr(self, output.attribute)[indices]
         ahead, start_time = (1 if self.dt > 0 else -1), self.t[row_range[0]]
         # events behind the last row of the whole run belong to it
         end_time = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]

@@ -26,6 +26,7 @@ class Shown:
 
     @property
     def _run(self) -> Trajectory:
+        """The trajectory itself, of which this class is a part."""
         return cast("Trajectory", self)
 
     def _extent(self) -> list[tuple[str, str]]:

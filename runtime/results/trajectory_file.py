@@ -37,9 +37,9 @@ __all__ = ["load_netcdf", "load_npz", "save_ensemble", "save_npz"]
 _FORMAT = 2
 #: The arrays of an event.
 _CROSSING = ("t", "q", "p", "steps", "rising", "elapsed")
-#: Those of impacts.
+#: The arrays of the impacts of a gap.
 _COLUMNS = (*_CROSSING, "p_after", "impulse", "energy_lost", "work")
-#: The arrays of tangents; those of multipliers where they were asked for.
+#: The arrays of tangents; "multipliers" where their derivatives were computed.
 _TANGENTS = ("q", "p", "start", "t", "multipliers")
 #: Arrays of names, for other readers of the file.
 _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
@@ -200,9 +200,11 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
         arrays |= {output.attribute: _from_bytes(arrays[output.attribute]) for output in OUTPUTS
                    if output.attribute in arrays and not output.whole
                    and output.attribute not in in_double}
-    arrays = {output.attribute: absent(output, len(arrays["t"]), arrays["q"].dtype)
-              for output in OUTPUTS
-              } | arrays  # of a version that did not know an output which this system lacks
+    # a file of an earlier version lacks outputs that the version did not know; ``load_npz`` has
+    # checked that this system does not have them
+    empty_arrays = {output.attribute: absent(output, len(arrays["t"]), arrays["q"].dtype)
+                    for output in OUTPUTS}
+    arrays = empty_arrays | arrays
     report = known_fields(Report, about["report"])
     report["q"], report["p"] = tuple(report["q"]), tuple(report["p"])
     fields = {"dt": from_text(about["dt"], real), "every": about["every"],
@@ -226,11 +228,13 @@ def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any
         count = len(columns["t"])
         arrays = {column: _from_bytes(x) if in_binary128 and column not in ("steps", "rising")
                   else x for column, x in columns.items()}
-        if any(x.shape != ((count, n) if column in ("q", "p", "p_after") else (count,))
-               for column, x in arrays.items()) or len(arrays) not in (6, len(_COLUMNS)):
+        shapes = {column: (count, n) if column in ("q", "p", "p_after") else (count,)
+                  for column in arrays}
+        has_all_columns = len(arrays) in (len(_CROSSING), len(_COLUMNS))
+        if not has_all_columns or any(x.shape != shapes[column] for column, x in arrays.items()):
             raise ValueError("an event has parts of several lengths")
-        if not isinstance(name, str) or (arrays["steps"].dtype.kind, arrays["rising"].dtype.kind
-                                         ) != ("i", "b"):
+        kinds = arrays["steps"].dtype.kind, arrays["rising"].dtype.kind
+        if not isinstance(name, str) or kinds != ("i", "b"):
             raise ValueError("an event has parts of another type")
         events[name] = event_rows = of_columns(arrays)
         if isinstance(event_rows, Impacts):
