@@ -14,7 +14,7 @@ is selected, and of these the one with the fewest nodes.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -46,19 +46,20 @@ def complete_tableau(
 
     Raises TableauError if b has a zero and Â is not given, or if a required condition fails.
     """
-    A, b, c = parts["A"], _flat(parts["b"]), _flat(parts["c"])
-    b_hat = _flat(parts.get("b_hat", parts["b"]))
+    A, b, c = parts["A"], _column(parts["b"]), _column(parts["c"])
+    b_hat = _column(parts.get("b_hat", parts["b"]))
+    # the number of the first weight 0, counted from 1; 0 without one
     zero = next((i for i, weight in enumerate(b, 1) if vanishes_to(weight, rounding)), 0)
     if "A_hat" not in parts and zero:
         raise TableauError(
             f"The tableau {name!r} cannot be completed: b_{zero} = 0, by which the symplectic "
             "partner of A divides; give A_hat, for example A itself, which makes no symplectic "
             "pair.")
-    motion = {"A": A, "A_hat": parts.get("A_hat") or partner(A, b, b_hat), "b": parts["b"],
-              "b_hat": [[weight] for weight in b_hat], "c": parts["c"]}
+    free_parts = {"A": A, "A_hat": parts.get("A_hat") or partner(A, b, b_hat), "b": parts["b"],
+                  "b_hat": [[weight] for weight in b_hat], "c": parts["c"]}
     best: Tableau | None = None
-    for constraints in _constraint_parts(A, b, c, bool(zero), rounding):
-        tableau = _tableau(name, motion | constraints, claims, rounding)
+    for constraint_parts in _constraint_parts(A, b, c, bool(zero), rounding):
+        tableau = _tableau(name, free_parts | constraint_parts, claims, rounding)
         if multiplier_inverse(tableau) is None:
             continue
         if best is None or (tableau.order, -tableau.p) > (best.order, -best.p):
@@ -66,16 +67,24 @@ def complete_tableau(
         if best.order >= best.free_order:
             break  # constraints cannot raise the order
     assert best is not None  # p = 1 has M = 1/2
-    broken = [line for line in check_tableau(best) if line.required and not line.holds]
-    if broken:
-        lines = [f"{line.name} ({line.equation}; residual {line.residual})" for line in broken[:3]]
-        raise TableauError(
-            f"The tableau {name!r} violates {', '.join(lines)}; correct its numbers.")
+    _refuse_violations(best)
     return best
 
 
+def _refuse_violations(tableau: Tableau) -> None:
+    """Refuse a tableau that violates a required condition, with the first three of these."""
+    broken = [line for line in check_tableau(tableau) if line.required and not line.holds]
+    if broken:
+        lines = [f"{line.name} ({line.equation}; residual {line.residual})" for line in broken[:3]]
+        raise TableauError(
+            f"The tableau {tableau.name!r} violates {', '.join(lines)}; correct its numbers.")
+
+
 def partner(a: Rows, b_rows: Sequence[sp.Expr], b_columns: Sequence[sp.Expr]) -> Rows:
-    """Return the symplectic partner a'_ij = b'_j (1 − a_ji/b_i) of a."""
+    """Return the symplectic partner a'_ij = b'_j (1 − a_ji/b_i) of a.
+
+    ``b_rows`` are the weights b_i, none of which is 0, and ``b_columns`` the weights b'_j.
+    """
     return [[_simplify(weight * (1 - row[i] / b_rows[i]))
              for row, weight in zip(a, b_columns, strict=True)] for i in range(len(b_rows))]
 
@@ -83,7 +92,7 @@ def partner(a: Rows, b_rows: Sequence[sp.Expr], b_columns: Sequence[sp.Expr]) ->
 def matrix(rows: Rows) -> Any:
     """Return rows of expressions as an exact matrix."""
     if len(rows[0]) == 1:
-        return column(_flat(rows), EXRAW)
+        return column(_column(rows), EXRAW)
     return DomainMatrix(rows, (len(rows), len(rows[0])), EXRAW)
 
 
@@ -93,33 +102,53 @@ def _constraint_parts(
     """Yield candidates for Ā, Ã, b̃ and c̃, in the order in which they are tried.
 
     Stages as constraint nodes, if possible; then Lobatto nodes, as many as stages allow and fewer;
-    then the two ends of the step, which are always possible.
+    then the two ends of the step, which are always possible. ``has_zero``: a weight b_i is 0, by
+    which partners would divide.
     """
-    def vanish(entries: Any) -> bool:
-        return all(vanishes_to(entry, rounding) for entry in entries)
-
-    def parts(A_bar: Rows, b_tilde: list[sp.Expr], c_tilde: list[sp.Expr]) -> dict[str, Rows]:
-        return {"A_bar": A_bar, "A_tilde": partner(A_bar, b, b_tilde),
-                "b_tilde": [[weight] for weight in b_tilde], "c_tilde": [[x] for x in c_tilde]}
-
-    distinct = not any(vanish([u - v]) for i, u in enumerate(c) for v in c[:i])
-    interpolatory = distinct and vanish(
-        weight - weight_b for weight, weight_b in zip(_integrals(c, sp.Integer(1)), b, strict=True))
-    if not has_zero:  # partners divide by b_i
-        if vanish(A[0]) and vanish(x - y for x, y in zip(A[-1], b, strict=True)):
-            yield parts(A, b, c)  # Ā = A: the stages are the constraint nodes
-        elif interpolatory and vanish([c[0], c[-1] - 1]):
-            inner = [_integrals(c, node) for node in c[1:-1]]
-            yield parts([[sp.Integer(0)] * len(b), *inner, b], b, c)
-        largest = len(c) + 1 if rounding else min(len(c) + 1, _MOST_EXACT_NODES)
-        for count in range(largest, 2, -1) if interpolatory else ():
-            nodes = _lobatto_nodes(count, rounding)
-            inner = [_integrals(c, node) for node in nodes[1:-1]]
-            yield parts([[sp.Integer(0)] * len(b), *inner, b],
-                        _integrals(nodes, sp.Integer(1)), nodes)
-    half, zero = sp.Rational(1, 2), sp.Integer(0)
+    zero, half, one = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
+    if not has_zero:
+        is_interpolatory = _is_interpolatory(b, c, rounding)
+        starts_and_ends = _vanish(A[0], rounding) and _vanish(
+            [a - weight for a, weight in zip(A[-1], b, strict=True)], rounding)
+        if starts_and_ends:
+            yield _with_partner(A, b, b, c)  # Ā = A: the stages are the constraint nodes
+        elif is_interpolatory and _vanish([c[0], c[-1] - 1], rounding):
+            yield _with_partner(_collocation(b, c, c), b, b, c)
+        if is_interpolatory:
+            largest = len(c) + 1 if rounding else min(len(c) + 1, _MOST_EXACT_NODES)
+            for count in range(largest, 2, -1):
+                nodes = _lobatto_nodes(count, rounding)
+                yield _with_partner(_collocation(b, c, nodes), b, _integrals(nodes, one), nodes)
     yield {"A_bar": [[zero] * len(b), b], "A_tilde": [[half, zero] for _ in b],
-           "b_tilde": [[half], [half]], "c_tilde": [[zero], [sp.Integer(1)]]}
+           "b_tilde": [[half], [half]], "c_tilde": [[zero], [one]]}
+
+
+def _vanish(entries: Iterable[sp.Expr], rounding: Rounding | None) -> bool:
+    """Whether all numbers are zero, exactly or to the digits of decimals."""
+    return all(vanishes_to(entry, rounding) for entry in entries)
+
+
+def _is_interpolatory(
+    b: Sequence[sp.Expr], c: Sequence[sp.Expr], rounding: Rounding | None
+) -> bool:
+    """Whether the nodes c are distinct and b_j = ∫₀¹ ℓ_j of their Lagrange polynomials."""
+    if any(_vanish([u - v], rounding) for i, u in enumerate(c) for v in c[:i]):
+        return False
+    return _vanish((integral - weight for integral, weight in
+                    zip(_integrals(c, sp.Integer(1)), b, strict=True)), rounding)
+
+
+def _collocation(b: list[sp.Expr], c: Sequence[sp.Expr], nodes: Sequence[sp.Expr]) -> Rows:
+    """Return Ā of collocation, ā_lj = ∫₀^c̃_l ℓ_j; ``nodes`` c̃ begin with 0 and end with 1."""
+    return [[sp.Integer(0)] * len(b), *(_integrals(c, node) for node in nodes[1:-1]), b]
+
+
+def _with_partner(
+    A_bar: Rows, b: list[sp.Expr], b_tilde: list[sp.Expr], c_tilde: list[sp.Expr]
+) -> dict[str, Rows]:
+    """Return Ā, its symplectic partner Ã, b̃ and c̃ as parts of a tableau."""
+    return {"A_bar": A_bar, "A_tilde": partner(A_bar, b, b_tilde),
+            "b_tilde": [[weight] for weight in b_tilde], "c_tilde": [[x] for x in c_tilde]}
 
 
 def _tableau(
@@ -127,11 +156,11 @@ def _tableau(
 ) -> Tableau:
     """Return the tableau of all parts, with the digits that are certain."""
     if rounding is not None:  # a digit less for each factor of 10 in the 1/b of partners
-        smallest = min((abs(float(x)) for x in _flat(parts["b"]) if x), default=1.0)
+        smallest = min((abs(float(x)) for x in _column(parts["b"]) if x), default=1.0)
         lost_digits = max(0, math.ceil(-math.log10(smallest)))
-        rounding = replace(rounding, digits=rounding.digits - lost_digits, entries=sum(
-            len(rows) * len(rows[0]) for rows in parts.values()))
-    stages, constraints = (ValueNodes(_flat(parts[key]), rounding) for key in ("c", "c_tilde"))
+        entries = sum(len(rows) * len(rows[0]) for rows in parts.values())
+        rounding = replace(rounding, digits=rounding.digits - lost_digits, entries=entries)
+    stages, constraints = (ValueNodes(_column(parts[key]), rounding) for key in ("c", "c_tilde"))
     return Tableau(name, stages, constraints, {key: matrix(parts[key]) for key in FIELDS},
                    claims, rounding)
 
@@ -141,8 +170,8 @@ def _lobatto_nodes(count: int, rounding: Rounding | None) -> list[sp.Expr]:
     polynomial = lobatto_polynomial(count)
     if rounding is None:
         return list(exact_roots(polynomial))
-    return [sp.Rational(round(node.centre * 10**(rounding.digits + 10)),
-                        10**(rounding.digits + 10)) for node in enclose_roots(polynomial)]
+    unit = 10 ** (rounding.digits + 10)
+    return [sp.Rational(round(node.centre * unit), unit) for node in enclose_roots(polynomial)]
 
 
 def _integrals(nodes: Sequence[sp.Expr], end: sp.Expr) -> list[sp.Expr]:
@@ -161,5 +190,6 @@ def _simplify(value: sp.Expr) -> sp.Expr:
     return value if value.is_Rational else sp.radsimp(sp.expand(value))
 
 
-def _flat(rows: Rows) -> list[sp.Expr]:
+def _column(rows: Rows) -> list[sp.Expr]:
+    """Return the entries of a matrix of one column."""
     return [row[0] for row in rows]

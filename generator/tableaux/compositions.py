@@ -23,8 +23,6 @@ import json
 from collections.abc import Sequence
 from dataclasses import field
 from fractions import Fraction
-from functools import reduce
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -122,25 +120,27 @@ def _from_record(name: str, record: dict[str, Any], bases: dict[str, Composition
     """Return a composition from its record, which has one half of palindromic coefficients.
 
     A record with ``base`` has the weights w_i of a composition of steps of another one,
-    Ψ(w₁ h) ⋯ Ψ(w_k h), from which drifts and kicks are computed.
+    Ψ(w₁ h) ⋯ Ψ(w_k h), from which drifts and kicks are computed; ``bases`` has this one.
     """
-    size, halves = record["stages"], {
-        key: [Fraction(text) for text in record.get(key, ())]
-        for key in ("weights", "drifts", "kicks", "gradients")}
+    stages = record["stages"]
+    halves = {key: [Fraction(text) for text in record.get(key, ())]
+              for key in ("weights", "drifts", "kicks", "gradients")}
     base = record.get("base", "")
     weights: tuple[Fraction, ...] = ()
     if base:
-        weights = palindrome(halves["weights"], size)
+        weights = palindrome(halves["weights"], stages)
         drifts, kicks, gradients = flatten(bases[base], weights)
     else:
-        drifts = palindrome(halves["drifts"], size + 1)
-        kicks = palindrome(halves["kicks"], size)
-        half = halves["gradients"] or [Fraction(0)] * ((size + 1) // 2)
-        gradients = (*half, *reversed(half[: size // 2]))
-    return Composition(name, record["order"], drifts, kicks, gradients, weights, base,
-                       tuple(record.get("orders", [record["order"]])),
-                       tuple(record.get("also", ())), tuple(record.get("free", ())),
-                       record["source"], record["found"])
+        drifts = palindrome(halves["drifts"], stages + 1)
+        kicks = palindrome(halves["kicks"], stages)
+        # the sum of gradients is not known: their half contains the middle one
+        half = halves["gradients"] or [Fraction(0)] * ((stages + 1) // 2)
+        gradients = (*half, *reversed(half[: stages // 2]))
+    return Composition(
+        name=name, order=record["order"], drifts=drifts, kicks=kicks, gradients=gradients,
+        weights=weights, base=base, orders=tuple(record.get("orders", [record["order"]])),
+        also=tuple(record.get("also", ())), free=tuple(record.get("free", ())),
+        source=record["source"], found=record["found"])
 
 
 def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
@@ -148,12 +148,17 @@ def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fract
 
     Gradients have the factor h³, so that a step of w h has w³ of them.
     """
-    def join(a: list[Fraction], b: list[Fraction]) -> list[Fraction]:
-        return [*a[:-1], a[-1] + b[0], *b[1:]]
-
-    drifts = reduce(join, ([w * a for a in base.drifts] for w in weights))
-    return (tuple(drifts), tuple(chain.from_iterable((w * b for b in base.kicks) for w in weights)),
-            tuple(chain.from_iterable((w**3 * c for c in base.gradients) for w in weights)))
+    drifts, kicks, gradients = list[Fraction](), list[Fraction](), list[Fraction]()
+    for w in weights:
+        first, *others = [w * a for a in base.drifts]
+        if drifts:  # the last drift of a step and the first of the next one are one flow
+            drifts[-1] += first
+        else:
+            drifts.append(first)
+        drifts += others
+        kicks += [w * b for b in base.kicks]
+        gradients += [w**3 * c for c in base.gradients]
+    return tuple(drifts), tuple(kicks), tuple(gradients)
 
 
 #: All stored compositions by name.

@@ -115,6 +115,7 @@ def symmetry_residual(rows: Nodes, columns: Nodes, a: Matrix, b_columns: Matrix)
 
 
 def _fraction(nodes: Nodes, numerator: int, denominator: int) -> Any:
+    """Return a rational number in the domain of the matrices of some nodes."""
     return nodes.domain.from_sympy(sp.Rational(numerator, denominator))
 
 
@@ -130,6 +131,7 @@ def is_zero(residual: Matrix, tableau: Tableau) -> bool:
 
 @cache
 def _entry_is_zero(entry: sp.Expr, rounding: Rounding | None) -> bool:
+    """Whether an entry is zero, cached, as the same entries occur in several conditions."""
     return vanishes_to(entry, rounding)
 
 
@@ -155,14 +157,11 @@ def counts(tableau: Tableau) -> dict[str, int]:
     with the weights and nodes that belong to each of A, Â, Ã and Ā.
     """
     t, basis = tableau, tableau.basis
-    limit = 2 * max(t.s, t.p) + 2
-    largest_k = {
-        "B": holds_to(lambda k: quadrature_residual(t.stages, basis["b"], k), t, limit),
-        "B_hat": holds_to(lambda k: quadrature_residual(t.stages, basis["b_hat"], k), t, limit),
-        "B_tilde": holds_to(
-            lambda k: quadrature_residual(t.constraints, basis["b_tilde"], k), t, limit
-        ),
-    }
+    limit = 2 * max(t.s, t.p) + 2  # no quadrature with so many nodes is more exact
+    largest_k: dict[str, int] = {}
+    for label, weights, nodes in (("B", "b", t.stages), ("B_hat", "b_hat", t.stages),
+                                  ("B_tilde", "b_tilde", t.constraints)):
+        largest_k[label] = holds_to(partial(quadrature_residual, nodes, basis[weights]), t, limit)
     for name, (label, b_rows, b_columns) in MATRICES.items():
         rows, columns = t.nodes_of(name)
         a, b_row, b_column = basis[name], basis[b_rows], basis[b_columns]
@@ -190,9 +189,13 @@ def order(tableau: Tableau, *, constrained: bool = True) -> int:
 def _bounds(tableau: Tableau, constrained: bool = True) -> list[tuple[int, str]]:
     """Return the bounds of the order, each with its conditions as text."""
     k = counts(tableau)
+    quadratures, stage_conditions = ["B", "B_hat"], ["C", "C_hat"]
+    if constrained:
+        quadratures.append("B_tilde")
+        stage_conditions += ["C_tilde", "C_bar"]
     bounds = [(2 * tableau.s, "2s")]  # in decimals B may seem to hold beyond
-    bounds += [(k[label], LABELS[label]) for label in ("B", "B_hat", "B_tilde")[:2 + constrained]]
-    for label, _, _ in [*MATRICES.values()][:4 if constrained else 2]:
+    bounds += [(k[label], LABELS[label]) for label in quadratures]
+    for label in stage_conditions:
         c, d = k[label], k[label.replace("C", "D")]
         bounds += [(c + d + 1, f"{LABELS[label]}({c}) and {D_LABELS[label]}({d})"),
                    (2 * c + 2, f"{LABELS[label]}({c})")]
@@ -296,20 +299,18 @@ def _multipliers(tableau: Tableau) -> Condition:
 def _symplectic(tableau: Tableau) -> list[Condition]:
     """Check symplecticity of the map, which is required if claimed, and reported otherwise."""
     t, basis = tableau, tableau.basis
-    lines = [
-        ("symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j",
-         symplectic_residual(t.stages, t.stages, basis["A_hat"], basis["A"], basis["b"],
-                             basis["b_hat"]), t.stages),
-        ("symplectic, constraints", "b_i ã_ij + b̃_j ā_ji = b_i b̃_j",
-         symplectic_residual(t.stages, t.constraints, basis["A_tilde"], basis["A_bar"], basis["b"],
-                             basis["b_tilde"]), t.constraints),
-    ]
+    forces = symplectic_residual(t.stages, t.stages, basis["A_hat"], basis["A"], basis["b"],
+                                 basis["b_hat"])
+    constraints = symplectic_residual(t.stages, t.constraints, basis["A_tilde"], basis["A_bar"],
+                                      basis["b"], basis["b_tilde"])
+    lines = [_condition(t, "symplectic, forces", "b_i â_ij + b̂_j a_ji = b_i b̂_j", forces,
+                        t.stages, t.stages, required=False),
+             _condition(t, "symplectic, constraints", "b_i ã_ij + b̃_j ā_ji = b_i b̃_j",
+                        constraints, t.stages, t.constraints, required=False)]
+    # 0: the family or the file says that the map is not symplectic, which is no violation
     claimed = t.claims.get("symplectic")
-    return [
-        replace(line, holds=line.holds or claimed == 0, required=bool(claimed))
-        for line in (_condition(t, name, equation, residual, t.stages, columns, required=False)
-                     for name, equation, residual, columns in lines)
-    ]
+    return [replace(line, holds=line.holds or claimed == 0, required=bool(claimed))
+            for line in lines]
 
 
 def invariant_conditions(tableau: Tableau) -> list[Condition]:
@@ -340,20 +341,23 @@ def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
     """
     t, basis, nodes = tableau, tableau.basis, tableau.constraints
     first, last = nodes.at(0), nodes.at(-1)
-    regular = basis["A_bar"].rank() == t.s and is_zero(first * basis["A_bar"], t)
-    k = holds_to(partial(stage_residual, nodes, nodes, V), t, t.p + 2)
+    # row 0 of Ā is 0: its rank is that of the rows 1..p
+    is_regular = basis["A_bar"].rank() == t.s and is_zero(first * basis["A_bar"], t)
     required_k = t.p + 1
+    k = holds_to(partial(stage_residual, nodes, nodes, V), t, required_k + 1)
+    residual = "0"
+    if k < required_k:
+        residual = mp.nstr(magnitude(stage_residual(nodes, nodes, V, k + 1), nodes, None), 5)
     lines = [
         _condition(t, "v_0l = 0", "v_0l = 0", first * V, None, nodes, required=True),
         _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - basis["b_tilde"].transpose(), None,
                    nodes, required=True),
         Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {required_k}", f"holds to k = {k}",
-                  k >= required_k, "0" if k >= required_k else mp.nstr(magnitude(
-                      stage_residual(nodes, nodes, V, k + 1), nodes, None), 5), required=True),
+                  k >= required_k, residual, required=True),
         # Ā is regular: a polynomial of degree s that vanishes at 0 and at c̃_1..c̃_p is 0.
         Condition("reactions", "det ā_ij ≠ 0, i = 1..p, j = 1..s",
-                  "Ā is regular" if regular else "Ā is singular", regular,
-                  "0" if regular else "singular", required=True),
+                  "Ā is regular" if is_regular else "Ā is singular", is_regular,
+                  "0" if is_regular else "singular", required=True),
     ]
     mirrored = symmetry_residual(nodes, nodes, V, basis["b_tilde"])
     if is_symmetric(t) and mirrored is not None:
@@ -372,13 +376,17 @@ def energy_conditions(tableau: Tableau) -> list[Condition]:
     """
     tableaux = [tableau, *(with_energy_parameter(tableau, theta) for theta in ((1, 0), (0, 1)))]
     reports = [{line.name: line for line in check_tableau(t)} for t in tableaux]
-    names = [name for name in reports[0] if name.startswith(("symplectic", "symmetric", "ā", "ã"))]
+    lines: list[Condition] = []
+    for name, line in reports[0].items():
+        if name.startswith(("symplectic", "symmetric", "ā", "ã")):
+            holds = all(report[name].found == "yes" for report in reports)
+            lines.append(replace(line, name=f"{name}, every θ", required=True,
+                                 found="yes" if holds else "no", holds=holds))
     fixed_order = min(t.order for t in tableaux)
+    # θ = O(Δt²) adds two orders to those of fixed numbers
     proved = min(tableau.order, fixed_order + 2)
     return [
-        *(replace(reports[0][name], name=f"{name}, every θ", required=True,
-                  found="yes" if all(report[name].found == "yes" for report in reports) else "no",
-                  holds=all(report[name].found == "yes" for report in reports)) for name in names),
+        *lines,
         Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", str(fixed_order),
                   fixed_order >= 2 * tableau.s - 2, "0", required=True),
         Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", str(proved),
@@ -390,22 +398,14 @@ def _counted_condition(tableau: Tableau, label: str, largest_k: dict[str, int]) 
     """Check a quadrature or stage condition: the largest k, and the residual at k + 1.
 
     ``label`` is B, B_hat, … or C, C_hat, …; ``largest_k`` has the k of each. The condition holds if
-    k is at least that which the tableau claims, or that which consistency needs.
+    k is as large as the tableau claims, or without a claim as large as consistency needs.
     """
-    t, basis = tableau, tableau.basis
     k = largest_k[label]
     claim = tableau.claims.get(label)
     # Consistency requires k ≥ 1, except of (A.9) and (A.11): 2-stage IIIB has k = 0.
     minimum = 0 if label in ("C_hat", "C_tilde") else 1
     required_k = minimum if claim is None else claim
-    if label.startswith("B"):
-        weights = basis[label.replace("B", "b")]
-        nodes = t.constraints if label == "B_tilde" else t.stages
-        size = magnitude(quadrature_residual(nodes, weights, k + 1), None, None)
-    else:
-        name = label.replace("C", "A")
-        rows, columns = t.nodes_of(name)
-        size = magnitude(stage_residual(rows, columns, basis[name], k + 1), rows, None)
+    size = _residual_size(tableau, label, k + 1)
     return Condition(
         LABELS[label],
         f"{_EQUATIONS[label]}, required to k = {required_k}",
@@ -414,6 +414,18 @@ def _counted_condition(tableau: Tableau, label: str, largest_k: dict[str, int]) 
         residual="0" if k >= required_k else mp.nstr(size, 5),
         required=True,
     )
+
+
+def _residual_size(tableau: Tableau, label: str, k: int) -> mp.mpf:
+    """Return the largest |entry| of the residual of B(k), C(k), …, by ``label``."""
+    t, basis = tableau, tableau.basis
+    if label.startswith("B"):
+        weights = basis[label.replace("B", "b")]
+        nodes = t.constraints if label == "B_tilde" else t.stages
+        return magnitude(quadrature_residual(nodes, weights, k), None, None)
+    name = label.replace("C", "A")
+    rows, columns = t.nodes_of(name)
+    return magnitude(stage_residual(rows, columns, basis[name], k), rows, None)
 
 
 def _adjoint_condition(label: str, largest_k: dict[str, int]) -> Condition:
@@ -439,17 +451,21 @@ def _symmetry_residuals(tableau: Tableau) -> Iterator[tuple[Matrix | None, Nodes
 def _symmetric(tableau: Tableau) -> Condition:
     """Return the condition of symmetry in time, with the largest residual."""
     residuals = list(_symmetry_residuals(tableau))
-    mirrored = all(residual is not None for residual, _, _ in residuals)
-    sizes = [magnitude(*residual) for residual in residuals
-             if residual[0] is not None and not is_zero(residual[0], tableau)]
-    holds = mirrored and not sizes
+    has_symmetric_nodes = all(residual is not None for residual, _, _ in residuals)
+    sizes = [magnitude(residual, rows, columns) for residual, rows, columns in residuals
+             if residual is not None and not is_zero(residual, tableau)]
+    holds = has_symmetric_nodes and not sizes
+    if not has_symmetric_nodes:
+        size = "the nodes are not"
+    else:
+        size = mp.nstr(max(sizes), 5) if sizes else "0"
     claimed = tableau.claims.get("symmetric")
     return Condition(
         "symmetric",
         "a_(s+1−i,s+1−j) + a_ij = b_j for A, Â, Ã, Ā",
         found="yes" if holds else "no",
         holds=holds or not claimed,
-        residual="0" if holds else mp.nstr(max(sizes), 5) if mirrored else "the nodes are not",
+        residual=size,
         required=bool(claimed),
     )
 
@@ -457,12 +473,13 @@ def _symmetric(tableau: Tableau) -> Condition:
 def _stability(tableau: Tableau) -> Condition:
     """Check A- and L-stability; a claimed L-stability is required, also with constraints."""
     R, claimed = stability(tableau), bool(tableau.claims.get("L_stable"))
-    damps = R is not None and R.l_stable and R.constrained
+    is_l_stable = R is not None and R.l_stable and R.constrained
     text = "none: Â is not A" if R is None else str(R)
     if R is not None and not R.constrained:
         text += ", without constraints"
-    return Condition("stability", "R(z) = det(I − zA + z1bᵀ)/det(I − zA)", text,
-                     damps or not claimed, "0" if damps or not claimed else text, claimed)
+    holds = is_l_stable or not claimed
+    return Condition("stability", "R(z) = det(I − zA + z1bᵀ)/det(I − zA)", found=text, holds=holds,
+                     residual="0" if holds else text, required=claimed)
 
 
 def _order(tableau: Tableau) -> Condition:

@@ -19,25 +19,26 @@ def enclose_part(rows: list[list[Any]], nodes: list[Nodes], bits: int) -> tuple[
     """Return enclosures of a table of coefficients; its exact nodes are enclosed to 2^−bits.
 
     ``rows`` is the exact matrix over the algebras of the nodes: one set of nodes for a vector, two
-    for a matrix.
+    for a matrix. A vector becomes a tuple, a matrix a tuple of rows.
     """
     if isinstance(nodes[0], ValueNodes):
-        digits = bits * 3 // 10
+        digits = bits * 3 // 10  # log₁₀ 2 = 0.301
         enclosed = [tuple(enclose_expression(entry, digits) for entry in row) for row in rows]
         return tuple(enclosed) if len(nodes) == 2 else tuple(row[0] for row in enclosed)
     # fixed-point integers: all coefficients times their common denominator and 2^bits
     fractions = [[Fraction(int(e.numerator), int(e.denominator)) for e in row] for row in rows]
     scale = lcm(*(e.denominator for row in fractions for e in row))
+    # (centre, radius), as the roots: coefficients are exact
     coefficients = [[(int(e * scale) << bits, 0) for e in row] for row in fractions]
-    roots = [_fixed_roots(node_set, bits) for node_set in nodes]
     unit = scale << bits
-    if len(nodes) == 1:
+    row_roots, *column_roots = (_fixed_roots(node_set, bits) for node_set in nodes)
+    if not column_roots:
         polynomial = [row[0] for row in coefficients]
-        return tuple(_enclosure(horner(polynomial, root, bits), unit) for root in roots[0])
+        return tuple(_enclosure(horner(polynomial, root, bits), unit) for root in row_roots)
     # Columns first: Σ_l C_kl vˡ then vanishes exactly for the zero column (v = 1) of Ã.
-    by_column = [[horner(row, root, bits) for row in coefficients] for root in roots[1]]
+    by_column = [[horner(row, root, bits) for row in coefficients] for root in column_roots[0]]
     return tuple(tuple(_enclosure(horner(column, root, bits), unit) for column in by_column)
-                 for root in roots[0])
+                 for root in row_roots)
 
 
 def _fixed_roots(nodes: Any, bits: int) -> list[tuple[int, int]]:
@@ -47,8 +48,10 @@ def _fixed_roots(nodes: Any, bits: int) -> list[tuple[int, int]]:
             for root in enclose_roots(nodes.polynomial, bits)]
 
 
-def _enclosure(value: tuple[int, int], unit: int) -> Enclosure:
-    return Enclosure(Fraction(value[0], unit), Fraction(value[1], unit))
+def _enclosure(interval: tuple[int, int], unit: int) -> Enclosure:
+    """Return the enclosure of a centre and a radius in units of 1/unit."""
+    centre, radius = interval
+    return Enclosure(Fraction(centre, unit), Fraction(radius, unit))
 
 
 def horner(
@@ -58,14 +61,16 @@ def horner(
 
     |x| ≤ 1. A product is rounded down, which adds at most one unit to the radius.
     """
+    x_centre, x_radius = x
     centre, radius = coefficients[-1]
-    for c, r in reversed(coefficients[:-1]):
-        product = centre * x[0]
+    for coefficient, coefficient_radius in reversed(coefficients[:-1]):
+        product = centre * x_centre
         # |c x − c' x'| ≤ |c| δx + δc (|x| + δx)
-        error = abs(centre) * x[1] + radius * (abs(x[0]) + x[1])
-        inexact = int(product & (2**bits - 1) != 0)
-        centre = (product >> bits) + c
-        radius = (error >> bits) + (error != 0) + inexact + r
+        error = abs(centre) * x_radius + radius * (abs(x_centre) + x_radius)
+        is_rounded = product & (2**bits - 1) != 0
+        centre = (product >> bits) + coefficient
+        # the error is rounded up
+        radius = (error >> bits) + (error != 0) + is_rounded + coefficient_radius
     return centre, radius
 
 

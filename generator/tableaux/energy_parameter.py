@@ -64,6 +64,7 @@ def with_energy_parameter(tableau: Tableau, theta: tuple[Any, Any]) -> Tableau:
     """
     basis = tableau.basis
     u, v, w = (column for column, _ in energy_columns(tableau).values())
+    # multiplication by b, as a matrix over the functions of a node
     B = tableau.stages.multiply(basis["b"])
     B_tilde = tableau.constraints.multiply(basis["b_tilde"])
     theta_0, theta_1 = (QQ.convert(x) for x in theta)

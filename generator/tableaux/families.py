@@ -25,6 +25,7 @@ Matrix = Any
 
 def quadrature_weights(nodes: Nodes) -> Matrix:
     """Solve B(s), (A.8) or (A.10): Σ_i b_i c_i^{k−1} = 1/k for k = 1..s."""
+    # a sum over the nodes is a trace: Σ_i b_i c_iᵏ = bᵀ T cᵏ
     system = DomainMatrix.hstack(*[nodes.trace * power(nodes, k) for k in range(nodes.size)])
     right = column([QQ(1, k + 1) for k in range(nodes.size)], QQ)
     return system.transpose().lu_solve(right)
@@ -126,7 +127,7 @@ def lobatto_iiiab(s: int) -> Tableau:
         "b": b, "b_hat": b, "b_tilde": b,
         "c": c, "c_tilde": c,
     }
-    u = 2 * s - 2
-    claims = {"B": u, "B_hat": u, "B_tilde": u, "C": s, "C_hat": s - 2, "C_tilde": s - 2,
-              "C_bar": s, "symmetric": 1, "symplectic": 1, "order": u}
+    order = 2 * s - 2  # of Lobatto quadrature with s nodes
+    claims = {"B": order, "B_hat": order, "B_tilde": order, "C": s, "C_hat": s - 2,
+              "C_tilde": s - 2, "C_bar": s, "symmetric": 1, "symplectic": 1, "order": order}
     return Tableau(f"liiiab{s}", lobatto, lobatto, basis, claims)

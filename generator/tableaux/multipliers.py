@@ -37,6 +37,7 @@ def multiplier_condition(tableau: Tableau) -> mp.mpf:
     with mp.workdps(_DIGITS):
         singular_values = mp.svd_r(_multiplier_matrix(tableau), compute_uv=False)
         largest, smallest = max(singular_values), min(singular_values)
+        # below the round-off of the decomposition a singular value counts as 0
         return largest / smallest if smallest > largest * mp.eps * 2**16 else mp.inf
 
 
@@ -47,10 +48,11 @@ def _multiplier_matrix(tableau: Tableau) -> mp.matrix:
     """
     tables, p = tableau.map_enclosures(lambda e: e.centre), tableau.p
     M = mp.matrix(p, p)
-    for node in range(p):
+    # node 0 is the start of the step, where row 0 of Ā is 0; Λ_p acts at the end alone
+    for row, A_bar_row in enumerate(tables["A_bar"][1:]):
         for j in range(p):
-            products = (a_bar * a_tilde[j] for a_bar, a_tilde in zip(
-                tables["A_bar"][node + 1], tables["A_tilde"], strict=True))
+            products = (a_bar * A_tilde_row[j]
+                        for a_bar, A_tilde_row in zip(A_bar_row, tables["A_tilde"], strict=True))
             entry = sum(products, Fraction(0))
-            M[node, j] = mp.mpf(entry.numerator) / entry.denominator
+            M[row, j] = mp.mpf(entry.numerator) / entry.denominator
     return M

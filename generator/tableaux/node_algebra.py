@@ -202,9 +202,14 @@ class ValueNodes:
 
 
 def magnitude(residual: Matrix, rows: Nodes | None, columns: Nodes | None) -> mp.mpf:
-    """Return the largest |entry| of a residual, evaluated at the nodes."""
-    values = _at_nodes(_at_nodes(residual.to_Matrix(), rows).T, columns)
-    return max((mp.mpf(abs(enclosure(v)).b) for v in values), default=mp.mpf(0))
+    """Return the largest |entry| of a residual, evaluated at the nodes.
+
+    ``rows`` and ``columns`` are the nodes of which its rows and columns are functions; None where
+    these are numbers.
+    """
+    at_rows = _at_nodes(residual.to_Matrix(), rows)
+    entries = _at_nodes(at_rows.T, columns)
+    return max((mp.mpf(abs(enclosure(entry)).b) for entry in entries), default=mp.mpf(0))
 
 
 def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:

@@ -88,6 +88,7 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
             raise TableauError(
                 f"No sign change of {polynomial.as_expr()} near {float(numerator * step)}."
             )
+        # f = 0 at the rounded root: it is exact
         enclosures.append(Enclosure(numerator * step, step if middle else Fraction(0)))
     # enclosures of radius 1 in these units would overlap
     if any(right - left <= 2 for left, right in pairwise(numerators)):
@@ -110,8 +111,13 @@ def _approximate_roots(integer: list[int]) -> list[Any]:
 
 
 def _upper_bound(integer: list[int]) -> Any:
-    """Return an upper bound of the roots, if all are real (Laguerre, Samuelson)."""
-    n, (a, b, c) = len(integer) - 1, [*integer, 0][:3]
+    """Return an upper bound of the roots of a xⁿ + b xⁿ⁻¹ + c xⁿ⁻² + …, if all are real.
+
+    −b/(n a) + √((n − 1)((n − 1) b² − 2 n a c))/(n |a|), by Laguerre and Samuelson. The radicand is
+    n²(n − 1) a² times the variance of the roots. Raises ArithmeticError if it is negative.
+    """
+    n = len(integer) - 1
+    a, b, c = [*integer, 0][:3]  # c = 0 for n = 1
     spread = (n - 1) * ((n - 1) * mp.mpf(b) ** 2 - 2 * n * a * c)
     if spread < 0:
         raise ArithmeticError("Some roots are not real.")
@@ -142,6 +148,7 @@ def _rounded_roots(integer: list[int], roots: list[Any], bits: int) -> list[int]
     The working precision includes the bits of the coefficients, as terms cancel.
     """
     with mp.workprec(bits + 64 + max(map(int.bit_length, integer))):
+        # about 100 bits are right at the start: n steps make 100 · 2ⁿ of them
         for _ in range(max(bits.bit_length() - 5, 0)):
             pairs = [mp.polyval(integer, r, derivative=True) for r in roots]
             roots = [r - f / slope for r, (f, slope) in zip(roots, pairs, strict=True)]
@@ -176,10 +183,12 @@ def _short_radicals(factor: sp.Poly) -> list[sp.Expr] | None:
     With the mean of the roots as the origin, a polynomial in y² of degree 4 at most has roots
     y = ±√u.
     """
+    # the sum of the roots of a xⁿ + b xⁿ⁻¹ + … is −b/a
+    a, b = factor.all_coeffs()[:2]
     if factor.degree() == 1:
-        return [-factor.all_coeffs()[1] / factor.all_coeffs()[0]]
+        return [-b / a]
     y, u = sp.symbols("y u")
-    mean = -factor.all_coeffs()[1] / (factor.all_coeffs()[0] * factor.degree())
+    mean = -b / (a * factor.degree())
     shifted = sp.Poly(factor.as_expr().subs(x, y + mean), y)
     if factor.degree() > 4 or any(power[0] % 2 for power in shifted.monoms()):
         return None

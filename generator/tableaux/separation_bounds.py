@@ -121,6 +121,7 @@ def _separation_bits(expression: sp.Expr) -> int:
 
 
 def _bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
+    """Return the bound of a number, from the cache if it has it."""
     if e not in cache:
         cache[e] = _new_bound(e, cache)
     return cache[e]
@@ -148,18 +149,21 @@ def _new_bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
 
 
 def _power_bound(base: _Bound, e: sp.Expr) -> _Bound:
-    """Return the bound of a power or root."""
+    """Return the bound of a power E^(n/k), where ``base`` is the bound of E = U/(mΛ)."""
     k, n = int(e.exp.q), int(e.exp.p)
     u, m, λ, roots = base.u, base.m, base.λ, base.roots
-    if k > 1:  # (U/L)^(1/k) = (U L^(k−1))^(1/k)/L
-        u = int(sp.integer_nthroot(u * (m * λ) ** (k - 1), k)[0]) + 1
+    if k > 1:  # with L = mΛ: (U/L)^(1/k) = (U L^(k−1))^(1/k)/L
+        u = int(sp.integer_nthroot(u * (m * λ) ** (k - 1), k)[0]) + 1  # rounded up
         roots |= {(e.base, k)}
-    if n < 0:
+    if n < 0:  # (U/(mΛ))⁻¹ = mΛ/U
         u, m, λ = m * λ, 1, u
     return _Bound(u ** abs(n), m ** abs(n), λ ** abs(n), roots)
 
 
+
+
 def _value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
+    """Return an interval that contains a number, from the cache if it has it."""
     if e not in cache:
         cache[e] = _new_value(e, interval, cache)
     return cache[e]

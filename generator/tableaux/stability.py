@@ -68,9 +68,13 @@ class Stability:
     @property
     def deficit(self) -> sp.Poly:
         """E(w) = |denominator|² − |numerator|² at z = iy, w = y²."""
-        squares = _square(self.denominator), _square(self.numerator)
-        terms = {powers: c for powers, c in (squares[0] - squares[1]).terms()
-                 if abs(c) > self.rounding * max(abs(square.nth(*powers)) for square in squares)}
+        denominator, numerator = _square(self.denominator), _square(self.numerator)
+        terms = {}
+        for powers, c in (denominator - numerator).terms():
+            # a difference below the round-off of its operands is 0
+            size = max(abs(denominator.nth(*powers)), abs(numerator.nth(*powers)))
+            if abs(c) > self.rounding * size:
+                terms[powers] = c
         return sp.Poly.from_dict(terms, w, domain="QQ")
 
     @property
@@ -87,7 +91,10 @@ class Stability:
     def damping(self) -> tuple[sp.Rational, int] | None:
         """(C, 2k): an oscillation loses about C (ωΔt)^2k of its amplitude in a step, or None."""
         terms = [(k, c) for (k,), c in self.deficit.terms() if c]
-        return (min(terms)[1] / 2, 2 * min(terms)[0]) if terms else None
+        if not terms:  # E = 0: oscillations keep their amplitude
+            return None
+        k, c = min(terms)
+        return c / 2, 2 * k
 
     @property
     def kind(self) -> str:
@@ -123,9 +130,14 @@ def _rational(matrix: Any) -> DomainMatrix:
     if matrix.domain.is_QQ:
         return matrix
     unit = 4**BITS
-    rows = [[QQ(int(e.p), int(e.q)) if e.is_Rational else
-             QQ(int(sp.floor(sp.N(e * unit, BITS))), unit) for e in row]
-            for row in matrix.to_list()]
+
+    def rounded(e: sp.Expr) -> Any:
+        """Return a rational number exactly, any other one rounded down to a multiple of 1/unit."""
+        if e.is_Rational:
+            return QQ(int(e.p), int(e.q))
+        return QQ(int(sp.floor(sp.N(e * unit, BITS))), unit)
+
+    rows = [[rounded(e) for e in row] for row in matrix.to_list()]
     return DomainMatrix(rows, matrix.shape, QQ)
 
 
@@ -159,6 +171,7 @@ def _is_nonnegative(polynomial: sp.Poly) -> bool:
         return True
     # roots of even order touch zero without a change of sign
     odd = [factor for factor, multiplicity in polynomial.sqf_list()[1] if multiplicity % 2]
+    # a root at w = 0, where the constant term is 0, does not count
     changes_sign = any(factor.count_roots(0, sp.oo) - (factor.TC() == 0) for factor in odd)
     return bool(polynomial.LC() > 0) and not changes_sign
 

@@ -9,7 +9,6 @@ and Ã weights k̃ in P_i, Ā weights k in Q̃_j (A.7). Stages i = 1..s, constra
 
 from __future__ import annotations
 
-import itertools
 import numbers
 from collections.abc import Callable
 from dataclasses import field
@@ -123,11 +122,18 @@ class Tableau:
         digits = self.numeric(digits=_SHOWN_DIGITS)
         exact = self if self.s <= _EXACT_STAGES else digits
 
+        def cell(entry: Any, number: Any) -> Any:
+            """Return an entry as a formula if it is exact and short, else its digits."""
+            if isinstance(entry, sp.Expr) and len(str(entry)) <= _SHORT:
+                return formula(sp.latex(entry))
+            return mp.nstr(number, _SHOWN_DIGITS)
+
         def cells(entries: Any, numeric: Any) -> list[Any]:
-            return [formula(sp.latex(e)) if isinstance(e, sp.Expr) and len(str(e)) <= _SHORT else
-                    mp.nstr(x, _SHOWN_DIGITS) for e, x in zip(entries, numeric, strict=True)]
+            """Return the cells of a row, from its exact entries and their digits."""
+            return [cell(e, x) for e, x in zip(entries, numeric, strict=True)]
 
         def line(name: str) -> list[Any]:
+            """Return the cells of the vector of this name."""
             return cells(getattr(exact, name), getattr(digits, name))
 
         tables: list[str] = []
@@ -229,10 +235,11 @@ class Tableau:
         """Return a table evaluated at its exact nodes u and v: Σ_kl C_kl uᵏ vˡ."""
         rows = self.basis[name].to_list()
         nodes = self.nodes_of(name)
-        if self.given:
-            return tuple(tuple(row) if len(nodes) == 2 else row[0] for row in rows)
+        is_matrix = len(nodes) == 2
+        if self.given:  # its entries are the coefficients
+            return tuple(tuple(row) if is_matrix else row[0] for row in rows)
         roots = [exact_roots(x.polynomial) for x in nodes]  # type: ignore[attr-defined]
-        if len(nodes) == 1:
+        if not is_matrix:  # a vector has one column, the power v⁰
             return tuple(polynomial_value(rows, u, sp.Integer(0)) for u in roots[0])
         return tuple(tuple(polynomial_value(rows, u, v) for v in roots[1])
                      for u in roots[0])
@@ -265,20 +272,26 @@ def _quadratic_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> s
 
     The factors are rational: uᵏ = r_k + s_k √c, vˡ = r'_l + s'_l √d (``_powers``).
     """
-    root_u, powers_u = _powers(u, len(coefficients))
-    root_v, powers_v = _powers(v, len(coefficients[0]))
+    root_u, (rationals_u, factors_u) = _powers(u, len(coefficients))
+    root_v, (rationals_v, factors_v) = _powers(v, len(coefficients[0]))
+    one = sp.Integer(1)
     terms = []
-    for (a, xs), (b, ys) in itertools.product(
-            zip((sp.Integer(1), root_u), powers_u, strict=True),
-            zip((sp.Integer(1), root_v), powers_v, strict=True)):
-        factor = sum((entry * x * y for row, x in zip(coefficients, xs, strict=True)
-                      for entry, y in zip(row, ys, strict=True)), sp.QQ(0))
-        terms.append(sp.QQ.to_sympy(factor) * a * b)
+    # (1 or √c, its coefficients in uᵏ) with (1 or √d, its coefficients in vˡ)
+    for a, x_powers in ((one, rationals_u), (root_u, factors_u)):
+        for b, y_powers in ((one, rationals_v), (root_v, factors_v)):
+            factor = sp.QQ(0)
+            for row, x in zip(coefficients, x_powers, strict=True):
+                for entry, y in zip(row, y_powers, strict=True):
+                    factor += entry * x * y
+            terms.append(sp.QQ.to_sympy(factor) * a * b)
     return sp.Add(*terms)
 
 
 def _powers(number: sp.Expr, count: int) -> tuple[sp.Expr, tuple[list[Any], list[Any]]]:
-    """Return √c and the lists r_k, s_k with (a + b√c)ᵏ = r_k + s_k √c, k < count."""
+    """Return √c and the lists r_k, s_k with (a + b√c)ᵏ = r_k + s_k √c, k < count.
+
+    r_(k+1) = a r_k + b c s_k and s_(k+1) = a s_k + b r_k.
+    """
     rational, irrational = number.as_coeff_Add()
     factor, root = irrational.as_coeff_Mul()
     a, b, c = map(sp.QQ.from_sympy, (rational, factor, root**2))

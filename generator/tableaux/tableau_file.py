@@ -115,6 +115,7 @@ class _Reader:
         self.rounded = 0  # number of rounded entries
 
     def error(self, reason: str) -> TableauError:
+        """Return an error that names the source."""
         return TableauError(f"{self.source} is not usable: {reason}")
 
     def tableau(self, content: dict[str, Any]) -> Tableau:
@@ -128,12 +129,12 @@ class _Reader:
             if source in parts:
                 parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
         rounding = Rounding(min(self.digits.values()), self.rounded) if self.digits else None
-        if "b_tilde" not in parts:
+        if "b_tilde" not in parts:  # a Butcher tableau
             return complete_tableau(name, parts, claims, rounding)
         self.check_last_weight(parts["b_tilde"][-1][0])
         basis = {key: matrix(rows) for key, rows in parts.items()}
         for key, source in DEFAULTS.items():
-            basis.setdefault(key, basis[source])
+            basis.setdefault(key, basis[source])  # the same object: Â = A is recognised
         stages, constraints = (ValueNodes([row[0] for row in parts[key]], rounding)
                                for key in ("c", "c_tilde"))
         return Tableau(name, stages, constraints, {key: basis[key] for key in FIELDS}, claims,
@@ -181,6 +182,7 @@ class _Reader:
         return content
 
     def refuse_constant(self, constant: str) -> NoReturn:
+        """Refuse NaN and Infinity, which Python's reader of JSON accepts."""
         raise self.error(f"{constant} is not a coefficient; write a finite number.")
 
     def as_json(self, key: str, entries: Any) -> Any:
@@ -219,12 +221,12 @@ class _Reader:
                              f"{', '.join(CONSTRAINTS)}, or none of them, to have them derived.")
 
     def claims(self, content: dict[str, Any]) -> dict[str, int]:
-        """Return the claimed order and properties."""
+        """Return the claimed order and properties; those that are not claimed have no entry."""
         claims = {}
         if "order" in content:
             order = content["order"]
-            digits = isinstance(order, _Number) and re.fullmatch("[1-9][0-9]{0,2}", order)
-            if not digits or int(order) > MAX_ORDER:
+            is_whole = isinstance(order, _Number) and re.fullmatch("[1-9][0-9]{0,2}", order)
+            if not is_whole or int(order) > MAX_ORDER:
                 raise self.error(
                     f"order is {_describe(order)}; write an integer from 1 to {MAX_ORDER}."
                 )
@@ -269,7 +271,10 @@ class _Reader:
         return len(entries)
 
     def check_shape(self, key: str, entries: Any, shape: list[int], row: str = "") -> None:
-        """Refuse a list that has another shape."""
+        """Refuse a list that has another shape than a vector (n,) or a matrix (m, n).
+
+        ``row`` is the number of the row in errors, as ", row 1,"; empty for a whole table.
+        """
         name = f"{key}{row}"
         elements = "rows" if len(shape) == 2 else "entries"
         if not isinstance(entries, list):
@@ -347,5 +352,6 @@ def _describe(value: Any) -> str:
 
 
 def _quote(value: Any) -> str:
+    """Return the first 60 characters of a JSON value in quotation marks."""
     text = str(value)
     return repr(text if len(text) <= 60 else text[:60] + "…")
