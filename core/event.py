@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 from .arguments import choose, shown
@@ -17,7 +18,8 @@ from .incompatibilities import refuse_together
 from .records import dataclass
 
 __all__ = ["DIRECTIONS", "Event", "Impact", "as_events", "as_impacts", "event_of_text",
-           "events_of_model", "refuse_unusable_names", "terminal_of", "with_restitutions"]
+           "events_of_model", "impacts_as_json", "impacts_of_json", "refuse_unusable_names",
+           "terminal_of", "with_restitutions"]
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
@@ -139,6 +141,25 @@ def with_restitutions(
         return number
 
     return tuple(replace(impact, restitution=value(impact.restitution)) for impact in impacts)
+
+
+def impacts_as_json(
+    impacts: Sequence[Impact], parameters: Mapping[str, Any]
+) -> dict[str, dict[str, Any]]:
+    """Return the impacts of a run as JSON values by name, for ``impacts_of_json``."""
+    return {impact.name: {"quantity": impact.quantity, "terminal": impact.terminal,
+                          "restitution": str(exact(impact.restitution))}
+            for impact in with_restitutions(impacts, parameters)}
+
+
+def impacts_of_json(records: Mapping[str, Mapping[str, Any]]) -> tuple[Impact, ...]:
+    """Return the impacts among the events of a file; those of earlier versions have no record.
+
+    Raises ValueError, KeyError, TypeError, ArithmeticError or InputError for unusable records.
+    """
+    return tuple(Impact(record["quantity"], Fraction(record["restitution"]), name,
+                        record["terminal"])
+                 for name, record in records.items() if record.get("restitution") is not None)
 
 
 def events_of_model(

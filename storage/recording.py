@@ -19,7 +19,7 @@ from ..core.arguments import listed
 from ..core.arrays import Array
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
-from ..core.event import Event, Impact
+from ..core.event import Event, Impact, impacts_of_json
 from ..core.html import card
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
@@ -119,7 +119,8 @@ class Recording(Trajectory):
             steps_done=about["steps_done"], states=about["states"], manifest=manifest,
             dt=from_text(run["dt"], real), every=run["every"],
             parameters={name: from_text(x, real) for name, x in run["parameters"].items()},
-            report=None if report is None else _report(report), _group=group)
+            report=None if report is None else _report(report), _group=group,
+            _laws=impacts_of_json(run.get("events", {})))
 
     if not TYPE_CHECKING:  # as in Trajectory
 
@@ -193,7 +194,8 @@ class Recording(Trajectory):
     def of_states(self, states: States, **changes: Any) -> Trajectory:
         """Return a trajectory in memory with other states; see ``Trajectory``."""
         fields = {name: getattr(self, name) for name in (
-            "dt", "every", "parameters", "report", "manifest", "events", "impacts", "_stepper")}
+            "dt", "every", "parameters", "report", "manifest", "events", "impacts", "_stepper",
+            "_laws")}
         return Trajectory.of(states, **fields | changes)
 
     def _rows(self, row_range: range) -> Trajectory:
@@ -332,7 +334,8 @@ class Recording(Trajectory):
                                                         REALS[manifest.real].dtype)
         return Trajectory(
             **arrays, dt=self.dt, every=self.every * row_range.step,
-            parameters=dict(self.parameters), report=self.report, manifest=manifest)
+            parameters=dict(self.parameters), report=self.report, manifest=manifest,
+            _laws=self._laws)
 
     def _rows_of(self, name: str, row_range: range) -> Array:
         """Return rows of an array in the stepper's type, wide numbers with all their digits."""

@@ -10,7 +10,7 @@ from typing import Any
 
 from .._version import __version__
 from ..core.errors import InputError
-from ..core.event import Event, refuse_unusable_names
+from ..core.event import Event, impacts_as_json, refuse_unusable_names
 from ..core.exact_numbers import digits_of
 from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.state_columns import states_of
@@ -84,4 +84,6 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
 def _asked(run: Trajectory) -> dict[str, dict[str, Any]]:
     """Return the events of a run as JSON, name → attributes: an impact has a restitution, here
     None."""
-    return {name: {"restitution": None} if name in run.impacts else {} for name in run.events}
+    laws = impacts_as_json(run._laws, run.parameters)
+    return {name: laws.get(name, {"restitution": None}) if name in run.impacts else {}
+            for name in run.events}

@@ -17,6 +17,7 @@ import zarr
 from .._version import __version__
 from ..core.arrays import Array
 from ..core.errors import InputError
+from ..core.event import impacts_of_json
 from ..core.json_records import UnfitError
 from ..core.manifest import Manifest
 from ..core.real_types import RealName
@@ -176,6 +177,11 @@ def _check_events(
         yield f"events are {counts!r}, and {requested!r} were asked for"
         return
     if not all(isinstance(attributes, Mapping) for attributes in requested.values()):
+        yield f"run.events are {requested!r}"
+        return
+    try:
+        impacts_of_json(requested)
+    except (InputError, KeyError, TypeError, ValueError, ArithmeticError):
         yield f"run.events are {requested!r}"
         return
     fields_by_name = fields_of_events(Manifest.from_json(about["manifest"]), requested)

@@ -149,6 +149,7 @@ class ImpactObserver:
         """Return a trajectory with its impacts."""
         count = sum(map(len, impacts.values()))
         return changed(trajectory, report=self.reported(trajectory.report, count), impacts=impacts,
+                       _laws=self.events,
                        events={name: hits.crossings for name, hits in impacts.items()})
 
     def _call(self, steps: int, every: int, state: RunState, rows: Rows) -> int:

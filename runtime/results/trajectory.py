@@ -17,6 +17,7 @@ from ...core.arguments import as_path, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
+from ...core.event import Impact, impacts_as_json
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import format_of
 from ...core.manifest import Manifest
@@ -138,6 +139,8 @@ class Trajectory(Shown):
     tangents: Any = field(default=None, repr=False)
     #: What inputs its steps had, where it is known: of what ``integrate`` returned.
     _inputs: Any = field(default=None, repr=False)
+    #: The laws of its impacts, which runs from its states keep.
+    _laws: tuple[Impact, ...] = field(default=(), repr=False)
     #: The arguments and events it was integrated with, where they are known.
     _origin: Any = field(default=None, repr=False)
     #: Where a longer run goes on, if the last row lies between two steps.
@@ -225,8 +228,7 @@ class Trajectory(Shown):
         clocked = self.manifest.system.clock is not None
         excess = self.energies[index] + self.time_momentum[index] if clocked else 0.0
         return start_of_row(self.q[index].copy(), self.p[index].copy(), self.t[index],
-                            self.parameters, inputs, excess,
-                            () if self._origin is None else self._origin.impacts)
+                            self.parameters, inputs, excess, self._laws)
 
     @property
     def grid_end(self) -> Start:
@@ -279,7 +281,9 @@ class Trajectory(Shown):
         return {
             "title": f"{self.manifest.name}: {self.report.steps} steps of {float(self.dt):g} s",
             "run": {"parameters": {name: digits_of(x) for name, x in self.parameters.items()},
-                    "dt": digits_of(self.dt), "every": self.every, "steps": self.report.steps},
+                    "dt": digits_of(self.dt), "every": self.every, "steps": self.report.steps,
+                    **({"impacts": impacts_as_json(self._laws, self.parameters)}
+                       if self._laws else {})},
             "report": asdict(self.report), "manifest": self.manifest.as_json()}
 
     def __iter__(self) -> Iterator[Start]:
@@ -312,7 +316,7 @@ class Trajectory(Shown):
         """
         times = self.tau if self.manifest.system.clock is not None else self.t
         stored_times = None if self._states is None else self._states.elapsed
-        elapsed: Array = times - times[0] if stored_times is None else stored_times.copy()
+        elapsed: Array = times - times[:1] if stored_times is None else stored_times.copy()
         return elapsed
 
     def __repr__(self) -> str:
@@ -350,7 +354,7 @@ class Trajectory(Shown):
         """Return H_k − H_0 − W_k + L_k of each stored state, W the work of the forces since the
         first of them, L the energy lost in impacts, shape (N+1,); arguments as for ``energy``."""
         H = self.energy(of_motion=of_motion, stepper=stepper)
-        error: Array = H - H[0] - (self.work - self.work[0])
+        error: Array = H - H[:1] - (self.work - self.work[:1])
         for impacts in self.impacts.values():
             ahead = 1 if self.dt > 0 else -1
             lost = np.concatenate([np.zeros(1, H.dtype), np.cumsum(impacts.energy_lost)])

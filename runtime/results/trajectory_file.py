@@ -15,6 +15,7 @@ from ..._version import __version__
 from ...core.arguments import listed
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.event import impacts_as_json, impacts_of_json
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import result_file
 from ...core.json_records import UnfitError
@@ -56,6 +57,7 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "report": asdict(trajectory.report),
         "manifest": trajectory.manifest.as_json(),
         "events": list(trajectory.events),
+        "impacts": impacts_as_json(trajectory._laws, trajectory.parameters),
         "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
         "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
     }
@@ -138,7 +140,8 @@ def load_npz(path: Path) -> Trajectory:
             tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
                         if f"tangents_{name}" in file}
         return _trajectory(_fields(about, arrays, labels) | _events(about, crossings) | {
-            "tangents": _tangents(about, tangents)})
+            "tangents": _tangents(about, tangents),
+            "_laws": impacts_of_json(about.get("impacts", {}))})
 
 
 def load_netcdf(path: Path) -> Trajectory:
@@ -176,7 +179,10 @@ def load_netcdf(path: Path) -> Trajectory:
                      for name in events}
         for columns in crossings.values():
             columns["rising"] = columns["rising"].astype(bool)
-        return _trajectory(_fields(about, arrays, {}) | _events(about, crossings))
+        # a stored run that was written as a file has them among its events
+        laws = impacts_of_json(run.get("impacts", run.get("events", {})))
+        return _trajectory(_fields(about, arrays, {}) | _events(about, crossings)
+                           | {"_laws": laws})
 
 
 def _trajectory(fields: dict[str, Any]) -> Trajectory:

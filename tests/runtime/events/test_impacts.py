@@ -601,6 +601,26 @@ def test_files_have_the_impacts(tmp_path, ending):
         read.gradient({"q": np.ones(101)}, stepper=stepper("ball"))
 
 
+def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
+    """A ball that goes on without its floor would fall through it."""
+    step = systems.stepper("ball")
+    impact, fall = gs.Impact("floor", restitution=0.8), {"dt": 0.01, "steps": 60}
+    start = gs.Start([1.0], [0.0], {"m": 1.0, "g": 9.81})
+    run = step.integrate(start, events=impact, **fall)
+    stored = step.integrate(start, events=impact, out=tmp_path / "run.zarr", **fall)
+    states = [run[::7], stored, stored[::7], run.at([0.5]),
+              step.integrate_ensemble([start], events=impact, **fall).members[0]]
+    for source, ending in ((run, ".npz"), (run, ".zarr"), (stored, ".nc")):
+        states.append(gs.load(source.save(tmp_path / f"saved{ending}")))
+    for state in states:
+        (law,) = state[-1]._events
+        assert (law.quantity, float(law.restitution), law.terminal) == ("floor", 0.8, False)
+    whole = step.integrate(start, events=impact, dt=0.01, steps=120)
+    later = step.integrate(states[-1][-1], **fall)
+    assert len(later.impacts["floor"]) == len(whole.impacts["floor"]) - len(run.impacts["floor"])
+    assert np.abs(later.q[-1] - whole.q[-1]).max() < 1e-14
+
+
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: gs.Impact("floor", restitution=1.1), "1.1"),
     (lambda: gs.Impact("floor", restitution=None), "None"),
