@@ -23,10 +23,11 @@ _VALUES = {"K": "8e5", "C": "4e4", "rest": "0.5", "g": "9.81", "m": "0.3", "M": 
 _DIGITS = 50
 
 
-def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
-    """Return the model, its slider at a speed of ``struck`` to begin with.
+def _governor(damping: str = _VALUES["C"], slider_speed: str = "0") -> Model:
+    """Return the model with one turn of the shaft a second, rods 30° below the horizontal.
 
-    Turn ψ of the shaft, β of the rods below the horizontal, height s of the slider.
+    ``damping`` is C in N s/m, ``slider_speed`` the initial s' in m/s, both in decimals. Coordinates
+    are the turn ψ of the shaft, β of the rods below the horizontal, and the height s of the slider.
 
     Both halves move alike: a spring and a damper from the middle of each rod, (a + cos β/2,
     1 − sin β/2), to the slider at (a, s): the potential K (L − rest)² of their length L, and the
@@ -41,15 +42,17 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
     v = turn, swing, slide = sp.symbols("psi_t beta_t s_t", real=True)
     K, C, rest_length, g, m, M, ball, w, a = parameters = sp.symbols([*_VALUES], positive=True)
     sin, cos = sp.sin(beta), sp.cos(beta)
-    # of a rod and its ball, of length 1: about the hinge, and about the shaft, by β
+    # moments of inertia of a rod of length 1 with its ball: about the hinge, and about the shaft,
+    # which depends on β
     about_hinge = m * (1 + w**2 / 4) / 3 + ball
     about_shaft = (m * (a**2 + a * cos + cos**2 / 3 + w**2 * (2 * sin**2 + cos**2) / 12)
                    + ball * (a + cos) ** 2)
     inertia = m * w**2 / 6 + M * (2 * a) ** 2 / 6 + 2 * about_shaft
+    # there are two rods: no factor ½ at their swing
     kinetic = inertia * turn**2 / 2 + about_hinge * swing**2 + M * slide**2 / 2
     length = sp.sqrt(cos**2 / 4 + (1 - sin / 2 - s) ** 2)
     potential = g * (M * s - (m + 2 * ball) * sin) + K * (length - rest_length) ** 2
-    slopes = [sp.diff(length, x) for x in q]
+    slopes = [sp.diff(length, x) for x in q]  # ∂L/∂q, with L' = Σ ∂L/∂q q'
     rate = sum(slope * x for slope, x in zip(slopes, v, strict=True))
     system = System.from_lagrangian(kinetic - potential, q, v, parameters, name="flyball_governor",
                                     forces=[-2 * C * rate * slope for slope in slopes])
@@ -57,9 +60,9 @@ def _governor(damping: str = _VALUES["C"], struck: str = "0") -> Model:
         _VALUES | {"C": damping}).items()}
     start = {beta: sp.pi / 6, s: sp.Rational(1, 2)}
     substitution = {x: sp.Rational(values[str(x)]) for x in parameters} | start
-    # one turn a second
+    # p_ψ of one turn a second: 2π times the inertia about the shaft at the start
     spin = Fraction(str((2 * sp.pi * inertia.subs(substitution)).evalf(_DIGITS)))
-    momenta = [spin, 0, values["M"] * Fraction(struck)]
+    momenta = [spin, 0, values["M"] * Fraction(slider_speed)]
     q0 = [0, Fraction(str((sp.pi / 6).evalf(_DIGITS))), Fraction(1, 2)]
     return Model(replace(system, quantities={"Lz": system.p[0]}), values,
                  np.array(q0, dtype=object), np.array(momenta, dtype=object))
@@ -71,6 +74,7 @@ _KEPT = {"energy": "T + V + ∫ 2C L'² dt", "Lz": "∂T/∂ψ'"}
 
 
 def _end(run: Trajectory) -> Mapping[str, Any]:
+    """Return q and q' of the last state, three numbers each."""
     return {"positions": run.q[-1], "velocities": run.velocities[-1]}
 
 

@@ -20,7 +20,7 @@ __all__ = ["BENNETT", "BRICARD", "BRICARD_PUSHED", "FOUR_BAR", "FOUR_BARS", "PAR
            "SLIDER_CRANK", "four_bars"]
 
 _AXES = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1)}
-#: Largest denominator of a number of these models, and how far a double of it may be off.
+#: Largest denominator of a number of these models, and the largest relative error of its double.
 _DENOMINATOR, _ROUNDING = 10**5, Fraction(1, 2**46)
 
 
@@ -46,7 +46,7 @@ def _exact_model(build: Multibody, *without: str) -> Model:
 
 
 def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
-    """Return x and p of a body's centre at the end."""
+    """Return position and momentum of a body's centre at the end of a run, three numbers each."""
     first = run.coordinates.index(f"{body}_x")
     return run.q[-1, first : first + 3], run.p[-1, first : first + 3]
 
@@ -54,22 +54,32 @@ def _at(run: Trajectory, body: str) -> tuple[Any, Any]:
 def rod_inertia(along: Sequence[Fraction]) -> tuple[tuple[Fraction, ...], ...]:
     """Return the inertia of a rod of 1 kg and square section, b = 0.1 m wide, in space axes.
 
-    (l² + b²)/12 across and b²/6 along the rod, whose length and direction ``along`` has.
+    J = I₁ (1 − e eᵀ) + I₃ e eᵀ, a 3 × 3 matrix, with I₁ = (l² + b²)/12 across and I₃ = b²/6 along
+    the rod. ``along`` is the vector l e from one end of the rod to the other, in m.
     """
-    square, width = sum(x * x for x in along), Fraction("0.01")
-    across, axial = (square + width) / 12, width / 6
-    return tuple(tuple((across if i == j else 0) - (across - axial) * x * y / square
-                       for j, y in enumerate(along)) for i, x in enumerate(along))
+    length_squared, width_squared = sum(x * x for x in along), Fraction("0.01")
+    across, axial = (length_squared + width_squared) / 12, width_squared / 6
+
+    def entry(i: int, j: int) -> Fraction:
+        """Return J_ij = I₁ δ_ij − (I₁ − I₃) e_i e_j, with e eᵀ = along alongᵀ/l²: no root."""
+        deviation = (across - axial) * along[i] * along[j] / length_squared
+        return (across if i == j else 0) - deviation
+
+    return tuple(tuple(entry(i, j) for j in range(3)) for i in range(3))
 
 
 # ---------------------------------------------------------------- four-bars in a row
 
 
 def four_bars(count: int) -> Model:
-    """Return so many four-bar linkages of rods in a row, upright, at 1 rad/s (IFToMM A02)."""
+    """Return ``count`` four-bar linkages of rods in a row, upright, at 1 rad/s (IFToMM A02).
+
+    Rods v0, v1, … of 1 m and 1 kg stand on the ground 1 m apart; rods c1, c2, … join their ends.
+    """
     from ..generator.multibody.multibody import Multibody
 
     build = Multibody(f"a02_{count}", gravity=(0, -9.81, 0))
+    # slender rods, 1/12 across; along the rod a moment that the plane motion does not use
     upright, lying = (1 / 12, 1e-3, 1 / 12), (1e-3, 1 / 12, 1 / 12)
     for i in range(count + 1):
         build.body(f"v{i}", mass=1, inertia=upright, position=(i, 0.5, 0), velocity=(0.5, 0, 0),
@@ -85,7 +95,7 @@ def four_bars(count: int) -> Model:
 
 
 def _b0(run: Trajectory) -> Mapping[str, Any]:
-    """The first rod's end: its centre is half way from the origin."""
+    """Return x and y of the upper end B0 of the first rod, whose lower end is the origin."""
     return {"positions": 2 * _at(run, "v0")[0][:2]}
 
 
@@ -127,6 +137,7 @@ def _bricard(rate: float = 0.0) -> Model:
     points = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
     build = Multibody("bricard", gravity=(0, -9.81, 0))
     names = ["ground", *(f"rod{i}" for i in range(5)), "ground"]
+    # rods are along the axes of space, in which their inertia is diagonal
     for name, a, b in zip(names[1:], points, points[1:], strict=False):
         inertia = rod_inertia([Fraction(y - x) for x, y in zip(a, b, strict=True)])
         build.body(name, mass=1, inertia=[float(inertia[i][i]) for i in range(3)],
@@ -138,7 +149,11 @@ def _bricard(rate: float = 0.0) -> Model:
 
 
 def _bricard_end(run: Trajectory) -> Mapping[str, Any]:
-    """P1 and P3, from both ends of the chain; y of P1 stays 0."""
+    """Return x and z of P1, and P3: the ends of the first and the third rod.
+
+    y of P1 stays 0. From the centres x_i of rods: P1 = 2 x_0, and from the other end of the chain
+    P4 = 2 x_4 − (0, 0, 1) and P3 = 2 x_3 − P4.
+    """
     first, third, fourth = (_at(run, f"rod{i}")[0] for i in (0, 3, 4))
     return {"positions": [*(2 * first[::2]), *(2 * third - 2 * fourth + [0, 0, 1])]}
 
@@ -160,11 +175,12 @@ BRICARD_PUSHED = replace(
 
 
 def _bennett() -> Model:
-    """A skew rhombus with each hinge across its two links: three redundant constraints.
+    """Return a skew rhombus with each hinge across its two links: three redundant constraints.
 
-    Any two of the last hinge's that are independent at the start would do for exact numbers. x and
-    axis 2 stay so all the way; x and y, which differ most at the start, are next to dependent half
-    way: 4000 steps of 3-G-L then end 4e-11 away, of rounding, instead of 1e-15.
+    Three of the five constraints of the last hinge, A, are left out. In exact arithmetic any two
+    that are independent at the start would do. x and axis 2 are independent all the way; x and y,
+    which differ most at the start, become almost dependent half way: 4000 steps of 3-G-L then have
+    an error of 4e-11, all of it round-off, instead of 1e-15.
     """
     from ..generator.multibody.multibody import Multibody
 
@@ -172,7 +188,7 @@ def _bennett() -> Model:
                "D": ("0", "-.8", ".3")}
     axes = {"A": (0.6, 0, 0.8), "B": (0, 0.6, -0.8), "C": (-0.6, 0, 0.8), "D": (0, -0.6, -0.8)}
     points = {name: np.array([Fraction(x) for x in texts]) for name, texts in corners.items()}
-    build = Multibody("bennett")
+    build = Multibody("bennett")  # the fourth rod, AB, is the ground
     for a, b in map(tuple, ("BC", "CD", "DA")):
         inertia = np.array(rod_inertia(points[b] - points[a]), dtype=float)
         build.body(a + b, mass=1, inertia=inertia,
@@ -184,8 +200,12 @@ def _bennett() -> Model:
 
 
 def _bennett_end(run: Trajectory) -> Mapping[str, Any]:
-    """C and D: the ends of the links that turn about B and A."""
+    """Return positions and velocities of C and D, the ends of the links that turn about B and A.
+
+    From the centres x: C = 2 x_BC − B and D = 2 x_DA − A. Momenta are velocities, of 1 kg.
+    """
     (bc, v_bc), (da, v_da) = _at(run, "BC"), _at(run, "DA")
+    # 10 B and 10 A in whole numbers: 0.8 and 0.3 are no doubles
     C, D = ((20 * x - other_end) / 10 for x, other_end in ((bc, [0, 8, 3]), (da, [8, 0, -3])))
     return {"positions": [*C, *D], "velocities": [*(2 * v_bc), *(2 * v_da)]}
 
@@ -228,7 +248,12 @@ def _slider_crank() -> Model:
 
 
 def _slider_crank_end(run: Trajectory) -> Mapping[str, Any]:
-    """The crank's pin, and the slider: what the crank's centre tells twice."""
+    """Return y and z of the crank's pin and x of the slider, and their velocities.
+
+    From the crank's centre x: pin = 2 x − bearing, bearing = (0, 0.1, 0.12) m. Velocities are
+    2 p/m of the crank, m = 0.12 kg, and p/m of the slider, m = 2 kg.
+    """
+    # whole numbers and 50/3 in place of 0.1 and 2/0.12: the former are exact in every type
     (crank, push), (slider, slide) = _at(run, "crank"), _at(run, "slider")
     pin = (200 * crank[1:] - [10, 12]) / 100
     return {"positions": [*pin, slider[0]], "velocities": [*(push[1:] * 50 / 3), slide[0] / 2]}

@@ -23,12 +23,14 @@ EXAMPLES = Path(__file__).resolve().parent.parent / "examples"
 
 
 def _car_axis() -> Model:
+    """Return the model of the file examples/car_axis.toml."""
     from ..generator.models.model_file import load_model
 
     return load_model(EXAMPLES / "car_axis.toml")
 
 
 _WHEELS = ("xl", "yl", "xr", "yr")
+# each end of the axis has the mass ε² M/2 = 1/2000: velocities are 2000 p
 CAR_AXIS = Reference(
     name="car-axis", title="Car axis, driven by the road",
     source="IVP test set, caraxis", form="TOML", make=_car_axis, seconds="3",
@@ -57,6 +59,7 @@ def _andrews() -> Model:
     """Return the mechanism from its Lagrangian in examples, at rest at the test set's start."""
     from ..generator.multibody.model import Model
 
+    # the example is a script; its decimals are read as fractions: 0.035 is 35/1000
     example = runpy.run_path(str(EXAMPLES / "andrews.py"))
     parameters: dict[str, Any] = {
         name: Fraction(repr(value)) for name, value in example["values"].items()}

@@ -20,7 +20,11 @@ GRAVITY = Fraction("9.81")
 
 
 def _point(name: str, axes: str, q: list[int], p: list[int]) -> Model:
-    """Return a point of 1 kg on a rod of 1 m, gravity against the last axis."""
+    """Return a point of 1 kg on a rod of 1 m, gravity against the last axis.
+
+    ``axes`` has a letter for each coordinate, "xy" or "xyz"; q and p are the start. In space the
+    angular momentum L about the last axis is a quantity.
+    """
     import sympy as sp
 
     from ..generator.multibody.model import Model
@@ -29,16 +33,19 @@ def _point(name: str, axes: str, q: list[int], p: list[int]) -> Model:
     coordinates = sp.symbols(list(axes), real=True)
     momenta = sp.symbols([f"p{axis}" for axis in axes], real=True)
     g = sp.Symbol("g", positive=True)
-    quantities = {"L": coordinates[0] * momenta[1] - coordinates[1]
-                  * momenta[0]} if len(axes) == 3 else {}
-    system = System(coordinates, momenta, (g,),
-                    sum(u**2 for u in momenta) / 2 + g * coordinates[-1],
-                    (sum(x**2 for x in coordinates) - 1,), name=name, quantities=quantities)
+    quantities = {}
+    if len(axes) == 3:
+        x, y, _ = coordinates
+        quantities = {"L": x * momenta[1] - y * momenta[0]}
+    H = sum(u**2 for u in momenta) / 2 + g * coordinates[-1]
+    rod = sum(x**2 for x in coordinates) - 1
+    system = System(coordinates, momenta, (g,), H, (rod,), name=name, quantities=quantities)
     parameters: dict[str, Any] = {"g": GRAVITY}
     return Model(system, parameters, np.array(q), np.array(p))
 
 
 def _end(run: Trajectory) -> Mapping[str, Any]:
+    """Return positions and velocities of the last state; of 1 kg, momenta are velocities."""
     return {"positions": run.q[-1], "velocities": run.p[-1]}
 
 

@@ -26,9 +26,10 @@ def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], 
     MissingDependencyError without matplotlib.
     """
     column_count = min(4, len(measured))
-    row_count = -(-len(measured) // column_count)
+    row_count = -(-len(measured) // column_count)  # rounded up
     figure = figure_class()(figsize=(3 * column_count + 1, 2.4 * row_count + 0.8),
                             layout="constrained")
+    # a peer, or one of our schemes: each has a colour and a mark in all panels
     families = list(dict.fromkeys(run.peer or run.scheme for _, runs in measured for run in runs))
     peers = {run.peer for _, runs in measured for run in runs}
     legend_lines: dict[str, Any] = {}
@@ -56,9 +57,17 @@ def draw_references(measured: Sequence[tuple[str, Sequence[WorkPrecisionRun]]], 
 
 
 def _lines(runs: Sequence[WorkPrecisionRun]) -> list[list[tuple[float, float]]]:
-    """Return CPU ms and error of runs, scheme by scheme; those with one run each are a line."""
-    schemes = dict.fromkeys(run.scheme for run in runs)
-    if len(schemes) == len(runs):
-        schemes = {"": None}
-    return [[(run.cpu_seconds * 1e3, max(run.error, _ROUNDED)) for run in runs
-             if scheme in ("", run.scheme)] for scheme in schemes] if runs else []
+    """Return the lines of a family of runs, each as pairs of CPU ms and error; none for no runs.
+
+    Each scheme is a line. If every scheme has one run alone, as one of each tolerance, all runs
+    together are a line.
+    """
+    if not runs:
+        return []
+    points_of: dict[str, list[tuple[float, float]]] = {}
+    for run in runs:
+        point = (run.cpu_seconds * 1e3, max(run.error, _ROUNDED))
+        points_of.setdefault(run.scheme, []).append(point)
+    if len(points_of) == len(runs):
+        return [[point for points in points_of.values() for point in points]]
+    return list(points_of.values())

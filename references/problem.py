@@ -100,8 +100,9 @@ class Reference:
         """Relative error of each published number; {} without published digits."""
         if self.published is None:
             return {}
-        true = self.truth
-        return {name: abs(float(Fraction(text) / true.value(name) - 1))
+        exact = self.truth
+        # in fractions: doubles would round away differences of digits beyond 16
+        return {name: abs(float(Fraction(text) / exact.value(name) - 1))
                 for name, text in self.published.values.items()}
 
     def error(self, run: Trajectory) -> float:
@@ -119,7 +120,7 @@ def largest_error(computed: Sequence[Any], exact: Sequence[Fraction]) -> float:
 
 
 def _ratio(value: Any) -> tuple[int, int]:
-    """Return a floating-point number of any type as an exact quotient."""
+    """Return a number of any type, quadruple precision included, as numerator and denominator."""
     if hasattr(value, "as_integer_ratio"):
         top, bottom = value.as_integer_ratio()
         return int(top), int(bottom)

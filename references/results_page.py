@@ -58,6 +58,7 @@ def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -
         # peers are beside ours in the tables of the problems
         accurate_runs = [run for run in runs if run.error <= LIMIT and not run.peer]
         best = min(accurate_runs, key=lambda run: run.cpu_seconds, default=None)
+        # scheme, steps, error and CPU ms
         cells = ["missed"] * 4 if best is None else [
             best.scheme, f"{best.steps}", f"{best.error:.0e}", f"{best.cpu_seconds * 1e3:.1f}"]
         worst = max(problem.deviations.values(), default=None)
@@ -98,5 +99,6 @@ def _costs(runs: Sequence[WorkPrecisionRun]) -> str:
 
 
 def _table(titles: Sequence[str], cells: Sequence[Sequence[str]]) -> str:
+    """Return a table in Markdown, with a title for each column and a list of cells for each row."""
     lines = [titles, ["---"] * len(titles), *cells]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)

@@ -31,9 +31,10 @@ _DZHANIBEKOV, _KOVALEVSKAYA, _GORYACHEV = (
 
 def _model(name: str, potential: Any, quantities: Mapping[str, Any], moments: Sequence[Fraction],
            omega: Sequence[Fraction | str]) -> Model:
-    """Return a body that starts with q = (1, 0, 0, 0): p = 2 (0, I₁ Ω₁, I₂ Ω₂, I₃ Ω₃).
+    """Return a body about a fixed point that starts with q = (1, 0, 0, 0).
 
-    γ is the mean of the moments.
+    There p = 2 L(q)ᵀ I Ω = 2 (0, I₁ Ω₁, I₂ Ω₂, I₃ Ω₃). ``moments`` are I₁ to I₃, ``omega`` the
+    start's Ω in body axes, in rad/s. γ, which the motion does not depend on, is their mean.
     """
     from ..generator.multibody.model import Model
     from ..generator.multibody.rigid_body import body_system
@@ -46,13 +47,15 @@ def _model(name: str, potential: Any, quantities: Mapping[str, Any], moments: Se
 
 
 def _end(run: Trajectory, moments: Sequence[Fraction]) -> Mapping[str, Any]:
-    """Ω = L(q) p / (2 I) of the last state, in numbers of its own type."""
+    """Return q and Ω of the last state: I_i Ω_i = (L(q) p)_i/2, in numbers of its own type."""
     (q0, q1, q2, q3), (p0, p1, p2, p3) = run.q[-1], run.p[-1]
-    twice = (-q1 * p0 + q0 * p1 + q3 * p2 - q2 * p3, -q2 * p0 - q3 * p1 + q0 * p2 + q1 * p3,
-             -q3 * p0 + q2 * p1 - q1 * p2 + q0 * p3)
+    twice_momentum = (-q1 * p0 + q0 * p1 + q3 * p2 - q2 * p3,
+                      -q2 * p0 - q3 * p1 + q0 * p2 + q1 * p3,
+                      -q3 * p0 + q2 * p1 - q1 * p2 + q0 * p3)
+    # products and quotients with whole numbers keep the type of q and p, quadruple included
     return {"attitude": run.q[-1],
             "angular velocity": [x * Ii.denominator / (2 * Ii.numerator)
-                                 for x, Ii in zip(twice, moments, strict=True)]}
+                                 for x, Ii in zip(twice_momentum, moments, strict=True)]}
 
 
 def _free_omega() -> tuple[Fraction, ...]:

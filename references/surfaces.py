@@ -23,6 +23,7 @@ _ATTEMPTS = (Attempt("G-L", 4, (100, 250, 500, 1000)), Attempt("G-L", 3, (250, 1
 
 
 def _end(run: Trajectory) -> Mapping[str, Any]:
+    """Return positions and velocities of the last state; of mass 1, momenta are velocities."""
     return {"positions": run.q[-1], "velocities": run.p[-1]}
 
 
@@ -37,9 +38,11 @@ def _neumann() -> Model:
     from ..generator.systems.system import System
 
     q, p, stiff = sp.symbols("x y z", real=True), sp.symbols("px py pz", real=True), (1, 2, 4)
-    integrals = {f"F{i + 1}": q[i] ** 2 + sum(
-        (q[i] * p[j] - q[j] * p[i]) ** 2 / sp.Integer(stiff[i] - stiff[j])
-        for j in range(3) if j != i) for i in range(3)}
+    integrals = {}
+    for i in range(3):
+        turns = sum((q[i] * p[j] - q[j] * p[i]) ** 2 / sp.Integer(stiff[i] - stiff[j])
+                    for j in range(3) if j != i)
+        integrals[f"F{i + 1}"] = q[i] ** 2 + turns
     H = sum(x**2 for x in p) / 2 + sum(a * x**2 for a, x in zip(stiff, q, strict=True)) / 2
     system = System(q, p, (), H, (sum(x**2 for x in q) - 1,), name="neumann", quantities=integrals)
     q0, p0 = (np.array([Fraction(x) for x in texts.split()])
@@ -76,14 +79,18 @@ def _ellipsoid() -> Model:
 
 
 def _root(x: Fraction | int) -> Fraction:
-    """Return √x to 50 digits."""
+    """Return √x as a fraction, correct to 50 digits."""
     digits = Context(prec=50)
     top, bottom = Fraction(x).as_integer_ratio()
     return Fraction(digits.sqrt(digits.divide(Decimal(top), Decimal(bottom))))
 
 
 def _bead() -> Model:
-    """H = |p|²/2 + g y on a wire that turns at 2 rad/s: x sin 2t = y cos 2t."""
+    """Return a bead of 1 kg, H = |p|²/2 + g y, on a wire that turns at 2 rad/s.
+
+    The wire is the constraint x sin 2t − y cos 2t = 0. At the start the bead is at 1 m and moves
+    with the wire: (x', y') = (0, 2) m/s.
+    """
     import sympy as sp
 
     from ..generator.multibody.model import Model
@@ -98,7 +105,10 @@ def _bead() -> Model:
 
 
 def _growing_mass() -> Model:
-    """L = e^(2ct) (v² − k² x²)/2, c = 1/4 and k = 1: time in the mass and in the spring."""
+    """Return the oscillator L = e^(2ct) (v² − k² x²)/2 with c = 1/4 1/s and k = 1 1/s.
+
+    Mass and stiffness grow alike, so x'' + 2c x' + k² x = 0. It starts from rest at x = 1 m.
+    """
     import sympy as sp
 
     from ..generator.multibody.model import Model

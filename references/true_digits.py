@@ -40,6 +40,7 @@ class Truth:
 
 @functools.cache
 def _content() -> dict[str, Any]:
+    """Return the file's content: name of a problem → the arguments of its ``Truth``."""
     content: dict[str, Any] = json.loads(PATH.read_text(encoding="utf-8"))
     return content
 

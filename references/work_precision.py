@@ -32,13 +32,13 @@ class WorkPrecisionRun:
     Attributes
     ----------
     name, scheme : str
-        Of the problem, and of scheme with stages.
+        Names of the problem, and of the scheme with its stages.
     steps : int
-        To the time of comparison.
+        Number of steps to the time of comparison.
     error : float
-        At the end; relative to the largest number of its kind.
+        Error at the end, relative to the largest number of its kind.
     cpu_seconds : float
-        Of this thread, the median of the rounds; the stepper is compiled before.
+        CPU time of this thread in s, the median of the rounds; the stepper is compiled before.
     invariants : mapping of str to float
         Largest error of energy (or of its balance) and of the constraints over all steps, and the
         change of each other invariant from start to end.
@@ -88,7 +88,7 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
         watch(f"{problem.name}, {attempt.name}")
         step = stepper(attempt.scheme, attempt.stages, system=model.system)
         for steps in attempt.steps:
-            seconds = []
+            seconds = []  # other programs take time from a round; the median leaves these out
             for _ in range(rounds):
                 start = time.thread_time()
                 run = run_once(problem, step, model, steps)
@@ -99,7 +99,10 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
 
 def run_once(problem: Reference, step: Stepper, model: Model, steps: int,
              real: RealName = "double") -> Trajectory:
-    """Return the start and the end of a run to the time of comparison."""
+    """Return the start and the end of a run to the time of comparison.
+
+    dt = seconds/steps is rounded once, from a fraction to the type ``real`` of the stepper.
+    """
     parameters = dict(model.parameters)
     dt = rounding(real)(Fraction(problem.seconds) / steps)
     return step.integrate(model.q0, model.p0, dt=dt, steps=steps, every=steps,
