@@ -167,7 +167,7 @@ def certify(
         If the run itself does not get to its end.
     """
     if scheme is None and tableau is None and order is None and composition is None:
-        scheme, stages = DEFAULT_SCHEME, stages or DEFAULT_STAGES
+        scheme, stages = DEFAULT_SCHEME, DEFAULT_STAGES if stages is None else stages
     if choose("real", real, REALS) not in ("double", "float"):
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")

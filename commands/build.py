@@ -24,7 +24,7 @@ from ..targets.build import target_named
 from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
 from .options import DEFAULT, completing, real_number, whole_number
-from .run.starts import arguments_of, settings_of
+from .run.starts import arguments_of, refuse_repeated, settings_of
 
 __all__ = ["build"]
 
@@ -123,6 +123,12 @@ def _write(
     stages: str | None, order: str | None, dt: str | None, check: bool, **scheme_options: Any,
 ) -> int:
     """Write the artefact and print its files; return the exit code, 1 if its bits differ from C."""
+    pairs = [_value(text) for text in values]
+    names = [name for name, _ in pairs]
+    for name in names:
+        if names.count(name) > 1:
+            raise InputError(f"--parameter {name}=… is given {names.count(name)} times; give it "
+                             "once.")
     # SIGTERM must remove what is written in part
     with imported_for_good("sympy"), catch_termination():
         built = build_artefact(
@@ -130,7 +136,7 @@ def _write(
             stages=None if stages is None else whole_number("--stages", stages),
             order=None if order is None else whole_number("--order", order),
             dt=None if dt is None else real_number("--dt", dt),
-            parameters=dict(map(_value, values)), platforms=scheme_options.pop("for", None),
+            parameters=dict(pairs), platforms=scheme_options.pop("for", None),
             **scheme_options)
     click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
     for name in built.files:
@@ -146,6 +152,7 @@ def _write(
 
 def _model(name: str, settings: tuple[str, ...]) -> Any:
     """Return the name of a model as it is; with settings, the model that they make."""
+    refuse_repeated(settings)
     if is_model_file(name):
         from ..generator.models.model_file import read_model
         from ..generator.parsing.text_file import model_text

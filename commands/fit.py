@@ -111,26 +111,30 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     try:
         # spreadsheets write a byte order mark
         with path.open(encoding="utf-8-sig", newline="") as file:
-            lines = [line for line in csv.reader(file) if line]
+            reader = csv.reader(file)
+            lines = [(reader.line_num, line) for line in reader if line]
     except (OSError, UnicodeError, csv.Error) as error:
         raise InputError(f"{str(path)!r} cannot be read as a table: "
                          f"{getattr(error, 'strerror', None) or error}.") from None
     if len(lines) < 2:
         raise InputError(f"{str(path)!r} has no samples; give a line of names, "
                          f"{','.join(headings)}, and a line for each sample.")
-    header = [name.strip() for name in lines[0]]
+    header = [name.strip() for name in lines[0][1]]
     for name in headings:
+        if header.count(name) > 1:
+            raise InputError(f"{str(path)!r} has {header.count(name)} columns {name!r}; rename all "
+                             "but the one that is meant.")
         if name not in header:
             raise InputError(f"{str(path)!r} has no column {name!r}, but {few(header)}; name its "
                              f"columns {','.join(headings)}, or choose others with --observe.")
     columns = [header.index(name) for name in headings]
     samples = np.empty((len(lines) - 1, len(columns)))
-    for i, line in enumerate(lines[1:]):
+    for i, (number, line) in enumerate(lines[1:]):
         for j, column in enumerate(columns):
             text = line[column].strip() if column < len(line) else ""
             samples[i, j] = _number(text)
             if not math.isfinite(samples[i, j]):
-                raise InputError(f"{str(path)!r}, line {i + 2}: {header[column]} is {text!r}, no "
+                raise InputError(f"{str(path)!r}, line {number}: {header[column]} is {text!r}, no "
                                  "finite number; leave out lines with missing samples.")
     return samples[:, 0], samples[:, 1:]
 
@@ -138,7 +142,7 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
 def _number(text: str) -> float:
     """Return a cell of the table as a number, NaN if it is none."""
     try:
-        return float(text)
+        return math.nan if "_" in text else float(text)
     except ValueError:
         return math.nan
 

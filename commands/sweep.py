@@ -67,7 +67,9 @@ def sweep(
         raise InputError(f"--show {show!r} is no result of this sweep; choose {', '.join(names)}.")
     threads = os.cpu_count() or 1
     if workers is not None:
-        threads = max(1, whole_number("--workers", workers))
+        threads = whole_number("--workers", workers)
+        if threads < 1:
+            raise InputError(f"--workers {workers!r} are no threads; give 1 or more.")
     if dry_run:
         from ..sweeps.cost_estimate import estimate
 

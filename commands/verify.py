@@ -136,9 +136,10 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
         raise InputError(f"{target!r} is a model file, no stepper and no tableau; give it as "
                          "--model (a certificate) or --system (the tableau's conditions), with "
                          "--scheme.")
-    if any(choice[key] for key in ("scheme", "stages", "order", "composition", "tableau")):
-        raise InputError(f"{target!r} is given besides --scheme, --stages, --order or --tableau; "
-                         "give one.")
+    for key in ("scheme", "stages", "order", "composition", "tableau", "energy"):
+        if choice[key]:
+            raise InputError(f"{target!r} is given besides --{key}, which names another stepper; "
+                             "give one.")
     # a file is a tableau, anything else the name of a stepper
     if target.endswith(".json") or Path(target).is_file():
         return [Spec.checked(None, None, choice["rep"], choice["system"], choice["real"],
@@ -205,7 +206,7 @@ def _certify(
     picture_report = {}
     if plot is not None:
         with log_task(f"measuring how exact {certificate.stepper} is"):
-            picture_report = _draw(model, certificate, choice, spec, rep, plot)
+            picture_report = _draw(model, certificate, {**choice, "frame": frame}, spec, rep, plot)
     if as_json:
         click.echo(json.dumps(certificate.as_dict() | picture_report, indent=2, allow_nan=False))
     else:
@@ -241,7 +242,7 @@ def _draw(
     problem, step = compile_model(model, rep, {
         "scheme": choice["scheme"], "stages": spec.stages, "tableau": choice["tableau"],
         # a tableau that fails its conditions is drawn too: the certificate says so
-        "allow_invalid": True, "energy": choice["energy"],
+        "allow_invalid": True, "energy": choice["energy"], "frame": choice["frame"],
         "order": None if spec.composition else spec.order,
         "composition": spec.composition or None})
     measured = accuracy(step, problem.q0, problem.p0, dt=certificate.dt, steps=certificate.steps,

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...runtime.rigid_body.problems import Problem
     from ...runtime.steppers.stepper import Stepper
 
-__all__ = ["arguments_of", "settings_of", "start_of", "started"]
+__all__ = ["arguments_of", "refuse_repeated", "settings_of", "start_of", "started"]
 
 
 def started(
@@ -30,6 +30,7 @@ def started(
     """
     from ...api import model_stepper, stepper_of
 
+    refuse_repeated(settings)
     settings, t0 = _without_time(settings)
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else arguments_of(entry, settings)
@@ -46,9 +47,21 @@ def started(
     return None, step, defaults, t0
 
 
+def refuse_repeated(settings: tuple[str, ...]) -> None:
+    """Refuse settings with a key that another one has."""
+    keys = [_key(text) for text in settings]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise InputError(f"--set {key}=… is given {keys.count(key)} times; give it once.")
+
+
+def _key(setting: str) -> str:
+    return setting.partition("=")[0].strip()
+
+
 def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
     """Return the settings other than t=..., and the time of the start t0, by default 0."""
-    times = [text for text in settings if text.partition("=")[0].strip() == "t"]
+    times = [text for text in settings if _key(text) == "t"]
     if not times:
         return settings, 0.0
     time_text = times[-1].partition("=")[2].strip()

@@ -341,6 +341,11 @@ def test_arguments_are_refused_in_words(model, options, words):
         gs.certify(model, "EMS", **options)
 
 
+def test_no_stages_are_refused():
+    with pytest.raises(gs.InputError, match="0"):
+        gs.certify(TOP, stages=0, steps=2)
+
+
 def test_single_precision_is_held_to_its_own_rounding():
     """The same lines as in double; what round-off bounds is 2²⁹ times as large."""
     found = {real: gs.certify(TOP, "G-L", 2, steps=100, real=real) for real in ("double", "float")}

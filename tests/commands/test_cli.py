@@ -113,6 +113,8 @@ SETTINGS = {
     "no value": (["inertia"], ["'inertia'", "KEY=VALUE"]),
     "attitude 0": (["attitude=0,0,0,0"], ["attitude", "zero"]),
     "angular velocity": (["angular_velocity=1,2"], ["angular_velocity", "3"]),
+    "twice": (["inertia=1,1,1", "inertia=1,1,2"], ["inertia", "once"]),
+    "two times": (["t=1", "t=2"], ["--set t", "once"]),
 }
 
 
@@ -140,6 +142,11 @@ def test_bad_cone_is_refused(setting, gyrospark):
     (["verify", "heavy_top_gl3"], ["'heavy_top_gl3'", "heavy_top_gl3_gamma"]),
     (["verify", "heavy_top_gl99_gamma"], ["99", "1 to 16"]),
     (["verify", "heavy_top_gl3_gamma", "--scheme", "G-L"], ["give one"]),
+    (["verify", "heavy_top_gl3_gamma", "--energy"], ["--energy", "give one"]),
+    (["build", "cpp", "fast-top", "--parameter", "mgl=1", "--parameter", "mgl=2"],
+     ["mgl", "once"]),
+    (["build", "cpp", "free-body", "--set", "inertia=1,1,1", "--set", "inertia=1,1,2"],
+     ["inertia", "once"]),
     (["verify", "nothing.json"], ["'nothing.json'", "such file"]),
     (["cache", "burn"], ["burn"]),
     (["generate", "--all", "--scheme", "IMS"], ["--all", "leave out"]),

@@ -33,6 +33,8 @@ def test_a_wrong_call_is_answered_in_one_line(gyrospark, table, tmp_path):
     lines = table.read_text(encoding="utf-8").splitlines()
     for name, text, said in (
         ("empty", "", "no samples"), ("other", "time,x\n0,1\n", "no column 'y'"),
+        ("two", "time,x,y,x\n0,1,2,1\n", "2 columns 'x'"),
+        ("underscore", "time,x,y\n\n0,1_0,2\n", "line 3"),
         ("hole", "\n".join([*lines[:3], lines[3].replace(lines[3].split(",")[1], "?")]), "line 4"),
     ):
         path = tmp_path / f"{name}.csv"

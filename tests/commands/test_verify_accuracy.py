@@ -9,6 +9,7 @@ import pytest
 
 import gyrospark as gs
 from calls import PARAMETERS, TOP
+from gyrospark.certificates import accuracy_over_time
 from gyrospark.certificates.accuracy_over_time import Accuracy, accuracy, draw
 
 
@@ -49,6 +50,20 @@ def test_the_picture_shows_the_numbers(tmp_path, monkeypatch):
     assert guide.get_ydata()[1] == pytest.approx(1e-3 / 16)
     assert list(work.get_lines()[0].get_xdata()) == [0.1, 0.2]
     assert {axes.get_xscale() for axes in (order, work)} == {"log"}
+
+
+def test_the_picture_is_of_the_stepper_in_the_frame(gyrospark, monkeypatch):
+    """Errors are measured with the stepper and the rates that the certificate has."""
+    def measured(step, *start, parameters, **size):
+        return Accuracy(f"{step.name} {parameters.keys() - step.parameter_domains}", 2, 1.0,
+                        [0.1], [1e-3], [1e-3])
+
+    monkeypatch.setattr(accuracy_over_time, "accuracy", measured)
+    monkeypatch.setattr(accuracy_over_time, "draw", lambda *drawn: None)
+    said = gyrospark("verify", "--model", "fast-top", "--scheme", "EMS", "--steps", "20",
+                     "--frame", "symmetries", "--plot", "framed.png", "--json")
+    assert said.code == 0, said.stderr
+    assert said.document["accuracy"]["stepper"] == f"{said.document['stepper']} set()"
 
 
 def test_on_the_command_line(gyrospark, tmp_path, monkeypatch):
