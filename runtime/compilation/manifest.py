@@ -37,6 +37,7 @@ def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
         raise InputError(f"The files of {name} are of profile {manifest.profile!r:.40}, which has "
                          "no runs and no ensembles for Python; generate them again with --profile "
                          "full.")
+    # memory of these sizes is read and written by the C: a wrong one would be an overrun
     sizes = sizes_of(manifest)
     for quantity, declared_size in declared.items():
         if sizes[quantity] != declared_size:

@@ -82,4 +82,5 @@ def _modules() -> dict[str, dict[str, Any]]:
 
 
 def _checksum(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()

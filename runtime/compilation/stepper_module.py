@@ -120,6 +120,7 @@ def _record_of(path: Path) -> Path:
 
 
 def _checksum(path: Path) -> str:
+    """Return the SHA-256 of a file in hexadecimal digits."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 

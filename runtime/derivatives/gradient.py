@@ -442,6 +442,7 @@ class _AdjointRun:
                                              self.z_bar)
         multipliers = _cotangents_of_multipliers(self.stepper, run, steps,
                                                  self.cotangents.multipliers)
+        # C writes the cotangents of inputs, and adds to those of parameters
         has_inputs = len(self.inputs_bar) > 0
         step_inputs_bar = self.own.new(steps.count if has_inputs else 0, len(self.input_columns))
         status = self.binding.integrate_adjoint(
@@ -561,6 +562,7 @@ def backwards(
     """
     if run.steps == 0:
         return
+    # without memory the way back is steps of −Δt, which do not pass through jumps
     refuse_together(reversed=memory is None and 'memory = "none"', impacts=bool(run.impact_steps)
                     and "a run with impacts")
     if memory is None:

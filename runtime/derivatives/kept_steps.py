@@ -175,6 +175,7 @@ class SingleStep:
         multipliers, or None.
         """
         run, end_cotangent = self._run, w
+        # an empty array stands for no cotangents of multipliers
         if multipliers is None:
             multipliers = self._binding.own.new(0)
         else:

@@ -271,6 +271,7 @@ class StateMotion:
         binding, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
         has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
+        # without an axis in common there is no C(q): derivatives of the quantity by each momentum
         if name in layout.measures and not has_axis:
             no_dq, row, measure = binding.new(binding.n), [], layout.measures[name]
             for k in range(binding.n):

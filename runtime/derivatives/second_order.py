@@ -458,6 +458,7 @@ def step_slope(
     binding = second.own
     parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
+    # the state before the step is stored, and nothing depends on it but through the step
     no_rows = binding.new(1, 2 * n)
     adjoint = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
     status = second.integrate_second(

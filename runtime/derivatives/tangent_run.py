@@ -162,6 +162,7 @@ class _TangentRun:
         if self.inner is not None:
             self.frame.refuse_rotating_multipliers(run)
         size = 2 * self.n
+        # at the start S = 1: the state of the frame is that in space
         #: Tangents of the present state, in the frame; C overwrites them.
         self.tangents = self.dz[:size].copy()
         #: Tangents of the stored states and, after these rows, of the multipliers before them.

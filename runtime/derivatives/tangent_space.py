@@ -289,6 +289,7 @@ def _state_directions(space: TangentSpace, tangents: Tangents) -> Array:
     binding, start = space.binding.own, as_numbers("start", tangents.start)
     if start.ndim == 1:
         start = start[:, None]
+    # in scaled time a user's state is without t and −H
     n = binding.shown
     if start.ndim != 2 or len(start) != 2 * n:
         raise InputError(f"start has the shape {start.shape}; a direction has {2 * n} rows, those "

@@ -54,6 +54,7 @@ class Levels:
         The column of an event is that of its quantity in (q, p, quantities), as C counts them.
         """
         system = manifest.system
+        # a name that a quantity shares with a coordinate or momentum is the quantity's
         columns_by_name = {name: ("p", i) for i, name in enumerate(system.momenta)}
         columns_by_name |= {name: ("q", i) for i, name in enumerate(system.coordinates)}
         if system.clock is not None:

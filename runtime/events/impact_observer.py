@@ -126,6 +126,7 @@ class ImpactObserver:
         work, q, p⁻, p⁺) for each impact.
         """
         binding, run = self._own, self._run
+        # empty arrays first: a run without impacts has nothing to concatenate
         places = np.concatenate([np.zeros((0, 2), np.dtype("l")), *self._places])
         impact_rows = np.concatenate([binding.new(0, 4 + 3 * binding.n), *self._hits])
         self._places, self._hits = [], []

@@ -43,6 +43,7 @@ def ended_between(
     if (trajectory.report.steps < run.steps
             or first_terminal_event(events, trajectory.events, run.dt) is not None):
         return trajectory
+    # a run of one step of length ``rest``, with events of its own
     partial_arguments = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
     try:
         partial_run = observed(stepper, partial_arguments, events, None)

@@ -288,6 +288,7 @@ class Observer:
                       for name, number in run.at_step(int(event.steps[0])).parameters.items()}
 
         def fill(computed: EnsembleStates) -> None:
+            """Integrate an ensemble in this thread."""
             fill_ensemble(computed, 1, lambda: False)
 
         states_of_step = run_together(stepper, state.q[None], state.p[None], t0, partial_step,

@@ -143,9 +143,9 @@ def refuse_inconsistent(binding: Binding, manifest: Manifest, run: RunArguments)
 def _refuse_off_constraints(
     binding: Binding, manifest: Manifest, parameters: ParameterStruct, run: RunArguments
 ) -> None:
-    """Refuse a start whose |g(q)| or |f(q, p)| is above its bound.
+    """Refuse a start whose |g(q)| or |f(q, p)| is above its bound, with the cure.
 
-    The bound is what a small move of all coordinates changes the defect by.
+    The bound is the change of g or f by round-off of the coordinates and momenta.
     """
     defects = defects_of_starts(binding, manifest.scheme.keeps_momentum_constraint, parameters,
                                 run.q[None], run.p[None], np.array([run.dt]))

@@ -276,6 +276,7 @@ def run_together(
     of ``parameters``; ``fill`` integrates an ensemble in place. Raises InputError if a step of one
     of them has no solution, though the steps of the run that they belong to have.
     """
+    # the arguments that all runs have in common come from the first one
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
     first_run = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
@@ -430,6 +431,7 @@ def _partial_scaled_steps(
             break
         updated = remainders + np.where(
             is_open, clock_errors / binding.time_scales(structs, *ends), 0)
+        # σ may change within a step: an update that leaves the step is taken to its end
         is_beyond, is_inside = direction * updated > direction * dt, direction * updated > 0
         remainders = np.where(is_beyond, dt, np.where(is_inside, updated, zeros))
         ends = partial_steps(stepper, q, p, zeros, remainders, parameters, fill)

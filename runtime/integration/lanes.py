@@ -198,6 +198,7 @@ def fill_ensemble(
     workers, first = min(threads, len(computed.reports)), computed.runs.first
     if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
         def stop_and_report() -> bool:
+            """Report the steps so far, and return whether to stop."""
             if report is not None:
                 report(computed.steps_done)
             return stop()

@@ -266,6 +266,7 @@ class EnsembleArguments:
     def of(cls, runs: list[RunArguments], number: Any) -> EnsembleArguments:
         """Return checked runs as columns; numbers beside the states are of the type ``number``."""
         def column(values: list[Any]) -> Array:
+            """Return numbers of the runs as an array, (runs,)."""
             return np.array(values, dtype=number)
 
         return cls(runs[0], np.array([run.q for run in runs]), np.array([run.p for run in runs]),
@@ -763,6 +764,7 @@ def span_of(steps: Any, t_end: Any, t0: Any, dt: Any) -> tuple[int, Fraction]:
         raise InputError(f"t_end = {_text(end)} lies {'before' if span < 0 else 'after'} the "
                          f"start, t = {_text(start)}, and dt = {_text(step)} leads away from it; "
                          f"give dt = {_text(-step)}.")
+    # exact: fractions of doubles round nowhere
     count, fits = _nearest_count(end, start, step)
     if not fits:
         count = math.floor(span / step)

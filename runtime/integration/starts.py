@@ -276,6 +276,7 @@ def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> St
         parameter_rows = start_parameters(stepper.parameter_domains, start, parameter_sets)
         size = max((len(x) for x in (*parameter_rows.values(), start.t) if np.ndim(x) == 1),
                    default=1)
+    # one state serves all rows, which share its memory
     q, p = (np.broadcast_to(x, (size, x.size)) if x.ndim == 1 else x
             for x in (stepper.binding.numbers("q", start.q), stepper.binding.numbers("p", start.p)))
     if start._nominal:

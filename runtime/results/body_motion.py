@@ -256,6 +256,7 @@ class BodyMotion:
         return vectors if in_body else self._in_space(vectors)
 
     def _unknown(self, quantity: str) -> str:
+        """Return the error of a quantity that the model does not give."""
         return (f"System {self._run.manifest.system.name!r} does not say {quantity} of body "
                 f"{self.name!r}; bodies of gyrospark.Multibody and of [[bodies]] in model files "
                 "have it.")
@@ -333,12 +334,15 @@ class PlacedMotion(BodyMotion):
         return q.reshape(*self._run.q.shape[:-1], 4)
 
     def _origin(self) -> Array:
+        """Return the centre of mass in space, (N+1, 3), in m."""
         return self._quantities(self._placed.x)
 
     @property
     def _inertia(self) -> Any:
+        """Raise InputError: the model has neither inertia nor angular velocity."""
         raise InputError(self._unknown("the motion and the inertia"))
 
     @property
     def _p(self) -> Array:
+        """Raise InputError: the momenta of the model are those of other coordinates."""
         raise InputError(self._unknown("the momentum"))

@@ -353,6 +353,7 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
             w[neighbour] += 2 * w[end]
             w[second_neighbour] -= w[end]
             w[end] = 0 * w[end]
+    # zeros of the type and shape of the multipliers
     cotangents: Array = 0 * step_multipliers
     cotangents[:-1, -1] += w[1:-1] / 2
     cotangents[1:, 0] += w[1:-1] / 2

@@ -171,11 +171,11 @@ class Rotations:
     def _largest_of_one(
         self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array
     ) -> tuple[str, float, float]:
-        """Return (body, |Ω dt|, dt) of the largest rotation in a step from one state.
+        """Return (body, |Ω dt|, dt) of the largest rotation in a step from one state, q and p (n,).
 
-        In Python's floats, which take a quarter of the time of arrays; −1 rad where the frame
-        moves, as Ω counts from fixed axes.
+        In Python's floats, which take a quarter of the time of arrays.
         """
+        # in a frame that moves rotations along it need not be resolved: no body, and −1 rad
         bodies, largest, fastest = self.bodies, -1.0, ""
         if any(_only(parameters[name]) for name in self._rates if name in parameters):
             return "", -1.0, 0.0

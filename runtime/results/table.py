@@ -229,6 +229,7 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
     ``parts`` are the numbers that a trajectory has once (dt, status, steps, parameters), and
     events.
     """
+    # members have one stepper: names, dimensions and descriptions are those of the first
     first_table = table_of_run(ensemble.members[0])
     members = ensemble.members
 
@@ -409,6 +410,7 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
     import pyarrow
     from pyarrow.parquet import ParquetWriter
 
+    # the first block says the types of the columns, which a file needs at its start
     writer = None
     try:
         for titles, columns in blocks:
@@ -464,6 +466,7 @@ def _write_rows(
     """
     import h5py
 
+    # HDF5 takes texts of any length as Python's objects
     is_text = array.dtype.kind == "U"
     if name not in file.variables:
         shape = *table.along.values(), *array.shape[len(index):]

@@ -280,8 +280,8 @@ def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None
             raise ValueError(f"{output.attribute} has another shape than {shape}")
         if array.dtype.kind not in ("iu" if output.whole else "fO"):
             raise ValueError(f"{output.attribute} has entries of another type")
-    lists = [report.pop("q"), report.pop("p")]
-    report_numbers = [*report.values(), *lists[0], *lists[1]]
+    # anybody may have written the file: its JSON may have texts, or huge integers, for numbers
+    report_numbers = [*report.pop("q"), *report.pop("p"), *report.values()]
     counts = [report["steps"], report["iterations"], fields["every"]]
     if (not all(type(x) in (int, float) for x in report_numbers)
             or not all(type(x) is int for x in counts)

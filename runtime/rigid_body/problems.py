@@ -118,6 +118,7 @@ class Problem:
         object.__setattr__(self, "parameters", {
             name: as_real(f"Parameter {name}", number) for name, number in parameters.items()})
         object.__setattr__(self, "inertia", as_moments(self.inertia))
+        # read-only, for a frozen problem is shared by its runs
         for letter in ("q0", "p0"):
             state = _vector(getattr(self, letter), 4, letter)
             state.setflags(write=False)
@@ -264,14 +265,19 @@ def _heavy_top(
     exact: ExactMotion | None,
     description: str,
 ) -> Problem:
-    """Return a heavy top that starts at the attitude q0 with the angular velocity ``omega``."""
+    """Return a heavy top that starts at the attitude q0, (4,), with Ω = ``omega``, (3,), in rad/s.
+
+    ``inertia`` are the moments in kg m², ``mgl`` the mass times g times the distance of the centre
+    of mass from the fixed point, in N m; ``exact`` is the motion in closed form, or None.
+    """
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {"mgl": mgl}
     p0 = momentum(q0, omega, inertia)
     return Problem(name, parameters, q0, p0, inertia, exact=exact, description=description)
 
 
 def _finite(value: float, quantity: str, unit: str) -> float:
-    """Return a finite number, or refuse the value; quantity and unit are named in the error."""
+    """Return a finite number; raise InputError, which names quantity and unit, for anything else.
+    """
     array = real_array(value)
     if array is None or array.ndim:
         raise InputError(f"The {quantity} {shown(value)} is no number; give it in {unit}.")
@@ -282,7 +288,7 @@ def _finite(value: float, quantity: str, unit: str) -> float:
 
 
 def _positive(value: float, quantity: str, unit: str) -> float:
-    """Return a number above 0, or refuse the value."""
+    """Return a finite number above 0; raise InputError, as ``_finite``, for anything else."""
     number = _finite(value, quantity, unit)
     if number <= 0:
         raise InputError(f"The {quantity} is {number!r}; it must be above 0, in {unit}.")
@@ -290,7 +296,7 @@ def _positive(value: float, quantity: str, unit: str) -> float:
 
 
 def _vector(components: ArrayLike, length: int, name: str) -> Array:
-    """Return finite numbers of this length, or refuse the value."""
+    """Return an array (length,) of finite numbers; raise InputError, with ``name``, for others."""
     vector = real_array(components)
     if vector is None:
         raise InputError(f"{name} = {shown(components)} is not {length} numbers.")

@@ -186,7 +186,10 @@ def state_of_body(
 
 
 def _vectors(components: ArrayLike, length: int, name: str) -> Floats:
-    """Return an array whose last axis has the given length."""
+    """Return an array of doubles whose last axis has this length.
+
+    Raises InputError, with ``name``, for another shape, and for entries that are no real numbers.
+    """
     vectors = real_array(components)
     if vectors is None:
         raise InputError(f"The {name} {shown(components)} is no array of real numbers.")
@@ -198,4 +201,5 @@ def _vectors(components: ArrayLike, length: int, name: str) -> Floats:
 
 
 def _matrix(row_lists: list[list[Floats]]) -> Floats:
+    """Return matrices, (..., rows, columns), from their entries, arrays of the shape (...)."""
     return np.stack([np.stack(row, axis=-1) for row in row_lists], axis=-2)
