@@ -30,6 +30,7 @@ def test_one_bit_is_seen():
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The fastest rotation")  # runs in processes inherit filters
 def test_another_checkout_of_the_same_text_has_the_same_bits():
     quick = golden_runs.QUICK[:6]
     found = golden_runs.all_bits(quick, jobs=2)
