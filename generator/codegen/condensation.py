@@ -120,7 +120,7 @@ def condensation_of(
         (_positions(structure, scheme, elements, nonzero, candidates)
          for candidates in (free, frozenset())), key=lambda choice: choice[1])
     nonzero.sort(key=lambda entry: entry[1] not in eliminated)  # stable: eliminated columns first
-    place_of = {entry: place for place, entry in enumerate(stored)}
+    place_of = {entry: k for k, entry in enumerate(stored)}
     first = [0, *accumulate(map(len, columns))]
     return Condensation(
         first=first,
@@ -172,7 +172,7 @@ def _jacobian_entries(
         for i in template.instances:
             matrix = list(product(i.rows, i.q))
             stored += matrix
-            nonzero += [matrix[place] for place in places]
+            nonzero += [matrix[k] for k in places]
     return stored, nonzero
 
 
@@ -252,7 +252,7 @@ def _tables(
     for template, constraint in zip(structure.constraint_templates, constraints, strict=True):
         curved = _nonzero(constraint, "curvature")
         blocks = [indices(i.q, i.q) for i in template.instances]  # K of each instance
-        tables.append({"condensed": [[block[place] for place in curved] for block in blocks],
+        tables.append({"condensed": [[block[k] for k in curved] for block in blocks],
                        "curved": curved, "condensed_start": start})
         start += sum(len(i.rows) * len(i.q) for i in template.instances)
     for template in structure.force_templates:
@@ -266,8 +266,8 @@ def _nonzero(constraint: dict[str, Any], name: str) -> list[int]:
     ``name`` is "jacobian" for G and "curvature" for K; of IMS and EMS, G and K of the step count
     too, whose kernels have the prefix ``mean_``.
     """
-    return sorted({place for kernel in constraint["kernels"]
-                   if kernel["name"] in (name, f"mean_{name}") for place in kernel["nonzero"]})
+    return sorted({k for kernel in constraint["kernels"]
+                   if kernel["name"] in (name, f"mean_{name}") for k in kernel["nonzero"]})
 
 
 def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> frozenset[int]:
@@ -312,15 +312,15 @@ def _positions(
     count = {"q": s, "g": p}
     first: dict[Node, int] = {}
     positions = [-1] * (s * n + p * m)
-    place = 0
+    position = 0
     for node in reverse_cuthill_mckee(neighbours):
         kind, index = node
-        first[node] = place
+        first[node] = position
         for k in range(count[kind]):
             # δk is stored stage by stage, δΛ behind it constraint node by constraint node
             unknown = k * n + index if kind == "q" else s * n + k * m + index
-            positions[unknown] = place
-            place += 1
+            positions[unknown] = position
+            position += 1
     # from the first unknown of a node to the last of its neighbour
     band = max((first[b] + count[b[0]] - 1 - first[a]
                 for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)

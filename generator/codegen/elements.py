@@ -183,7 +183,7 @@ class Emitter:
             entries = _entries([*named.outputs.values()])
             emitted.append({"name": kernel.name, "inputs": list(named.inputs),
                             "outputs": list(named.outputs),
-                            "nonzero": [place for place, e in enumerate(entries) if e != 0],
+                            "nonzero": [k for k, e in enumerate(entries) if e != 0],
                             "scalar": scalar if use != LANES else None,
                             "lanes": lanes if use != NUMBERS else None,
                             "operations": scalar.operations})

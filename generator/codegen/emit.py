@@ -126,7 +126,7 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
 
 
 def program_of(derived: Derived, elements: bool | None = None) -> Program:
-    """Return all that the templates print: kernels, constants, tables, sizes and formulas.
+    """Return the context of the templates: kernels, constants, tables, sizes and formulas.
 
     Parameters
     ----------
@@ -161,18 +161,17 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     derivatives = None
     if derived.derivatives:
         derivatives = derivatives_of(derived, constants["constants_c"], element_sums, lanes)
-    # functions of <math.h> and of the engine that the C calls: derivatives and functions of one
-    # state on numbers, the step on numbers or on lanes
+    # functions of <math.h> and of the engine that the C calls
     lane_derivatives = derivatives.lanes if derivatives else []
     state_calls = _called_by(states.kernels if states else []).union(
         derivatives.functions if derivatives else ())
     if derivatives and lanes:
         lanes = _with_functions(lanes, state_calls | _called_by(lane_derivatives))
+    kernel_calls = state_calls | _called_by([*step_kernels, *lane_derivatives])
     # kernels on lanes call versions of their own, which ``LaneIteration`` lists
     scalar_calls = state_calls.union(
         constant_calls, quantities.functions if quantities else (),
         _called_by(k for k in step_kernels if not k.name.startswith("lanes_")))
-    kernel_calls = state_calls | _called_by([*step_kernels, *lane_derivatives])
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, kernels if plain else step_kernels, element_sums, real)
     return Program(
@@ -488,7 +487,7 @@ def comment(e: sp.Expr | str) -> str:
 
 
 def _scheme_doc(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[str]:
-    """Return the comment of the equations of a step."""
+    """Return the comment of the equations of a step, in ASCII, as lines of C."""
     if isinstance(scheme, SplittingScheme):
         return [f"Composition of exact flows: {scheme.name}.",
                 "T(a_0 h) K(b_1 h) T(a_1 h) .. K(b_s h) T(a_s h), where T are free rotations and",

@@ -128,15 +128,20 @@ def _memory(derived: Derived, constants: int, factor: int, *, single: bool) -> i
     lanes = 64 // real.bytes if not real.wide else 1  # of AVX-512, the widest registers
     # stages and nodes in blocks of lanes, or one by one with trajectories in the lanes
     blocks, nodes = (-(-s // lanes), -(-p // lanes)) if single else (s, p)
-    # all numbers below count registers; x are the unknowns k, k̂ and λ
+    # all numbers below count registers, as the members of the state in ``fixed_point/state.h``; x
+    # are the unknowns k, k̂ and λ
     x = 2 * blocks * n + nodes * m
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if single else 0
     forced = n if single else s * n
     constants += 3 + 2 * nodes if scheme.system.is_time_dependent else 0
-    ring = (history + 1) * x  # of the unknowns of previous steps, which predict the next
+    state = 5 * n + 3 * blocks  # q, p, their compensation, zeros; h b, h b̂ and h c of the stages
+    constraint_state = 4 * m + m * m  # weights of rows, g twice, an impulse, W⁻¹
+    past = (history + 1) * x  # unknowns of previous steps, which predict the next
     least_squares = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
-    vectors = (forced + blocks + constants + 42
-               + 5 * n + 2 * blocks + tables + 2 * iterate + ring + least_squares + 4 * m + m * m
-               + 3 * (16 + 17 * 17) + 24)
-    return vectors * lanes * real.bytes + 512
+    # for q, p and the multipliers: 16 coefficients of a recurrence, and the triangular factor of
+    # its fit with the right-hand side; then 24 contraction rates
+    recurrence = 3 * (16 + 17 * 17) + 24
+    registers = (state + constants + forced + tables + 2 * iterate + past + least_squares
+                 + constraint_state + recurrence + 42)  # 42 single numbers
+    return registers * lanes * real.bytes + 512

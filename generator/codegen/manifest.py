@@ -298,6 +298,7 @@ def _entries(entries: Iterable[Entry]) -> tuple[str | float, ...]:
 
 
 def _texts(symbols: Iterable[sp.Expr]) -> tuple[str, ...]:
+    """Return symbols, or expressions, as text."""
     return tuple(map(str, symbols))
 
 

@@ -123,6 +123,7 @@ def _elements_cost(elements: Elements, real: Real) -> tuple[Any, Any]:
     def sum_over(templates: list[dict[str, Any]]) -> Any:
         """Return a function: kernel name → its cost in all instances of the templates."""
         def cost(name: str) -> Cost:
+            """Return the cost of a kernel, summed over templates and their instances."""
             total = Cost()
             for template in templates:
                 for kernel in template["kernels"]:

@@ -160,6 +160,7 @@ class HamiltonianTerms:
             """Return the nodes of the terms of an addend; none of a constant."""
             return frozenset(node_of(m) for m in addend.terms if not is_constant(m))
 
+        # derived and original addends of a region have the same terms, and can be compared
         regions = connected(map(nodes_of, [*derived, *original]))
         region_of = {node: i for i, region in enumerate(regions) for node in region}
         terms: list[Terms] = [{} for _ in regions]

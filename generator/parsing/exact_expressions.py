@@ -61,27 +61,35 @@ class _ExactNumbers:
         self.radicals = radicals
 
     def literal(self, digits: int, exponent: int) -> Value:
+        """Return digits · 10^exponent."""
         return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
     def named(self, name: str) -> Value:
+        """Return the value of a name."""
         return self.with_radicals_counted(numbers.named(self.names[name]))
 
     def add(self, terms: Sequence[Value]) -> Value:
+        """Return the sum."""
         return self.with_radicals_counted(numbers.add(terms))
 
     def multiply(self, factors: Sequence[Value]) -> Value:
+        """Return the product."""
         return self.with_radicals_counted(numbers.multiply(factors))
 
     def negative(self, value: Value) -> Value:
+        """Return −value."""
         return self.multiply([rational(sp.Integer(-1)), value])
 
     def reciprocal(self, value: Value) -> Value:
+        """Return 1/value."""
         return self.with_radicals_counted(numbers.reciprocal(value))
 
     def power(self, base: Value, exponent: Value) -> Value:
+        """Return base**exponent."""
         return self.with_radicals_counted(numbers.power(base, exponent))
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
+        """Return the value of a function of ``ROOTS``."""
         return self.with_radicals_counted(ROOTS[function](*arguments))
 
     def with_radicals_counted(self, value: Value) -> Value:

@@ -269,7 +269,7 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
     if isinstance(scheme, LagrangianEMS):
         kernels = _discrete_lagrangian(scheme, columns)
     elif isinstance(system, LagrangianSystem):
-        kernels = _rates(system, columns)
+        kernels = _rates(system, columns)  # IMS of a Lagrangian: the rates at the midpoint
     else:
         D_q, D_p = scheme.mean_rates
         arguments: dict[str, Any] = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, **time_input(system)}

@@ -399,6 +399,7 @@ def chosen(
     Mean, slopes, change and ends are those of the selected expression.
     """
     def select(below: sp.Expr, above: sp.Expr) -> sp.Expr:
+        """Return ``below`` where a < b, ``above`` elsewhere."""
         return Where(a.mean, b.mean, below, above)
 
     zero = sp.Integer(0)

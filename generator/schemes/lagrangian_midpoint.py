@@ -136,7 +136,7 @@ class LagrangianEMS(LagrangianIMS):
 
     @property
     def _backwards(self) -> dict[sp.Symbol, sp.Expr]:
-        """Substitution that exchanges the ends: Δ → −Δ, v₀ ↔ v₁."""
+        """Substitution Δ → −Δ, v₀ ↔ v₁, which exchanges the ends."""
         v0, v1 = self.ends
         return super()._backwards | dict(zip([*v0, *v1], [*v1, *v0], strict=True))
 

@@ -73,18 +73,21 @@ class Scheme:
 
 
 def _gauss_lobatto(stages: int) -> Tableau:
+    """Return the Gauss-Lobatto tableau of a number of stages."""
     from ..tableaux.families import gauss_lobatto  # SymPy, only when needed
 
     return gauss_lobatto(stages)
 
 
 def _lobatto_iiiab(stages: int) -> Tableau:
+    """Return the Lobatto IIIA-B tableau of a number of stages."""
     from ..tableaux.families import lobatto_iiiab
 
     return lobatto_iiiab(stages)
 
 
 def _radau_lobatto(stages: int) -> Tableau:
+    """Return the Radau-Lobatto tableau of a number of stages."""
     from ..tableaux.families import radau_lobatto
 
     return radau_lobatto(stages)

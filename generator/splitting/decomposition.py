@@ -267,7 +267,7 @@ class _Search:
         coefficients |= {key: e for key, (_, e) in entries.items()}
         for monomial, _ in entries.values():
             del remainder[monomial]
-        if remainder:
+        if remainder:  # a term that no part of the decomposition has
             first = term(min(remainder, key=order)).xreplace(symbol_of)
             raise InputError(
                 f"H of system {self.system.name!r} has the term {first} times a constant, for "

@@ -104,12 +104,15 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     return PiecewiseForm(variable, symbol, in_symbol, limits, parts, assumed)
 
 
-def _refuse_jump(below: sp.Expr, above: sp.Expr, place: str) -> None:
-    """Refuse values of neighbouring pieces at their limit that differ or are infinite."""
+def _refuse_jump(below: sp.Expr, above: sp.Expr, location: str) -> None:
+    """Refuse values of neighbouring pieces at their limit that differ or are infinite.
+
+    ``location`` says in the error where the limit is: "where x = a".
+    """
     if any(limit_value.has(sp.nan, sp.zoo, sp.oo, -sp.oo) for limit_value in (below, above)):
-        raise NotPiecewiseError(f"it has no value {place}")
+        raise NotPiecewiseError(f"it has no value {location}")
     if not compare([below], [above]).holds:
-        raise NotPiecewiseError(f"it jumps from {_short(below)} to {_short(above)} {place}")
+        raise NotPiecewiseError(f"it jumps from {_short(below)} to {_short(above)} {location}")
 
 
 def _short(e: sp.Expr) -> str:

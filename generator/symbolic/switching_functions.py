@@ -95,6 +95,8 @@ def _condition_text(e: Where, printer: Any, *, holds: bool = True) -> str:
 
 
 class _Extreme(Switch):
+    """The larger or the smaller of a and b; ``value`` of a subclass says which."""
+
     @classmethod
     def eval(cls, a: sp.Expr, b: sp.Expr) -> sp.Expr | None:
         """Return a or b if the order is decided; arguments are sorted by SymPy's order."""
@@ -354,6 +356,7 @@ def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser | sp.Bas
 
 
 def _not_understood(condition: sp.Basic) -> InputError:
+    """Return the error of a condition that is no comparison and no junction of comparisons."""
     return InputError(f"The condition {condition} of a Piecewise is not understood; write it with "
                       "<, <=, >, >=, Eq, Ne, And, Or and Not.")
 

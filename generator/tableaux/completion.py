@@ -105,7 +105,7 @@ def _constraint_parts(
     then the two ends of the step, which are always possible. ``has_zero``: a weight b_i is 0, by
     which partners would divide.
     """
-    zero, half, one = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
+    zero, half, end = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
     if not has_zero:
         is_interpolatory = _is_interpolatory(b, c, rounding)
         starts_and_ends = _vanish(A[0], rounding) and _vanish(
@@ -118,9 +118,9 @@ def _constraint_parts(
             largest = len(c) + 1 if rounding else min(len(c) + 1, _MOST_EXACT_NODES)
             for count in range(largest, 2, -1):
                 nodes = _lobatto_nodes(count, rounding)
-                yield _with_partner(_collocation(b, c, nodes), b, _integrals(nodes, one), nodes)
+                yield _with_partner(_collocation(b, c, nodes), b, _integrals(nodes, end), nodes)
     yield {"A_bar": [[zero] * len(b), b], "A_tilde": [[half, zero] for _ in b],
-           "b_tilde": [[half], [half]], "c_tilde": [[zero], [one]]}
+           "b_tilde": [[half], [half]], "c_tilde": [[zero], [end]]}
 
 
 def _vanish(entries: Iterable[sp.Expr], rounding: Rounding | None) -> bool:

@@ -150,12 +150,12 @@ def flatten(base: Composition, weights: Sequence[Fraction]) -> tuple[tuple[Fract
     """
     drifts, kicks, gradients = list[Fraction](), list[Fraction](), list[Fraction]()
     for w in weights:
-        first, *others = [w * a for a in base.drifts]
+        first, *inner = [w * a for a in base.drifts]
         if drifts:  # the last drift of a step and the first of the next one are one flow
             drifts[-1] += first
         else:
             drifts.append(first)
-        drifts += others
+        drifts += inner
         kicks += [w * b for b in base.kicks]
         gradients += [w**3 * c for c in base.gradients]
     return tuple(drifts), tuple(kicks), tuple(gradients)

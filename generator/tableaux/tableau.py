@@ -168,7 +168,7 @@ class Tableau:
 
     @cached_property
     def free_order(self) -> int:
-        """The order that is proved for systems without constraints, by A and Â alone."""
+        """The proved order for systems without constraints, by A and Â alone."""
         from .conditions import order
 
         return order(self, constrained=False)
@@ -214,6 +214,7 @@ class Tableau:
         count = checked_digits(digits)
 
         def to_number(value: Enclosure) -> Any:
+            """Return the centre of an enclosure, with some digits more than asked for."""
             with mp.workdps(count + 5):
                 return mp.mpf(value.centre.numerator) / value.centre.denominator
 
@@ -274,11 +275,11 @@ def _quadratic_value(coefficients: list[list[Any]], u: sp.Expr, v: sp.Expr) -> s
     """
     root_u, (rationals_u, factors_u) = _powers(u, len(coefficients))
     root_v, (rationals_v, factors_v) = _powers(v, len(coefficients[0]))
-    one = sp.Integer(1)
+    unit = sp.Integer(1)
     terms = []
     # (1 or √c, its coefficients in uᵏ) with (1 or √d, its coefficients in vˡ)
-    for a, x_powers in ((one, rationals_u), (root_u, factors_u)):
-        for b, y_powers in ((one, rationals_v), (root_v, factors_v)):
+    for a, x_powers in ((unit, rationals_u), (root_u, factors_u)):
+        for b, y_powers in ((unit, rationals_v), (root_v, factors_v)):
             factor = sp.QQ(0)
             for row, x in zip(coefficients, x_powers, strict=True):
                 for entry, y in zip(row, y_powers, strict=True):

@@ -145,6 +145,7 @@ class _Reader:
     def load(self, path: Path) -> dict[str, Any]:
         """Return the JSON object of the file, numbers as ``_Number``."""
         try:
+            # numbers keep their text: a double has fewer digits
             content = json.loads(
                 self.text(path),
                 object_pairs_hook=self.unique_keys,
