@@ -42,6 +42,8 @@ def save_store(run: Trajectory, path: Path) -> Path:
     """
     if path.exists():
         raise InputError(f"{str(path)!r} is there already; remove it, or choose another store.")
+    if not len(run):
+        raise InputError("The run has no state to store; ask for one in t_eval at least.")
     refuse_unusable_names([Event(name, name=name) for name in run.events], "arrays of a store")
     fields, arrays = fields_of(run.manifest), states_of(run)
     cure = "Nothing is saved: free some space, or choose another place."

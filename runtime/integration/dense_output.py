@@ -81,6 +81,9 @@ def _states_at(
     refuse_of_another(stepper, trajectory)
     refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)
+    if not len(trajectory) or ((1 if trajectory.dt > 0 else -1) * np.diff(trajectory.t) < 0).any():
+        raise InputError("The states of this trajectory are not in the order of time, or there is "
+                         "none: its times were asked for so; ask the run for states at others.")
     t = _times(stepper, times)
     clocked, dt = stepper.binding.clocked, trajectory.dt
     known_states = _known_states(trajectory, clocked)

@@ -270,8 +270,8 @@ def array_from_files(output: Output, arrays: Iterable[Array], row_count: int, dt
 
 def absent(output: Output, row_count: int, dtype: Any) -> Array:
     """Return the empty array of an output that the system does not have."""
-    return np.zeros((row_count - output.of_steps, *((0,) if output.split else output.absent)),
-                    dtype=dtype)
+    return np.zeros((max(row_count - output.of_steps, 0),
+                     *((0,) if output.split else output.absent)), dtype=dtype)
 
 
 #: Fields of ``Crossings`` and ``Impacts``: meaning, unit. States have the units of the run's.

@@ -52,7 +52,7 @@ def states_of(trajectory: Trajectory) -> dict[str, Array]:
     arrays: dict[str, Array] = {}
     for output in OUTPUTS:
         array = getattr(trajectory, output.attribute)
-        if output.of_steps:
+        if output.of_steps and len(trajectory):
             # NaN in the stepper's own number type: 0 q + NaN.
             missing_value = 0 if output.whole else 0 * trajectory.q[0, 0] + np.nan
             start = np.full((1, *array.shape[1:]), missing_value, dtype=array.dtype)

@@ -273,7 +273,11 @@ def _status(ensemble: Ensemble, i: int) -> str:
     """Return how trajectory i ended: "complete", "stopped", or the reason of its failed step."""
     if i in ensemble.failures:
         return str(ensemble.failures[i].reason)
-    return "complete" if len(ensemble.members[i]) == ensemble.t.shape[1] else "stopped"
+    member = ensemble.members[i]
+    # runs to t_end in scaled time have different numbers of states
+    ends = [len(crossing) == 1 for crossing in member._end_event.values()]
+    is_complete = all(ends) if ends else len(member) == ensemble.t.shape[1]
+    return "complete" if is_complete else "stopped"
 
 
 def _table_of_event(

@@ -243,8 +243,8 @@ class Trajectory(Shown):
         """
         if self._grid is not None:
             return self._grid  # type: ignore[no-any-return]
-        steps = float(self.elapsed[-1] / self.dt)
-        if abs(steps - round(steps)) > 1e-6:
+        steps = [float(elapsed / self.dt) for elapsed in self.elapsed[-1:]]
+        if not steps or abs(steps[0] - round(steps[0])) > 1e-6:
             raise InputError("The run ends between two steps, at an event or read from a file, "
                              "and its last whole step is not kept; go on from run[-1].")
         return self[-1]
@@ -323,8 +323,10 @@ class Trajectory(Shown):
         """Return the scheme, states, steps and times, and the largest errors on a second line."""
         report = self.report
         part = "" if self._grid is None else " and a part of one"
+        # t_eval=[] stores no state
+        times = f", t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s" if len(self) else ""
         return (f"<Trajectory of {self.manifest.name}: {len(self):,} states of {report.steps:,} "
-                f"steps{part}, t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s\n"
+                f"steps{part}{times}\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 
@@ -355,7 +357,7 @@ class Trajectory(Shown):
         first of them, L the energy lost in impacts, shape (N+1,); arguments as for ``energy``."""
         H = self.energy(of_motion=of_motion, stepper=stepper)
         error: Array = H - H[:1] - (self.work - self.work[:1])
-        for impacts in self.impacts.values():
+        for impacts in self.impacts.values() if len(self) else ():
             ahead = 1 if self.dt > 0 else -1
             lost = np.concatenate([np.zeros(1, H.dtype), np.cumsum(impacts.energy_lost)])
             count = np.searchsorted(ahead * impacts.t, ahead * self.t, side="right")

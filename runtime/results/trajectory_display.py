@@ -33,7 +33,7 @@ class Shown:
         """Return how many states there are, and their times, as rows of a card."""
         run, t = self._run, self._run.t.astype(float)
         return [("states", f"{len(run):,} of {run.report.steps:,} steps of {float(run.dt):g} s"),
-                ("time", f"{t[0]:.6g} to {t[-1]:.6g} s")]
+                ("time", f"{t[0]:.6g} to {t[-1]:.6g} s" if len(t) else "none")]
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the report, and the energy error over time."""

@@ -297,7 +297,7 @@ def _shape(output: Output, manifest: Manifest, state_count: int) -> tuple[int, .
         return (state_count, len(_names(manifest, output.labels)))
     if inner_dimensions is None:
         return absent(output, state_count, float).shape
-    return (state_count - output.of_steps, *(length for _, length in inner_dimensions))
+    return (max(state_count - output.of_steps, 0), *(length for _, length in inner_dimensions))
 
 
 def _names(manifest: Manifest, labels: str) -> tuple[str, ...]:

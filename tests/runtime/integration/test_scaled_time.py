@@ -466,3 +466,13 @@ def test_points_of_a_section_know_their_time_and_the_energy_of_their_start():
     assert np.abs(points.t - np.concatenate(alone)).max() < 1e-11
     along = points.values("x") * np.cos(points.t) + points.values("y")
     assert np.abs(points.values("along") - along).max() < 1e-15
+
+
+def test_runs_to_one_time_are_complete_whatever_their_steps():
+    step, numbers = stepper("scaled_pendulum"), case("scaled_pendulum")
+    start = timed_start("scaled_pendulum", step).replace(parameters=numbers.parameters)
+    slower = step.consistent(start.q, start.p / 2 + 0.1, parameters=numbers.parameters, t=start.t)
+    slower = gs.Start(slower.q, slower.p, numbers.parameters, start.t)
+    many = step.integrate_ensemble([start, slower], dtau=numbers.dt, t_end=start.t + 20)
+    assert len({*map(len, many.members)}) == 2
+    assert (many.dataset().status == "complete").all()

@@ -148,3 +148,20 @@ def test_a_run_for_times_that_fails_keeps_what_it_has() -> None:
         step.integrate(q0, p0, **run, t_eval=[0.6])
     assert len(step.integrate(q0, p0, **run, t_eval=[])) == 0
     assert len(step.integrate(q0, p0, dt=1e-2, steps=0, parameters=parameters, t_eval=[0.0])) == 1
+
+
+def test_no_times_and_times_in_any_order(tmp_path):
+    step = systems.stepper("pendulum")
+    run = systems.run("pendulum", step, 20)
+    none = run.at([])
+    assert "0 states" in repr(none)
+    assert len(none.energy_error()) == len(none.table()) == 0
+    for ending in (".npz", ".nc"):
+        assert gs.load(none.save(tmp_path / f"none{ending}")).q.shape == (0, 2)
+    with pytest.raises(gs.InputError):
+        none.save(tmp_path / "none.zarr")
+    shuffled = run.at([0.7, 0.1, 0.4])
+    assert np.array_equal(shuffled.q[1], run.at(0.1).q)
+    for states in (none, shuffled):
+        with pytest.raises(gs.InputError, match="order"):
+            states.at(0.2)
