@@ -203,7 +203,7 @@ def _reasons(manifest: Manifest) -> Iterator[tuple[str, str]]:
     """Yield the key of each work to cite and the reason: the program, bodies, scheme, its loops."""
     scheme, constrained = manifest.scheme, bool(manifest.system.constraints)
     yield "gyrospark", "the program"
-    if bodies_of(manifest):
+    if bodies_of(manifest):  # systems with rigid bodies in unit quaternions
         yield "xu2020", "rigid bodies in unit quaternions with the free parameter γ or α"
         yield "betsch2009", "rigid bodies in unit quaternions, in Hamilton's form"
     yield from _of_scheme(scheme, constrained)

@@ -172,7 +172,7 @@ def error_constant(composition: Composition) -> float:
 
 
 def _symplectic(composition: Composition) -> Condition:
-    """Check that every flow of the composition has a Hamiltonian: T, and b V − c h² G of q alone.
+    """Check the Hamiltonians of the composition's flows: T, and b V − c h² G, which has no p.
 
     −G = {V, {T, V}} must be free of p, so that its kick is exact: this is algebra.
     """
@@ -217,6 +217,7 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
         """Return the derivative of a function along the kick."""
         return bracket(function, V)
 
+    # {V, T} is linear in p, so that {{V, T}, V} has no p
     VTV = sp.expand(bracket(bracket(V, T), V))
     G = sum(V.diff(q[i]) * M[i, j] * V.diff(q[j]) for i in range(2) for j in range(2))
     return (sp.expand(VTV + G), *(VTV.diff(y) for y in p),

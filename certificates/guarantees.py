@@ -237,8 +237,8 @@ class SparkGuarantees:
                 "others may drift")
 
     def momentum_constraint(self) -> Guarantee:
-        """Return that f = g_q H_p = 0 holds: the last equations of a step, T2, project p along g_qᵀ
-        with a multiplier Λ_p of their own."""
+        """Return the guarantee of f = g_q H_p = 0: the last equations of a step, T2, project p
+        along g_qᵀ with a multiplier Λ_p of their own."""
         return guaranteed("T2 projects p in every step")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
@@ -398,6 +398,7 @@ class MeanGuarantees:
         if not J.everywhere:
             return _not_exact(J)
         why = f"{{J, H}} = 0{_domain(J)}"
+        # a list of terms for each sum that must vanish
         X, p_A = self._field(J)
         D_q, D_p = self.scheme.mean_rates
         rate = [*(a * b for a, b in zip(p_A, D_p, strict=True)),
@@ -515,7 +516,7 @@ class SplittingGuarantees:
         return None
 
     def loop(self) -> Guarantee:
-        """Return that the map is symplectic if forces have a potential: each flow then has a
+        """Return whether the map is symplectic: if forces have a potential, each flow has a
         Hamiltonian."""
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
@@ -529,8 +530,8 @@ class SplittingGuarantees:
         return not_guaranteed(f"an error of order {self.order} in Δt: parts do not keep H")
 
     def momentum_constraint(self) -> Guarantee:
-        """Return that f = 2 qᵀq̇ = 0 holds: p is made of q and the angular momentum m in body axes.
-        """
+        """Return the guarantee of f = 2 qᵀq̇ = 0: p follows from q and the angular momentum m in
+        body axes."""
         return guaranteed("p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
 
     def momentum(self, J: MomentumMap) -> Guarantee:

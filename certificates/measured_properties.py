@@ -353,6 +353,7 @@ class Examination:
         q, p, rounded = self.run.q, self.run.p, self.round_off
         errors = self.run.energy_error().astype(float)
         bound = rounded.walk * rounded.energy
+        # ΔH − Σ ω_i ΔJ_i, and the round-off of its terms
         for rate, J in self.moving:
             momentum = J.values(q, p)
             errors = errors - rate * (momentum - momentum[0])
@@ -400,8 +401,10 @@ class Examination:
         return compared(quantity, measured, f"≤ {bound:.1e}", guarantee, largest, bound)
 
     def _damping(self) -> Iterator[CertificateLine]:
-        """Yield what the method does to dampers that are fast relative to Δt, by R(∞), and how much
-        it damps oscillations itself, by |R(iωΔt)|; no line for methods without an R(z)."""
+        """Yield lines on the method's damping; none for a method without an R(z).
+
+        R(∞) decides on dampers that are fast relative to Δt, |R(iωΔt)| on oscillations without any.
+        """
         stability = self.guarantees.stability
         if stability is None:
             return
@@ -439,6 +442,7 @@ class Examination:
         """Yield a line for each momentum map J = p·(A q + a) of a symmetry: its largest change."""
         system, rounded = self.system, self.round_off
         q, p = rounded.states_of_run
+        # H or F may contain a function that cannot be evaluated, and g a switch
         try:
             maps = momentum_maps(system, self.parameters, q[0], p[0])
         except InputError as error:

@@ -30,6 +30,7 @@ def _exact_model(build: Multibody, *without: str) -> Model:
     ``without`` names constraints to leave out; other redundant ones are left out automatically.
     Raises ArithmeticError for a number that is no fraction with a denominator up to 10^5.
     """
+    # the builder computes in doubles; their fractions give a start that any precision can have
     model = build.model(without=without, redundant="leave out")
 
     def fraction(value: Any) -> Fraction:

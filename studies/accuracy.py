@@ -268,6 +268,7 @@ def _wide_cone_suits_harmonic_mean(engine: Engine) -> Claim:
     The measure of a cone is E[|Δz|] with γ_h over E[|Δz|] with γ_m, for IMS and for EMS.
     """
     def penalty(setting: Setting, method: str) -> float:
+        """Return E[|Δz|] with γ_h over E[|Δz|] with γ_m."""
         return (engine.mean(setting.case(method, "gamma", "h"), "z")
                 / engine.mean(setting.case(method, "gamma", "m"), "z"))
 
@@ -305,6 +306,7 @@ def _axis_figure(engine: Engine, number: int, setting: Setting, truth: str, titl
     t = engine.trajectory(gamma).t.tolist()
 
     def panel(quantity: Quantity, letter: str) -> Panel:
+        """Return the panel of one component of the axis over t: the true one, with α and with γ."""
         column = "xyz".index(quantity)
         curves: Sequence[tuple[str, list[float], str]] = (
             (truth, engine.axis_reference(gamma)[:, column].tolist(), "-"),

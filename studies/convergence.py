@@ -108,6 +108,7 @@ def figure_16(engine: Engine) -> Figure:
 
 
 def _panel(engine: Engine, title: str, studies: tuple[ConvergenceStudy, ...]) -> Panel:
+    """Return the panel of periodic errors over Δt, a series for each study."""
     series = []
     for study in studies:
         dt, errors, _ = measure(engine, study)
@@ -152,6 +153,7 @@ def _influence_claim(engine: Engine, stages: int) -> Claim:
     influences = [(h, abs(b / a - 1))
                   for h, a, b, floor in zip(dt, errors, errors_of_100, floors, strict=True)
                   if min(a, b) > 10 * floor]
+    # steps are sorted from the smallest to the largest
     (small, fine), (large, coarse) = influences[0], influences[-1]
     even = stages % 2 == 0
     return Claim(

@@ -80,7 +80,7 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         _mark_points(axes, panel)
     if panel.yscale == "linear":
         axes.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4), useOffset=False)
-    if panel.zero:
+    if panel.zero:  # the axis shows 0: with 15 % of room beyond the extremes
         heights = [0.0, *(y for series in panel.series for y in series.y)]
         axes.set_ylim(1.15 * min(heights), 1.15 * max(heights))
     axes.grid(color=_INK, alpha=0.15, linewidth=0.6)

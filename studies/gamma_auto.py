@@ -74,6 +74,7 @@ def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
         gains = gains[np.isfinite(gains)]
         medians.append(float(np.median(gains)))
         texts.append(f"over {rule} {medians[-1]:.2f} ({gains.min():.2f} to {_short(gains.max())})")
+    # elsewhere the choice is γ_m itself, with a gain of 1
     changed_trials = [trial for trial in trials if trial.gamma() != trial.rule("γ_m")]
     gains = np.array([trial.gain(times=times[:2]) for trial in changed_trials])
     text = (f"{', '.join(texts)}; where it is not γ_m, in {len(changed_trials)} of {len(trials)}, "

@@ -187,6 +187,7 @@ def slope_claims(s: int, sweeps: Sequence[GammaSweep]) -> list[Claim]:
     """
     first = sweeps[0]
     variable, power = ("1/γ", 2 * s - 2) if first.even else ("γ", 2 * s)
+    # slope ~ h^order: a straight line in logarithms
     log_steps = np.log([x.dt for x in sweeps]).tolist()
     log_slopes = np.log([abs(x.line.slope) for x in sweeps]).tolist()
     order = fit_line(log_steps, log_slopes).slope

@@ -111,6 +111,7 @@ def largest_step(
         return not run.divergent
 
     first, last = max(1, round(_LOWEST / unit)), round(_HIGHEST / unit)
+    # an eighth of the steps is enough to see where doubling has to end
     count = largest_count(lambda n: converges(n, steps // 8), lambda n: converges(n, steps),
                           first, last)
     return round(count * unit, 9)
@@ -238,7 +239,7 @@ def _one_stage_alpha(engine: Engine) -> list[Claim]:
     run = step.integrate(top.q0, top.p0, dt=1e-3, steps=count, parameters=parameters,
                          solver="newton")
     errors = abs(run.energy() - run.energy()[0])
-    tenth = count // 10
+    tenth = count // 10  # a drift would show as a larger error in the last tenth
     first, last = float(errors[:tenth].max()), float(errors[-tenth:].max())
     halved = step.integrate(top.q0, top.p0, dt=5e-4, steps=2 * tenth, parameters=parameters,
                             solver="newton")

@@ -259,14 +259,17 @@ class _Reader:
 
     @cached_property
     def _body_names(self) -> list[str]:
+        """The names of all bodies, the world first; those without a name are numbered."""
         return _numbered([self.m.body(k).name for k in range(self.m.nbody)], "body", 0)
 
     @cached_property
     def _tendon_names(self) -> list[str]:
+        """The names of all tendons; those without a name are tendon1, tendon2, …."""
         return _numbered([self.m.tendon(k).name for k in range(self.m.ntendon)], "tendon", 1)
 
     @cached_property
     def _actuator_names(self) -> list[str]:
+        """The names of all actuators; those without a name are u1, u2, …."""
         return _numbered([self.m.actuator(k).name for k in range(self.m.nactuator)], "u", 1)
 
     # ------------------------------------------------------------ bodies

@@ -159,6 +159,7 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
                 raise InputError(f"{key} names {shown(name)}, which follows "
                                  f"{shown(leaders[name].leader)}; set that one.")
             values[name] = _joint_values(key, robot.joints[name], value)
+        # offsets belong to angles alone: rates follow by the ratio
         for name in leaders:
             values[name] = _followed(leaders, name, values, key == "angles")
 
@@ -284,6 +285,7 @@ class RobotBuilder:
             raise InputError(f"no {robot.part} of it has a joint, so that nothing moves; give it a "
                              "joint, or a floating base.")
         velocities = body_velocities(robot, self.poses, self.start.rates)
+        # all bodies before all joints: a joint names two of them
         for limb in limbs:
             self._body(limb, velocities[limb])
         for limb in limbs:

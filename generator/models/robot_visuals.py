@@ -127,6 +127,7 @@ def shape_of(element: Element, colour: str) -> Shape | None:
         return Shape("sphere", np.array(numbers_of(element, "radii", 3)), colour=colour)
     if element.name in ("cylinder", "capsule"):
         r, length = (numbers_of(element, key, 1)[0] for key in ("radius", "length"))
+        # along axis z of the element
         return Shape("disc" if element.name == "cylinder" else "bar",
                      np.array([r, r, length / 2]), colour=colour)
     if element.name == "mesh":

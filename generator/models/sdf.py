@@ -291,6 +291,7 @@ def _pose(pose: Element | None) -> Placement:
     degrees = _flag(pose.attributes.get("degrees", "false"), owner)
     numbers = _numbers(pose, 6 if form == "euler_rpy" else 7)
     attitude = numbers[3:]
+    # the text has radians unless degrees="true"; quaternions have no unit
     if form == "euler_rpy":
         R = roll_pitch_yaw(np.radians(attitude).tolist() if degrees else attitude)
     elif degrees:
@@ -339,7 +340,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     parent, child = (scopes.link(scopes.seen(_text(element, end), name))
                      for end in ("parent", "child"))
     axis = element.first("axis") if KINDS[kind] in ("hinge", "slide") else None
-    if axis is None:
+    if axis is None:  # a ball or fixed joint needs none; the standard gives others the axis z
         return PlacedJoint(name, kind, parent, child, scopes.places[name],
                            np.array([0.0, 0.0, 1.0]))
     xyz, dynamics = axis.first("xyz"), axis.first("dynamics")

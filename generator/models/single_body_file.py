@@ -204,7 +204,7 @@ def read_attitude(table: TomlTable) -> list[float] | None:
     key = keys[0]
     if key == "euler":
         angles = table.vector(key, 3, ANGLES)
-        if table.is_plain(key):
+        if table.is_plain(key):  # numbers without a unit are radians; large ones look like degrees
             degrees = ", ".join(f'"{x:.6g} deg"' for x in angles)
             warn_of_degrees(f"{table.where}euler", angles, cure=f"[{degrees}]")
         return from_euler(*angles)

@@ -123,6 +123,7 @@ def _read(
                                  "URDF has from version 1.1 on; write version=\"1.1\" in <robot>, "
                                  "or rpy=.")
     links = _read_all(top, "link", _link)
+    # reading the joints adds each <mimic> to the robot's followers
     robot = Robot(top.attributes.get("name", "robot"), "a URDF", "link", limits=limits)
     edges = _read_all(top, "joint", partial(_joint, version, robot.followers))
     if limits is None:
@@ -202,6 +203,7 @@ def _joint(version: str, followers: list[Follower], name: str, element: Element)
                          f"{proposal(kind, KINDS)}.")
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
+    # a fixed or floating joint has no single coordinate that could follow another
     if mimic is not None and kind not in MOVING:
         warn(f"Joint {shown(name)} is {kind}: its <mimic> has no effect.")
     elif mimic is not None:

@@ -326,6 +326,7 @@ class BeamJoint(Joint):
         points = self.local_points(store)
         d_rate = difference(self.b.point_velocity(points[1]), self.a.point_velocity(points[0]))
         force = [sp.Integer(0)] * 3
+        # half of the damping in the frame of each end: neither of them is preferred
         for frame, t in zip((self.a, self.b), tangents, strict=True):
             spin = frame.direction(frame.angular_velocity)
             rate = difference(d_rate, cross(spin, d))
@@ -457,6 +458,7 @@ def section_of(
     if number is None or not 2 <= number <= _MOST_SEGMENTS:
         raise InputError(f"The count of beam {name!r} is {shown(count)}; give a whole number of "
                          f"segments, 2 to {_MOST_SEGMENTS}.")
+    # one stiffness for both directions of bending, or a pair
     array = real_array(bending)
     shape = () if array is None or array.ndim == 0 else (2,)
     EI1, EI2 = np.broadcast_to(finite(f"bending of {name!r}", bending, shape), 2).tolist()

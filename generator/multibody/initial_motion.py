@@ -365,11 +365,16 @@ class Velocities:
                                for _, columns, _, root in self._blocks])
 
     def list_targets(self, links: Sequence[Connection]) -> list[_Target]:
-        """Return the given velocities of bodies and rates of joints."""
+        """Return the velocities that the user gives to bodies, and the rates of joints.
+
+        A target is rows · u = value, with the velocities u of all bodies. Bodies of a robot's file
+        have none: its joints give their motion.
+        """
         targets = []
         for body, initial in self.bodies.items():
             if initial.is_placed or isinstance(body, FlywheelBody):
                 continue
+            # ω is given in body axes, and its target has axes of space
             for quantity, name, value, axes in (
                     ("v", "velocity", initial.v, np.eye(3)),
                     ("spin", "angular velocity", initial.omega, self.poses[body].R)):
@@ -493,6 +498,7 @@ class Velocities:
 
         ``residual`` is R y − d of ``keep``; an entry up to ``scale`` is round-off.
         """
+        # the entries of each target in d and the residual end at its entry of ``ends``
         ends = np.cumsum([len(target.value) for target in targets])
         corrections = []
         for target, indices in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):

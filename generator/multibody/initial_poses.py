@@ -216,7 +216,7 @@ def attitude(label: str, quaternion: Any, matrix: Any) -> Array:
     """
     if quaternion is not None and matrix is not None:
         raise InputError(f"{label} has a quaternion and a rotation; give one of them.")
-    if hasattr(matrix, "as_quat"):
+    if hasattr(matrix, "as_quat"):  # a SciPy Rotation, whose quaternions are (x, y, z, w)
         scalar_last = real_array(matrix.as_quat())
         if scalar_last is None or scalar_last.shape != (4,):
             raise InputError(f"The rotation of {label} is {shown(matrix)}; give a single one.")

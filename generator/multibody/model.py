@@ -131,6 +131,7 @@ class Model:
 
     def __post_init__(self) -> None:
         """Check every field, and replace mappings by immutable ones."""
+        # a frozen dataclass refuses assignments: __setattr__ of object replaces its fields
         if not isinstance(self.system, System):
             raise InputError(f"system = {shown(self.system)} is no gyrospark.System.")
         as_text("description", self.description)
@@ -258,6 +259,7 @@ class Model:
             if isinstance(value, tuple):
                 return tuple(map(rounded, value))
             fraction = exact(value)
+            # symbols and None are no numbers and stay as they are
             return number(fraction) if isinstance(fraction, Fraction) else value
 
         q0, p0 = (np.array([rounded(x) for x in values]) for values in (self.q0, self.p0))

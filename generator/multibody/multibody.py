@@ -338,7 +338,7 @@ class Multibody:
             raise InputError(f"mass has {len(masses)} numbers for {len(ends) - 1} rods; give one "
                              "of each, or one of all.")
         rods: list[Body] = []
-        previous: Frame | str | None = a
+        previous: Frame | str | None = a  # holds the first end of the next rod; None: free
         for k, (start, end, m) in enumerate(zip(ends[:-1], ends[1:], masses, strict=True), 1):
             if not np.any(end - start):
                 raise InputError(f"Points {k} and {k + 1} of {name!r} coincide; leave out one.")
@@ -781,6 +781,7 @@ class Multibody:
             raise InputError(f"{name!r} has {' and '.join(shapes) or 'no shape'}; give one of "
                              "disc, sphere and ellipsoid.")
         ((shape, size),) = shapes.items()
+        # a point mass has no attitude, so it cannot roll
         roller = self._components.body(body, shown(name))
         if isinstance(roller, Particle):
             raise InputError(f"{name!r} asks for axes of {roller.name!r}, a point mass, which "
@@ -1001,6 +1002,7 @@ class Multibody:
         if not measured_joints or not callable(f):
             raise InputError(f"Law {name!r} needs joints and a function of their coordinates, such "
                              "as lambda x, y: x - y**2.")
+        # stand for the coordinates, whose expressions are known only when the model is made
         symbols = [sp.Dummy(f"{name}_c{k}", real=True) for k in range(len(measured_joints))]
         try:
             expression = as_expression(f(*symbols))
@@ -1550,6 +1552,7 @@ class Multibody:
                              "axis, axis_on_body and axis_in_space.")
         ((key, e),) = entries.items()
         axis = _direction(name, "axis", e)
+        # the first frame with axes of its own; without any, only axes of space are left
         carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
         if carrier is None:
             return axis

@@ -66,6 +66,7 @@ def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
 
     for members in sets:
         first_root = None
+        # all members of a set get the root of its least one
         for a in sorted(members):
             parent.setdefault(a, a)
             if first_root is None:

@@ -155,6 +155,7 @@ def refuse_redundant_anywhere(system: System) -> None:
     if dependencies is None:
         return
     on_manifold, off_manifold = dependencies
+    # rows are dependent at every examined point: any point shows which
     if on_manifold:
         Redundancy.of(system.name, names, *on_manifold[-1]).refuse()
     if all(involved for involved, _ in off_manifold):

@@ -246,6 +246,7 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
             symbols[w] = sp.Symbol(next(names), real=True)
         return symbols[w]
 
+    # expressions that have the same w share its s
     H, *forces = (on_side(e, side) for e in (system.H, *system.forces))
     weights = list(symbols.values())
     if not weights:

@@ -363,6 +363,7 @@ def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.S
     if clashes:
         raise InputError(f"{min(clashes)!r} is a coordinate and a constant or an input; give one "
                          "of them another name.")
+    # velocities give way: a coordinate or a constant keeps its name
     reserved = {str(s) for s in (*names.values(), *symbols)}
     for x, rate in zip(mechanics.q, rates, strict=True):
         name = name_of_speed.get(rate, f"{x.func.__name__}_t")

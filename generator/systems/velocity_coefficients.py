@@ -36,6 +36,7 @@ def refuse_unless_linear(system: System) -> None:
     slopes = jacobian(system.velocity_constraints, system.velocities)
     for name, row, constant in zip(system.velocity_constraint_names, slopes, system.A, strict=True):
         for v, e, at_rest in zip(system.velocities, row, constant, strict=True):
+            # velocities may stand in a slope and cancel: it is compared with its value at rest
             if not symbols_of([e]).isdisjoint(system.velocities) and (
                     at_rest.has(sp.nan, sp.zoo) or not compare([e], [at_rest]).holds):
                 raise InputError(
