@@ -79,7 +79,7 @@ def test_a_class_by_value(tmp_path):
     assert once.endswith(" 0")
     assert refused.split() == ["6", "12", "2"]
     assert unusable.split() == ["6", "6"]
-    step = gs.stepper("G-L", 2, system=SATELLITE)
+    step = gs.stepper("G-L", 2, system=gs.load_model(SATELLITE))
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=20,
                                 parameters=dict(built.options.parameters))
     found = [float.fromhex(x) for x in once.split()[:4]]
@@ -133,7 +133,7 @@ def test_octave_refuses_in_sentences(tmp_path):
         assert refusal.endswith(".")
     assert same.strip() == "1"
     assert (size.split(), of_energy.split()) == (["4", "6"], ["1", "3"])
-    step = gs.stepper("G-L", 2, system=SATELLITE)
+    step = gs.stepper("G-L", 2, system=gs.load_model(SATELLITE))
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=4, every=2,
                                 parameters=dict(built.options.parameters))
     np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies,
