@@ -595,15 +595,8 @@ def _eigenaxes(
     """
     x, y, z = S[0, 0], S[1, 1], S[2, 2]
     if S[0, 1] == S[0, 2] == S[1, 2] == 0:
-        # two equal entries: one axis, else S = x I + (z − x) e₃ e₃ᵀ + (y − x) e₂ e₂ᵀ
-        if _is_zero(x - y):
-            a, axes = x, [(2, z - x)]
-        elif _is_zero(x - z):
-            a, axes = x, [(1, y - x)]
-        elif _is_zero(y - z):
-            a, axes = y, [(0, x - y)]
-        else:
-            a, axes = x, [(2, z - x), (1, y - x)]
+        # S = x I + (z − x) e₃ e₃ᵀ + (y − x) e₂ e₂ᵀ has one axis where two entries are equal
+        a, axes = (y, [(0, x - y)]) if _is_zero(y - z) else (x, [(2, z - x), (1, y - x)])
         return a, [(_unit(k), d) for k, d in axes if not _is_zero(d)]
     products = [S[0, 1] * S[0, 2], S[0, 1] * S[1, 2], S[0, 2] * S[1, 2]]
     if all(e != 0 for e in products):  # S = a I + b e eᵀ has S_01 S_02/S_12 = b e_0²

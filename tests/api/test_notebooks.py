@@ -180,6 +180,8 @@ def test_results_of_analyses_and_simulations_have_cards(gl3):
                          dt=0.01, steps=20)
     assert shown(section).cells[-3] == f"{len(section)}"
     assert len(section) > 0
+    fall = systems.run("ball", systems.stepper("ball"), 6, dt=0.1, events=gs.Impact("floor"))
+    assert f"{float(fall.impacts['floor'].impulse[0]):.6g}" in shown(fall.impacts["floor"]).cells
 
 def test_every_result_has_a_card():
     """Classes whose objects calls return, and builders."""

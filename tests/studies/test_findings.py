@@ -103,7 +103,8 @@ def three_stages() -> Claim:
 
 @pytest.mark.parametrize("claim", [
     pytest.param(two_stages, marks=pytest.mark.slow), three_stages,
-    lambda: odd_proof.gamma_claim((2,)), lambda: odd_proof.variational_claim(range(2, 5))])
+    odd_proof.identities_claim, lambda: odd_proof.gamma_claim((2,)),
+    lambda: odd_proof.variational_claim(range(2, 5))])
 def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:
     assert claim().holds
 

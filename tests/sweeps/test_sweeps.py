@@ -196,6 +196,12 @@ def test_a_start_off_the_constraints_is_reported(scheme):
     assert np.isnan(result.q[1:]).all()
 
 
+def test_a_cell_with_an_inertia_that_no_body_has_is_refused():
+    with pytest.raises(gs.InputError, match=r"'a'.*100"):
+        gs.sweep(systems.case("double_top").system, {"a_I3": [0.03, 100.0]}, scheme="G-L",
+                 stages=2, dt=1e-3, steps=2)
+
+
 def test_a_model_that_starts_off_its_constraints_is_moved_with_a_warning():
     model = model_of("pendulum")
     off = replace(model, q0=1.01 * np.array(model.q0, dtype=float))

@@ -22,7 +22,7 @@ from gyrospark.generator.multibody.rigid_body import (
     rotation_matrix,
 )
 from gyrospark.generator.normal_forms.canonical_system import canonical
-from gyrospark.generator.splitting.decomposition import _new_symbols, split
+from gyrospark.generator.splitting.decomposition import _eigenaxes, _new_symbols, split
 from gyrospark.generator.symmetry.frame_symmetries import frame_of
 from gyrospark.generator.systems.system import System
 from splitting_systems import SYSTEMS, UNIT, molecules
@@ -89,6 +89,15 @@ def test_kovalevskaya_and_free_bodies():
     ball = System(q, p, (I1, gamma), kinetic_energy("gamma").xreplace({I2: I1, I3: I1}), UNIT,
                   name="ball")
     assert split(ball).bodies[0].axes == ()
+
+
+@pytest.mark.parametrize("moments", [(1, 1, 2), (1, 2, 1), (2, 1, 1), (1, 2, 3), (1, 1, 1)])
+def test_equal_moments_stand_in_any_places(moments):
+    S = {(i, j): sp.Integer(moments[i] * (i == j)) for i in range(3) for j in range(3)}
+    a, axes = _eigenaxes("top", "body", S)
+    assert a * sp.eye(3) + sum((d * sp.Matrix(e) * sp.Matrix(e).T for e, d in axes),
+                               sp.zeros(3)) == sp.diag(*moments)
+    assert len(axes) == len(set(moments)) - 1
 
 
 def test_a_tensor_with_an_axis_of_symmetry():

@@ -206,6 +206,8 @@ def test_what_cannot_be_asked_is_said():
             (lambda: step.inverse_dynamics(*at, np.ones(14), inputs=["u0"], **given), ["elbow"]),
             (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["u7"], **given),
              ["u7", "u0"]),
+            (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["rod0_m"], **given),
+             ["rod0_m", "u0"]),
             (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["u0", "u1"], **given),
              ["2", "1"])):
         with pytest.raises(gs.InputError) as error:
