@@ -80,7 +80,7 @@ from ..multibody.multibody import AXES, Multibody
 from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
-from .single_body_file import ATTITUDES, inertia_numbers, read_attitude
+from .single_body_file import ATTITUDES, inertia_numbers, read_attitude, read_rep
 from .toml_tables import TomlTable
 
 __all__ = ["finished", "join", "read_bodies", "telling"]
@@ -238,7 +238,7 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
 
 def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
     """Add a rigid body of [[bodies]]; ``rep``, unless None, replaces the table's."""
-    chosen = table.choice("rep", REPS, "gamma") if rep is None else rep
+    chosen = read_rep(table) if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
     if "angular_velocity" in table:
         vectors["angular_velocity"] = table.vector("angular_velocity", 3, RATES)
@@ -444,9 +444,10 @@ def _stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     """Add an end of the range of a joint, or both."""
     table.allow("name", "joint", "lower", "upper", "restitution")
     table.require("name", "joint")
-    ends = {key: table.number(key, ANGLES) for key in ("lower", "upper") if key in table}
-    builder.stop(table.text("name"), table.text("joint"), **ends,
-                 **_restitution(table, formulas))
+    link = builder._components.joint(table.text("joint"), f"Stop {table.text('name')!r}")
+    units = {} if "travel" in link.MEASURES else ANGLES
+    ends = {key: table.number(key, units) for key in ("lower", "upper") if key in table}
+    builder.stop(table.text("name"), link, **ends, **_restitution(table, formulas))
 
 
 def _restitution(table: TomlTable, formulas: Formulas) -> dict[str, Any]:

@@ -38,7 +38,7 @@ from .common_tables import Formulas, run_length
 from .toml_tables import TomlTable
 
 __all__ = ["ATTITUDES", "from_euler", "inertia_numbers", "momentum", "read_attitude", "read_body",
-           "unit"]
+           "read_rep", "unit"]
 
 ATTITUDES = ("quaternion", "euler", "rotation")
 
@@ -62,7 +62,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     body = content.table("body")
     body.allow("inertia", "mass", "rep", *REPS)
     body.require("inertia")
-    representation = body.choice("rep", REPS, "gamma") if rep is None else rep
+    representation = read_rep(body) if rep is None else rep
     inertia = _inertia(body)
     has_tensor = is_tensor(inertia)
     # γ or α by a rule is computed from the moments when a run begins
@@ -122,6 +122,16 @@ def _read_formulas(content: TomlTable, formulas: Formulas, has_tensor: bool) -> 
     scales = [formulas.read(content, "time_scale", content.formula("time_scale"), motion, letters)
               ] if "time_scale" in content else []
     return _Formulas(potential, torque, quantities, scales)
+
+
+def read_rep(body: TomlTable) -> str:
+    """Return the representation of a table; refuse the weight of the other one alone."""
+    rep = body.choice("rep", REPS, "gamma")
+    for other in REPS:
+        if other in body and rep not in body:
+            raise body.error(other, f"belongs to rep = {other!r}, and rep is {rep!r}; write {rep}, "
+                                    f"or rep = {other!r}.")
+    return rep
 
 
 def _inertia(body: TomlTable) -> Inertia:

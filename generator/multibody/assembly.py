@@ -143,12 +143,12 @@ class Assembly:
         self.links.append(link)
         self._of_link[link] = list(link.equations(self.poses, self.store))
 
-    def redundancy(self) -> Redundancy:
-        """Return the constraints that depend on others at the start."""
+    def redundancy(self, t: float) -> Redundancy:
+        """Return the constraints that depend on others at the start, at time t."""
         A, a = coefficients_of([e.expression for e in self.velocity_equations], self._velocities)
         return find_redundant(self.components.name, NumericConstraints(
             self._coordinate_symbols, [e.expression for e in self.equations],
-            [e.name for e in self.equations], self.store | {str(TIME): 0.0}, A, a,
+            [e.name for e in self.equations], self.store | {str(TIME): t}, A, a,
             [e.name for e in self.velocity_equations]), self.q0)
 
     def warn_of_sizes(self) -> None:

@@ -1400,7 +1400,9 @@ class Multibody:
         closed : iterable of str
             Names of latches that are closed.
         start : Start, model or row of a run, optional
-            The state to start from, of the same bodies, where latches close or open.
+            The state to start from, of the same bodies, where latches close or open, and its time
+            t, at which constraints are evaluated. The model's own start is at t = 0: runs go on
+            from ``model.start.replace(t=t)``.
 
         Raises
         ------
@@ -1422,16 +1424,18 @@ class Multibody:
             choose("latch", latch, self._components.latches)
         assembly = Assembly(self._components, left_out, latches)
         # a given start takes the place of the described one, before latches project its momenta
+        t = 0.0
         if start is not None:
             state = as_start(start)
+            t = float(state.t)
             assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
                 ("q of start", state.q), ("p of start", state.p)))
         assembly.warn_of_sizes()
-        self.redundancy = assembly.redundancy()
+        self.redundancy = assembly.redundancy(t)
         if redundant == "refuse":
             self.redundancy.refuse('; redundant="leave out" does so')
         system, store = assembly.make_system(self.redundancy.left_out), assembly.store
-        numbers = NumericSystem(system, store)
+        numbers = NumericSystem(system, store, t)
         self.start = assembly.closed_state(numbers) if latches or start else (
             assembly.consistent_state(numbers))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}

@@ -303,6 +303,22 @@ def test_a_block_rocks_from_latch_to_latch(hits):
         [.104370449361, .061783331499, .037614679434, .023218124964][:hits - 1], abs=1e-11)
 
 
+def test_a_latch_closes_at_the_time_of_the_start():
+    """A point is caught by one that moves as it does: at t = 2 both are at x = 2, at 1 m/s."""
+    build = gs.Multibody("catch", gravity=(0, 0, 0))
+    hand = build.moving_point("hand", (build.time, 0, 0))
+    ball = build.point_mass("ball", mass=3.0, position=(2.0, 0, 0))
+    build.point_mass("other", mass=1.0)
+    build.latch("grip", gap=ball.x[0] - build.time,
+                close=build.ball("hold", hand, ball, on_a=(0, 0, 0), on_b=(0, 0, 0)))
+    model = build.model()
+    with pytest.raises(InputError, match="'hold: x'"):
+        build.model(closed="grip", start=model)
+    closed = build.model(closed="grip", start=model.start.replace(t=2.0))
+    assert closed.q0.tolist() == model.q0.tolist()
+    assert closed.p0[:3] == pytest.approx([3.0, 0, 0], abs=4 * EPS)
+
+
 def test_latches_are_refused():
     build = rocking_block()
     model = build.model(closed="right")
@@ -463,6 +479,14 @@ def test_tables_are_refused(tmp_path, old, new, word):
     with pytest.raises(InputError, match=word) as error:
         gs.load_model(path)
     assert "tossed.toml" in str(error.value)
+
+
+def test_ends_of_a_slide_are_no_angles(tmp_path):
+    path = tmp_path / "slid.toml"
+    text = FILE.replace('"revolute"', '"prismatic"')
+    path.write_text(text.replace("elbow_angle", "elbow_travel"))
+    with pytest.raises(InputError, match="unit deg"):
+        gs.load_model(path)
 
 
 def test_the_command_has_the_impacts_of_a_file(hall, tmp_path, gyrospark):
