@@ -188,7 +188,14 @@ class ImpactObserver:
         self._places.append(places[: count[0]].copy())
         self._hits.append(hits[: count[0]].copy())
         # after the impacts C writes the number of the gap that stopped it
-        gap = int(places[count[0], 0])
+        return self._status_of(status, int(places[count[0], 0]), state, hits[0, 0])
+
+    def _status_of(self, status: int, gap: int, state: RunState, gap_at_start: Any) -> int:
+        """Return 0 for a call that ended the run, which sets ``end``, else the status of C.
+
+        ``gap`` is the index of the gap that stopped C. Warns of a gap that stays closed, and raises
+        InputError for a start or a system without impacts.
+        """
         if status in (_REST, _LATCHED):
             self.end = self._end(gap, state)
             if status == _REST:
@@ -197,7 +204,7 @@ class ImpactObserver:
                      "each other faster than times resolve, and it stays closed. Go on from "
                      "run[-1] with a system that has the gap as a constraint.")
             return 0
-        self._refuse(status, self.events[gap].quantity, hits[0, 0])
+        self._refuse(status, self.events[gap].quantity, gap_at_start)
         return status
 
     def _refuse(self, status: int, gap: str, gap_at_start: Any) -> None:

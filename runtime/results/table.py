@@ -157,13 +157,7 @@ def table_of_run(
     if not run.bodies and (euler is not None or angular_velocity is not None):
         run.body()  # which says that there is none
     manifest = run.manifest
-    inner_dimensions: dict[str, tuple[str, ...]] = {}
-    descriptions: dict[str, dict[str, Any]] = {}
-    for output in OUTPUTS:
-        for name in names_in_files(output, manifest):
-            inner_dimensions[name] = () if output.split else tuple(
-                dimension for dimension, _ in output.inner(manifest) or ())
-            descriptions[name] = description_of(output, manifest, name)
+    inner_dimensions, descriptions = _output_dimensions(manifest)
     labels, titles = labels_of(manifest.system), {}
     bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
     for name, array in bodies.items():
@@ -187,6 +181,23 @@ def table_of_run(
                  run._attributes(), labels, titles,
                  [_table_of_event(manifest, name, [crossings])
                   for name, crossings in (run.events | run.impacts).items()])
+
+
+def _output_dimensions(
+    manifest: Manifest,
+) -> tuple[dict[str, tuple[str, ...]], dict[str, dict[str, Any]]]:
+    """Return the dimensions of one state's entry, and the description, of each array in files.
+
+    An output that is split, such as the quantities, has arrays of numbers.
+    """
+    dimensions: dict[str, tuple[str, ...]] = {}
+    descriptions: dict[str, dict[str, Any]] = {}
+    for output in OUTPUTS:
+        for name in names_in_files(output, manifest):
+            inner = () if output.split else output.inner(manifest) or ()
+            dimensions[name] = tuple(dimension for dimension, _ in inner)
+            descriptions[name] = description_of(output, manifest, name)
+    return dimensions, descriptions
 
 
 class _BodyArray(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-from collections.abc import Iterator
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -134,9 +134,8 @@ def load_npz(path: Path) -> Trajectory:
             arrays = {output.attribute: file[output.attribute] for output in OUTPUTS
                       if output.attribute in file}
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
-            crossings = {name: {field: file[f"event{i}_{field}"] for field in _COLUMNS
-                                if field in _CROSSING or f"event{i}_{field}" in file}
-                         for i, name in enumerate(about.get("events", ()))}
+            prefixes = {name: f"event{i}_" for i, name in enumerate(about.get("events", ()))}
+            crossings = _event_arrays(prefixes, file, file.__getitem__)
             tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
                         if f"tangents_{name}" in file}
         return _trajectory(_fields(about, arrays, labels) | _events(about, crossings) | {
@@ -174,15 +173,29 @@ def load_netcdf(path: Path) -> Trajectory:
         affixes = ("event_", "_elapsed")
         events = [name[len(affixes[0]) : -len(affixes[1])] for name in file.variables
                   if name.startswith(affixes[0]) and name.endswith(affixes[1])]
-        crossings = {name: {field: read(f"event_{name}_{field}") for field in _COLUMNS
-                            if field in _CROSSING or f"event_{name}_{field}" in file.variables}
-                     for name in events}
+        crossings = _event_arrays({name: f"event_{name}_" for name in events}, file.variables, read)
         for columns in crossings.values():
             columns["rising"] = columns["rising"].astype(bool)
         # a stored run that was written as a file has them among its events
         laws = impacts_of_json(run.get("impacts", run.get("events", {})))
         return _trajectory(_fields(about, arrays, {}) | _events(about, crossings)
                            | {"_laws": laws})
+
+
+def _event_arrays(
+    prefixes: Mapping[str, str], stored_names: Container[str], read: Callable[[str], Array]
+) -> dict[str, dict[str, Array]]:
+    """Return the arrays of events in a file, event → column → array; impacts have more columns.
+
+    ``prefixes`` are the beginnings of the names of an event's arrays; ``read`` returns the array of
+    a name, and raises an error for a crossing's column that is not there.
+    """
+    arrays: dict[str, dict[str, Array]] = {}
+    for event, prefix in prefixes.items():
+        columns = [column for column in _COLUMNS
+                   if column in _CROSSING or f"{prefix}{column}" in stored_names]
+        arrays[event] = {column: read(f"{prefix}{column}") for column in columns}
+    return arrays
 
 
 def _trajectory(fields: dict[str, Any]) -> Trajectory:

@@ -64,18 +64,7 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
     # the sum and half the difference of the outer ones
     middle = 2 * np.arctan2(np.hypot(y, z), np.hypot(w, x))
     half_sum, half_difference = np.arctan2(x, w), np.arctan2(z, y)
-    first_angle, last_angle = half_sum - half_difference, half_sum + half_difference
-    at_low_end, at_high_end = middle < _LOCK, middle > np.pi - _LOCK
-    # where the middle angle is at an end only the sum, or the difference, of the others is defined
-    zero = np.zeros_like(first_angle)
-    outer_sum = np.where(at_low_end, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
-    locked = at_low_end | at_high_end
-    if turning:
-        first_angle = np.where(locked, zero, first_angle)
-        last_angle = np.where(locked, outer_sum, last_angle)
-    else:
-        first_angle = np.where(locked, outer_sum, first_angle)
-        last_angle = np.where(locked, zero, last_angle)
+    first_angle, last_angle = _outer_angles(half_sum, half_difference, middle, turning)
     if not proper_angles:
         last_angle, middle = sign * last_angle, middle - np.pi / 2
     angles: NDArray[np.float64] = np.stack(
@@ -83,3 +72,22 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
         if turning else [first_angle, middle, last_angle], axis=-1)
     # half sum and half difference lie in [−π, π], their sums in twice that range
     return np.where(np.abs(angles) > np.pi, angles - 2 * np.pi * np.sign(angles), angles)
+
+
+def _outer_angles(
+    half_sum: Array, half_difference: Array, middle: Array, turning: bool
+) -> tuple[Array, Array]:
+    """Return the first and the last angle about axes of space, from half their sum and difference.
+
+    Where the ``middle`` angle is within ``_LOCK`` of 0 or π only the sum, or the difference, of the
+    others is determined: the last letter of the sequence gets 0. With ``turning`` axes that is the
+    first angle about axes of space.
+    """
+    first_angle, last_angle = half_sum - half_difference, half_sum + half_difference
+    at_low_end, at_high_end = middle < _LOCK, middle > np.pi - _LOCK
+    zero = np.zeros_like(first_angle)
+    outer_sum = np.where(at_low_end, 2 * half_sum, 2 * half_difference * (1 if turning else -1))
+    locked = at_low_end | at_high_end
+    if turning:
+        return np.where(locked, zero, first_angle), np.where(locked, outer_sum, last_angle)
+    return np.where(locked, outer_sum, first_angle), np.where(locked, zero, last_angle)
