@@ -14,9 +14,10 @@
  * unknowns of a group have the same c_m. Before the first fit, the c_m are the coefficients of
  * polynomial extrapolation with the order that was most accurate at the last step, unless the
  * collocation polynomial of the last step was more accurate. Afterwards the c_m are fitted to the
- * history by least squares (Givens rotations). The Tikhonov parameter (ridge) is the round-off
- * level of the history, which keeps the c_m small. The predictor changes the starting values only,
- * never the limit of the iteration.
+ * history by least squares (Givens rotations), and polynomials take their place where they are
+ * clearly more accurate. The Tikhonov parameter (ridge) is the round-off level of the history, which
+ * keeps the c_m small. The predictor changes the starting values only, never the limit of the
+ * iteration.
  */
 enum { ORDER = 16, POLYNOMIAL = 8, SAMPLES = 24, STRIDE = 2, RATES = 24 };
 enum { EQUATIONS = 16 }; /* at most, per group and step of a fit */
@@ -103,18 +104,64 @@ INLINE void evaluate_recurrence(const predictor_t *s, int order, lanes *history,
     }
 }
 
+/* 1 if the prediction needs the collocation polynomial of the last step. */
+INLINE int needs_stages(const predictor_t *s)
+{
+    int needed = !s->fitted;
+    for (int i = 0; i < LANES; ++i)
+        needed |= s->extrapolates_stages[i];
+    return needed;
+}
+
+/* 1 if polynomials are compared with the recurrence at this step: the prediction is poor. */
+INLINE int selects_again(const predictor_t *s)
+{
+    const real poor = POOR_UNITS*epsilon;
+    int any_poor = 0;
+    for (int i = 0; i < LANES; ++i)
+        any_poor |= s->first[i] > poor*poor;
+    return s->fitted && s->count % RESELECT == 0 && any_poor;
+}
+
+/* 1 if this step completes the equations of a fit. */
+INLINE int completes_fit(const predictor_t *s)
+{
+    return s->count - s->fit_start == STRIDE*(SAMPLES - 1);
+}
+
 /* Starting values x; `extrapolated` are the values of the last collocation polynomial. */
 INLINE void predict(const predictor_t *s, lanes *history, int length, const int *ends,
     const lanes *extrapolated, lanes *x)
 {
-    if (s->fitted) {
+    if (s->fitted)
         evaluate_recurrence(s, ORDER, history, length, ends, x);
-        return;
-    }
-    evaluate_recurrence(s, s->order, history, length, ends, x);
+    else
+        evaluate_recurrence(s, s->order, history, length, ends, x);
     for (int i = 0; i < LANES; ++i)
         for (int e = 0; e < length && s->extrapolates_stages[i]; ++e)
             lane_set(&x[e], i, lane_get(&extrapolated[e], i));
+}
+
+INLINE lanes squared_distance(const lanes *x, const lanes *y, int rows)
+{
+    lanes sum = splat(0);
+    for (int i = 0; i < rows; ++i)
+        sum += (x[i] - y[i])*(x[i] - y[i]);
+    return sum;
+}
+
+/* Squared error at x of the recurrence of the first group, in its first `rows` entries */
+INLINE lanes error_of_recurrence(const predictor_t *s, lanes *history, int length, int rows,
+    const lanes *x)
+{
+    lanes sum = splat(0);
+    for (int i = 0; i < rows; ++i) {
+        lanes defect = x[i];
+        for (int m = 0; m < ORDER; ++m)
+            defect -= s->coefficient[0][m]*history_entry(s, history, length, m)[i];
+        sum += defect*defect;
+    }
+    return sum;
 }
 
 /*
@@ -169,9 +216,7 @@ INLINE void select_polynomial(predictor_t *s, lanes *history, int length, int ro
 {
     lanes error[POLYNOMIAL + 1];
     s->order = s->count < POLYNOMIAL ? (int)s->count : POLYNOMIAL;
-    error[0] = splat(0);
-    for (int i = 0; i < rows; ++i)
-        error[0] += (extrapolated[i] - x[i])*(extrapolated[i] - x[i]);
+    error[0] = squared_distance(extrapolated, x, rows);
     extrapolation_errors(s, history, length, rows, s->order, x, error);
     for (int i = 0; i < LANES; ++i) {
         const int best = best_order(error, s->order, i);
@@ -181,31 +226,30 @@ INLINE void select_polynomial(predictor_t *s, lanes *history, int length, int ro
 }
 
 /*
- * A fit loses its accuracy when the frequencies of the motion drift. If the prediction is poor and
- * a polynomial is clearly more accurate, the polynomial replaces the recurrence until the next fit.
+ * A fit loses its accuracy when the frequencies of the motion drift, and a motion of many
+ * frequencies has no recurrence. If the prediction is poor and a polynomial through the last values
+ * is clearly more accurate, it replaces the recurrence until the next fit; the collocation
+ * polynomial of the last step is in use as long as it is more accurate than what it replaces.
  */
 NOINLINE void reselect_polynomial(predictor_t *s, lanes *history, int length, const int *rows,
-    const lanes *x)
+    const lanes *extrapolated, const lanes *x)
 {
     const real poor = POOR_UNITS*epsilon;
-    lanes error[RESELECT_ORDER + 1], recurrence_error = splat(0);
-    int any_poor = 0;
-    for (int i = 0; i < LANES; ++i)
-        any_poor |= s->first[i] > poor*poor;
-    if (!any_poor)
-        return;
-    for (int i = 0; i < rows[0]; ++i) {
-        lanes defect = x[i];
-        for (int m = 0; m < ORDER; ++m)
-            defect -= s->coefficient[0][m]*history_entry(s, history, length, m)[i];
-        recurrence_error += defect*defect;
-    }
+    lanes error[RESELECT_ORDER + 1];
+    const lanes recurrence_error = error_of_recurrence(s, history, length, rows[0], x);
+    error[0] = squared_distance(extrapolated, x, rows[0]);
     extrapolation_errors(s, history, length, rows[0], RESELECT_ORDER, x, error);
     for (int i = 0; i < LANES; ++i) {
         const int best = best_order(error, RESELECT_ORDER, i);
-        if (s->first[i] > poor*poor && POLYNOMIAL_GAIN*lane_get(&error[best], i)
-            < lane_get(&recurrence_error, i))
+        real smallest = lane_get(&recurrence_error, i);
+        if (!(s->first[i] > poor*poor))
+            continue;
+        if (POLYNOMIAL_GAIN*lane_get(&error[best], i) < smallest) {
             set_polynomial(s, i, best);
+            smallest = lane_get(&error[best], i);
+        }
+        const real gain = s->extrapolates_stages[i] ? 1 : POLYNOMIAL_GAIN;
+        s->extrapolates_stages[i] = gain*lane_get(&error[0], i) < smallest;
     }
 }
 
@@ -304,8 +348,8 @@ INLINE void record_values(predictor_t *s, lanes *history, int length, const int 
     const long elapsed = s->count - s->fit_start;
     if (s->count > 0 && !s->fitted && elapsed <= 0)
         select_polynomial(s, history, length, rows[0], extrapolated, x);
-    if (s->fitted && s->count % RESELECT == 0)
-        reselect_polynomial(s, history, length, rows, x);
+    if (selects_again(s))
+        reselect_polynomial(s, history, length, rows, extrapolated, x);
     if (elapsed == 0)
         begin_fit(s, ends, x);
     if (elapsed >= 0 && elapsed % STRIDE == 0)
@@ -314,8 +358,12 @@ INLINE void record_values(predictor_t *s, lanes *history, int length, const int 
                      e = start + (int)(elapsed/STRIDE) % spacing;
                  e < start + rows[group]; e += spacing)
                 add_equation(s, history, length, group, e, x);
-    if (elapsed == STRIDE*(SAMPLES - 1)) {
+    if (completes_fit(s)) {
         solve_fit(s);
+        const lanes by_recurrence = error_of_recurrence(s, history, length, rows[0], x),
+            by_stages = squared_distance(extrapolated, x, rows[0]);
+        for (int i = 0; i < LANES; ++i)
+            s->extrapolates_stages[i] &= lane_get(&by_stages, i) < lane_get(&by_recurrence, i);
         s->fit_start = s->count + (s->count < REFIT_GROWTH_END ? REFIT_FACTOR*s->count
             : REFIT_INTERVAL);
     }

@@ -312,17 +312,22 @@ NOINLINE void SOLVER(evaluate_least_squares)(const SOLVER(t) *w, lanes *x)
     IF_CONSTRAINED(SOLVER(predict_multipliers)(w, x + SOLVER(IMPULSE));)
 }
 
+/* The next step by the collocation polynomial of the last one */
+NOINLINE void SOLVER(extrapolate_stages)(SOLVER(t) *w)
+{
+    const lanes *x = SOLVER(history_values)(w, 1);
+    SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x, w->extrapolated);
+    SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x + SOLVER(HAT),
+        w->extrapolated + SOLVER(HAT));
+    IF_CONSTRAINED(SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), x + SOLVER(IMPULSE),
+        w->extrapolated + SOLVER(IMPULSE));)
+}
+
 /* The baseline prediction: polynomials or a recurrence. */
 INLINE void SOLVER(extrapolate)(SOLVER(t) *w)
 {
-    if (!w->predictor.fitted) {
-        const lanes *x = SOLVER(history_values)(w, 1);
-        SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x, w->extrapolated);
-        SOLVER(stages_of_stages)(w->zero, 0, TABLE(onward), x + SOLVER(HAT),
-            w->extrapolated + SOLVER(HAT));
-        IF_CONSTRAINED(SOLVER(nodes_of_nodes)(w->zero, 0, TABLE(onward_nodes), x + SOLVER(IMPULSE),
-            w->extrapolated + SOLVER(IMPULSE));)
-    }
+    if (needs_stages(&w->predictor))
+        SOLVER(extrapolate_stages)(w);
     predict(&w->predictor, w->history, SOLVER(X), SOLVER(group_ends), w->extrapolated,
         w->now.x);
 }
@@ -417,9 +422,13 @@ NOINLINE void SOLVER(record_step)(SOLVER(t) *w)
         SOLVER(compare_candidates)(w);
     if (SOLVER(all_permanent)(w))
         store_values(predictor, w->history, SOLVER(X), w->now.x);
-    else
+    else {
+        /* the prediction may have been another one, by least squares of all trajectories */
+        if (fitted && (selects_again(predictor) || completes_fit(predictor)))
+            SOLVER(extrapolate_stages)(w);
         record_values(predictor, w->history, SOLVER(X), SOLVER(group_ends), SOLVER(group_rows),
             w->extrapolated, w->now.x);
+    }
     const long count = predictor->count;
     const int early = count == FIRST_FIT || count == SECOND_FIT;
     for (int i = 0; i < trajectories; ++i) {
