@@ -85,7 +85,6 @@ def test_interrupt_ends_an_ensemble_and_its_threads():
 PROCESSES = '''
 import hashlib, multiprocessing, sys
 import gyrospark as gs
-import systems
 
 before = gs.stepper("G-L", 3) if len(sys.argv) > 1 else None
 
