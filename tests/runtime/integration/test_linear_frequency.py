@@ -11,14 +11,17 @@ from gyrospark.runtime.integration.linear_frequency import fastest_frequency
 from gyrospark.runtime.integration.run_arguments import StartNumbers
 
 
-@pytest.mark.parametrize("scheme", systems.SCHEMES, ids=str)
-def test_an_oscillator_at_five_rad_a_step_is_warned_of(scheme):
-    """x'' = −k x; the warning has ω Δt, and steps of the dt that it names are followed."""
-    step = systems.stepper("driven_oscillator", *scheme)
-    parameters = {"k": 4.0, "c": 1e-300, "f": 1e-300, "omega": 1e-300}
-    q, p = systems.start("driven_oscillator", step)
-    dt = 2.5  # ω = 2
-    with pytest.warns(InputWarning, match=r"2 rad.*order [24]") as told:
+@pytest.mark.parametrize(("name", "scheme", "omega"), [
+    ("driven_oscillator", ("G-L", 2), 2), ("henon_heiles", ("EMS", None), 1)])
+def test_an_oscillator_at_five_rad_a_step_is_warned_of(name, scheme, omega):
+    """Near rest; the warning has ω Δt, and steps of the dt that it names are followed."""
+    step = systems.stepper(name, *scheme)
+    parameters = dict.fromkeys(systems.case(name).parameters, 1e-300)
+    if parameters:
+        parameters["k"] = omega**2
+    q, p = (1e-6 * x for x in systems.start(name, step))
+    dt = 5 / omega
+    with pytest.warns(InputWarning, match=rf"{omega} rad.*order [24]") as told:
         step.integrate(q, p, dt=dt, steps=3, parameters=parameters)
     cure = float(str(told[0].message).rpartition("below ")[2].rstrip("."))
     step.integrate(q, p, dt=cure, steps=3, parameters=parameters)  # no warning
