@@ -7,12 +7,12 @@
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from fractions import Fraction
 from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jinja2
 import mpmath as mp
@@ -49,6 +49,7 @@ from .manifest_numbers import domain_of
 from .mass_tables import mass_tables
 from .plain_iteration import additional_kernels, plain_iteration
 from .program import (
+    Derivatives,
     Derived,
     Elements,
     Features,
@@ -161,17 +162,10 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     derivatives = None
     if derived.derivatives:
         derivatives = derivatives_of(derived, constants["constants_c"], element_sums, lanes)
-    # functions of <math.h> and of the engine that the C calls
-    lane_derivatives = derivatives.lanes if derivatives else []
-    state_calls = _called_by(states.kernels if states else []).union(
-        derivatives.functions if derivatives else ())
+    calls = _calls(step_kernels, derivatives, states)
     if derivatives and lanes:
-        lanes = _with_functions(lanes, state_calls | _called_by(lane_derivatives))
-    kernel_calls = state_calls | _called_by([*step_kernels, *lane_derivatives])
-    # kernels on lanes call versions of their own, which ``LaneIteration`` lists
-    scalar_calls = state_calls.union(
-        constant_calls, quantities.functions if quantities else (),
-        _called_by(k for k in step_kernels if not k.name.startswith("lanes_")))
+        lanes = _with_functions(lanes, calls.of_derivatives)
+    scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, kernels if plain else step_kernels, element_sums, real)
     return Program(
@@ -186,7 +180,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         # the template of profile ``control`` prints one list of kernels
         kernels=[*kernels, *iteration_kernels] if is_control else kernels,
         compensated=any(map(sums_products, step_kernels)),
-        cardinals=sorted(c_names_with_needs(kernel_calls)),
+        cardinals=sorted(c_names_with_needs(calls.of_kernels)),
         switch_functions=SWITCHES & scalar_calls,
         costs=costs,
         iteration_kernels=iteration_kernels,
@@ -213,6 +207,39 @@ def _identity(derived: Derived) -> dict[str, Any]:
         "title": f"{derived.method} for {derived.system.name.replace('_', ' ')}",
         "R": real.c_type, "suffix": real.suffix.lower(), "limits": real.limits,
     }
+
+
+class _Calls(NamedTuple):
+    """Functions of <math.h> and of the engine that the C calls.
+
+    Attributes
+    ----------
+    of_derivatives : frozenset of str
+        Called by derivatives and by functions of one state.
+    of_kernels : frozenset of str
+        Called by these and by the kernels of a step, on numbers or on lanes.
+    scalar : frozenset of str
+        Called on numbers. Kernels on lanes call versions of their own (``LaneIteration``).
+    """
+
+    of_derivatives: frozenset[str]
+    of_kernels: frozenset[str]
+    scalar: frozenset[str]
+
+
+def _calls(
+    step_kernels: Sequence[EmittedKernel], derivatives: Derivatives | None,
+    states: StateFunctions | None,
+) -> _Calls:
+    """Return the functions that the kernels of a step, derivatives and state functions call."""
+    on_numbers = _called_by(states.kernels if states else [])
+    of_derivatives = on_numbers
+    if derivatives:
+        on_numbers |= derivatives.functions
+        of_derivatives = on_numbers | _called_by(derivatives.lanes)
+    scalar_kernels = [k for k in step_kernels if not k.name.startswith("lanes_")]
+    return _Calls(of_derivatives, of_derivatives | _called_by(step_kernels),
+                  on_numbers | _called_by(scalar_kernels))
 
 
 def _called_by(kernels: Iterable[EmittedKernel]) -> frozenset[str]:
@@ -366,7 +393,11 @@ def _features(
     derived: Derived, elements: Elements | None, iteration: LaneIteration | PlainIteration | None,
     frame: FrameTransformation | None, states: StateFunctions | None,
 ) -> Features:
-    """Return the features of the engine that a stepper needs; each becomes a macro in C."""
+    """Return the features of the engine that a stepper needs; each becomes a macro in C.
+
+    ``iteration`` is the fixed-point iteration, on lanes or on plain numbers; ``states`` are the
+    functions of one state of profile ``control``. Each argument is None if there is none.
+    """
     scheme, system, profile = derived.scheme, derived.system, derived.profile
     lanes = iteration if isinstance(iteration, LaneIteration) else None
     splitting = scheme if isinstance(scheme, SplittingScheme) else None

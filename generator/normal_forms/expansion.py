@@ -232,7 +232,10 @@ def constant(number: Number) -> Terms:
 
 
 def power_of_atom(base: sp.Expr, exponent: sp.Expr) -> Terms:
-    """Return a power of an atom; a rational number is split into prime factors, √12 = 2 √3."""
+    """Return base^exponent of an atom: a symbol, a function, a sum or a rational number.
+
+    A rational number is split into prime factors: √12 = 2 √3.
+    """
     if not base.is_Rational or not exponent.is_Rational:
         return {frozenset([(base, plain_exponent(exponent))] if exponent != 0 else []): 1}
     if exponent.is_Integer:

@@ -325,7 +325,7 @@ class _Parser(Generic[V]):
         return self.junction("or", lambda: self.junction("and", self.comparison))
 
     def junction(self, word: str, operand: Callable[[], Any]) -> Any:
-        """Parse conditions joined by ``and``, or by ``or``."""
+        """Parse conditions joined by ``word``, "and" or "or"; ``operand`` parses one of them."""
         start = self.token
         operands = [operand()]
         while self.token.kind == "name" and self.token.text == word:

@@ -76,7 +76,7 @@ def mean_gradient_of(
     differences: tuple[list[sp.Symbol], list[sp.Symbol]],
     discrete: bool,
 ) -> tuple[list[sp.Expr], list[sp.Expr]]:
-    """Return D_qH and D_pH in terms of means and differences."""
+    """Return D_qH and D_pH in terms of means and differences; see ``mean_slopes_of``."""
     D = mean_slopes_of(system, means, differences, discrete)
     n = len(system.q)
     return D[:n], D[n : n + len(system.p)]
@@ -88,7 +88,11 @@ def mean_slopes_of(
     differences: tuple[list[sp.Symbol], list[sp.Symbol]],
     discrete: bool,
 ) -> list[sp.Expr]:
-    """Return D_qH, D_pH and, if H or g depends on time, D_tH."""
+    """Return D_qH, D_pH and, if H or g depends on time, D_tH, in one list.
+
+    ``means`` are (q̄, p̄), ``differences`` (Δq, Δp). D is the discrete gradient of EMS if
+    ``discrete``, else the gradient at the midpoint.
+    """
     variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
     if discrete:
         return discrete_gradient(system.H, *with_time(

@@ -214,8 +214,13 @@ class _Search:
         return instances_of
 
     def _add_template(self, slots: _LocalTerm, instances: Sequence[KickInstance]) -> None:
-        """Add the coefficients, the potential and the kick of a template of H."""
+        """Add the coefficients, the potential and the kick of a template of H.
+
+        ``slots`` is the template in local symbols, ``instances`` have the indices of the bodies,
+        coordinates and constants that take their places.
+        """
         V = slots.e
+        # a term without momenta belongs to V as a whole
         if V.free_symbols & slots.momenta:
             V = V.xreplace(dict.fromkeys(slots.momenta, _ZERO))
             # errors name the symbols of the first instance
@@ -280,7 +285,10 @@ class _Search:
         self, slots: _LocalTerm, coefficients: dict[Monomial, sp.Expr],
         body: tuple[Sequence[sp.Symbol], Sequence[sp.Symbol]], delta: Sequence[sp.Expr],
     ) -> dict[Monomial, sp.Expr]:
-        """Return monomial → coefficient without the terms of δ·R(q) m; ``body`` is (q, m)."""
+        """Return monomial → coefficient without the terms of δ·R(q) m.
+
+        ``coefficients`` are those of H − V before, ``body`` is (q, m) of one body, and ``delta`` δ.
+        """
         q, m = body
         m_in_space = rotation_matrix(q) * sp.Matrix(m)
         rotation = self._monomial_coefficients(slots, _inner(delta, m_in_space))

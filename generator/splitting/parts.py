@@ -255,7 +255,11 @@ def _slope(
     kick: Kick, quaternions: Sequence[tuple[sp.Symbol, ...]], points: Sequence[sp.Symbol],
     angular_velocities: Sequence[Sequence[sp.Expr]], velocities: Sequence[sp.Expr],
 ) -> Kick:
-    """Return −2 times the derivative of a kick along angular velocities and velocities."""
+    """Return −2 times the derivative of a kick along angular velocities and velocities.
+
+    ``angular_velocities`` has W of each of the ``quaternions``, three components in space axes,
+    ``velocities`` the rate of each of the coordinates ``points``.
+    """
     rates = {q: (W[0], W[1], W[2]) for q, W in zip(quaternions, angular_velocities, strict=True)}
     speeds = dict(zip(points, velocities, strict=True))
     torques = [[-2 * e for e in derivatives_along(N, rates, speeds)] for N in kick.torques]

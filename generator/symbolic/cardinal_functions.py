@@ -102,7 +102,11 @@ def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[
 
 
 def _cardinal(name: str, function: Any, derivative: Any, third: int) -> type[_Cardinal]:
-    """Return the class of f(z)/z and its derivative, from f and f′ in mpmath and f‴(0)."""
+    """Return the class of f(z)/z and its derivative.
+
+    ``function`` and ``derivative`` are f and f′ in mpmath, ``third`` is f‴(0), and ``name`` the
+    name of the class, as Sinc, of which the name in C follows.
+    """
     cardinal: type[_Cardinal] = type(name, (_Cardinal,), {
         "__doc__": f"{name[:-1].lower()}(z)/z.",
         "__module__": __name__,

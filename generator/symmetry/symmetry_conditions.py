@@ -106,7 +106,10 @@ class SymmetrySpace:
         return self._combined(prime, lambda i, j: (p[i] * v[j] - rate[i] * q[j]) % prime, count)
 
     def _constraint_rows(self, k: int, prime: int, count: int) -> Residue:
-        """Return the rows of g_q (A q + a) = C g of constraint k, after C is eliminated."""
+        """Return the rows of g_q (A q + a) = C g of constraint k, after C is eliminated.
+
+        There are at most ``count`` random points and as many rows; columns are the fields.
+        """
         # of each field, the columns of (A, a) by which g_k changes; few fields have any
         columns_of = [[j for i, j in field.weights if self._G[k][i] != 0] for field in self.fields]
         nonzero_columns = [columns for columns in columns_of if columns]

@@ -154,7 +154,11 @@ def _with_partner(
 def _tableau(
     name: str, parts: dict[str, Rows], claims: dict[str, int], rounding: Rounding | None
 ) -> Tableau:
-    """Return the tableau of all parts, with the digits that are certain."""
+    """Return the tableau of all parts, with the digits that are certain.
+
+    ``parts`` has all tables of ``FIELDS``, vectors as columns; ``rounding`` are the digits of the
+    user's decimals, None for exact numbers.
+    """
     if rounding is not None:  # a digit less for each factor of 10 in the 1/b of partners
         smallest = min((abs(float(x)) for x in _column(parts["b"]) if x), default=1.0)
         lost_digits = max(0, math.ceil(-math.log10(smallest)))

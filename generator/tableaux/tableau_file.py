@@ -187,7 +187,11 @@ class _Reader:
         raise self.error(f"{constant} is not a coefficient; write a finite number.")
 
     def as_json(self, key: str, entries: Any) -> Any:
-        """Return an array as nested lists of texts; numbers keep all their digits."""
+        """Return an array as nested lists of texts; numbers keep all their digits.
+
+        ``key`` names the table in errors. Raises TableauError for entries that are no finite
+        numbers.
+        """
         entries = entries.tolist() if hasattr(entries, "tolist") else entries
         if isinstance(entries, (list, tuple)):
             return [self.as_json(key, entry) for entry in entries]
@@ -261,7 +265,10 @@ class _Reader:
                 self.check_shape(key, content[key], [size[kind] for kind in kinds])
 
     def length(self, key: str, entries: Any, meaning: str, low: int, high: int) -> int:
-        """Return the number of entries of a list, within its limits."""
+        """Return the number of entries of a list, which must be from ``low`` to ``high``.
+
+        ``meaning`` says in errors what the number is, as "p + 1".
+        """
         if not isinstance(entries, list):
             raise self.error(f"{key} is {_describe(entries)}; write a list of numbers.")
         if not low <= len(entries) <= high:
