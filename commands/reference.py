@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..core.errors import InputError
 from .generate import write_files
 from .options import check_ending, check_picture, check_writable, json_option
 
@@ -46,6 +47,9 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
     from ..references.work_precision import measure
 
     if name == "list":
+        for option, value in (("--quick", quick), ("--plot", plot), ("--out", out)):
+            if value:
+                raise InputError(f"{option} belongs to runs of problems; name one, or all.")
         _list([named(problem) for problem in names()], as_json)
         return 0
     if out is not None:

@@ -59,6 +59,8 @@ def sweep(
     check_writable("--out", store, folder=True)
     check_ending("--out", store, ("", ".zarr"))
     if plot is not None:
+        if dry_run:
+            raise InputError("--plot draws results, which --dry-run has none of; leave one out.")
         check_picture(plot)
     loaded = load_study(study)
     fields = fields_of(loaded.study, loaded.keep)

@@ -149,6 +149,8 @@ def test_bad_cone_is_refused(setting, gyrospark):
      ["inertia", "once"]),
     (["verify", "nothing.json"], ["'nothing.json'", "such file"]),
     (["cache", "burn"], ["burn"]),
+    (["reference", "--out", "page.md"], ["--out", "name one"]),
+    (["reference", "list", "--quick"], ["--quick", "name one"]),
     (["generate", "--all", "--scheme", "IMS"], ["--all", "leave out"]),
 ])
 def test_bad_command_is_refused(arguments, fragments, gyrospark):
