@@ -217,7 +217,7 @@ def _certify(
 
 
 def _refuse_beside_model(target: str | None, choice: dict[str, Any]) -> None:
-    """Refuse a stepper's name, --system and --real beside --model, which says them."""
+    """Refuse a stepper's name, --system and --real beside --model: the model determines them."""
     if target is not None:
         raise InputError(f"{target!r} is given besides --model; name a scheme with --scheme and "
                          "--stages or --tableau.")

@@ -98,10 +98,9 @@ def explain_module(module: ModuleType) -> ModuleType:
 
 
 def _explained(function: Any, shown: str, *, bound: bool) -> Any:
-    """Return a function that refuses wrong arguments by a sentence, in which it is called
-    ``shown``.
+    """Return a function that refuses wrong arguments by a sentence.
 
-    ``bound`` says that its first argument is self or cls.
+    The sentence calls it ``shown``; ``bound`` says that its first argument is self or cls.
     """
     if hasattr(function, "__explained__"):
         return function

@@ -34,7 +34,10 @@ def packages_of(extra: str) -> list[str]:
 
 
 def _extras() -> dict[str, list[str]]:
-    """Return each extra's requirements: of the checkout that this is, or as it was installed."""
+    """Return the requirements of each extra, by name.
+
+    In a checkout they are read from pyproject.toml, else from the metadata of the installation.
+    """
     import tomllib  # both cost time, and most programs miss nothing
     from importlib import metadata
 

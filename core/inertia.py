@@ -251,9 +251,9 @@ def refuse_impossible_inertias(
 def _are_plainly_possible(
     bodies: Mapping[str, Sequence[str]], parameters: Mapping[str, Any]
 ) -> bool:
-    """Return whether all inertias are three floats with max I ≤ the sum of the others, to rounding.
+    """Return whether each inertia is three floats with max I ≤ the sum of the others, to rounding.
 
-    Each call of a step checks them: arrays take longer.
+    Each call of a step checks them: arrays take longer. False leaves the answer to the caller.
     """
     for names_of_inertia in bodies.values():
         values = [*map(parameters.__getitem__, names_of_inertia)]

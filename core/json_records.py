@@ -63,7 +63,10 @@ def _encoded(value: Any) -> Any:
 
 
 def _is_written(field: Field[Any], record: Any) -> bool:
-    """Return whether a field is in the JSON: fields with their default are left out."""
+    """Return whether a field is in the JSON; by default it is unless it has its default value.
+
+    The metadata "written", "beside" and "implied" say otherwise: see the module.
+    """
     value = getattr(record, field.name)
     if "written" in field.metadata:
         return True

@@ -57,7 +57,10 @@ class HasStart(Protocol):
 
 
 def _copied(name: str, value: Any) -> Any:
-    """Return a copy of numbers. Raises InputError for an iterator, and what has no copies."""
+    """Return a copy of numbers, of whatever array type they are.
+
+    Raises InputError for an iterator, which can be read once, and for a value that has no copies.
+    """
     if isinstance(value, Iterator):
         raise InputError(f"{name} = {shown(value)} has numbers that can be read once only; give "
                          "them in a list or an array.")

@@ -272,9 +272,10 @@ class DiscreteFlow:
                 if status:
                     raise singular(step_group.first, status)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
-        if frame.moves:
-            tangents = frame.matrix(self.steps) @ tangents + frame.own_derivatives(
-                self.steps, np.concatenate([stored_run.state.q, stored_run.state.p])) @ dz
+        if frame.moves:  # back to space at the end; the frame's own motion depends on parameters
+            end_state = np.concatenate([stored_run.state.q, stored_run.state.p])
+            tangents = (frame.matrix(self.steps) @ tangents
+                        + frame.own_derivatives(self.steps, end_state) @ dz)
         return tangents.T
 
     def _adjoint(self, x: Array, w: Array) -> Array:

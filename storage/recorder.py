@@ -386,6 +386,7 @@ class Recorder:
         row = state.steps // run.every + 1 - self.first  # of a row that is begun
         begun = state.steps % run.every and state.ended_by is None and self.last_part is None
         iterations_so_far = int(self.rows.iterations[row]) if begun else state.most
+        # the counts before this commit, behind which the writer appends its events
         counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}
         self.counts = self.counts + [len(crossings.get(name, ())) for name in counts]
         checkpoint = replace(state, most=iterations_so_far, event_progress=self._event_progress())

@@ -224,8 +224,7 @@ def _scalar_last(q: Array) -> Array:
 
 
 def _rotation(start: Array, end: Array) -> list[float]:
-    """Return the shortest rotation of one unit vector to another, as a quaternion with scalar last.
-    """
+    """Return the shortest rotation of one unit vector to another: a quaternion, scalar last."""
     # (sin θ n, 1 + cos θ) = 2 cos(θ/2) (sin(θ/2) n, cos(θ/2))
     q = np.append(np.cross(start, end), 1 + start @ end)
     if q[3] < 1e-9:  # opposite: about any axis that is normal to both

@@ -421,6 +421,7 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
     A body of which ``rolling`` has the name is round.
     """
     centres = np.array([body.at(body.centre)[0, 0] for body in parts])
+    # the size of the scene at its start: between bodies, of a body, and from a body to its joints
     reach = max([float(np.linalg.norm(np.ptp(centres, axis=0)))]
                 + [2 * float(body.sizes["box"].max()) for body in parts]
                 + [2 * float(np.linalg.norm(body.centre - r)) for body, r in _points(parts, ties)])

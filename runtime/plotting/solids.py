@@ -244,10 +244,11 @@ def _box(half: Array) -> Mesh:
     # edges and corners take each boundary of octants twice, with the signs of either side
     bevel = min(_BEVEL[0] * half.min(), _BEVEL[1] * half.max())
     quarter = np.linspace(0, np.pi / 2, 4)
+    # four quarters of φ with the signs of x and y in each, and the first column again at the end
     phi = np.concatenate([quarter + k * np.pi / 2 for k in range(4)])
     sign = np.repeat(np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]], float), len(quarter), axis=0)
     phi, sign = np.append(phi, phi[0]), np.concatenate([sign, sign[:1]])
-    theta = np.concatenate([quarter, quarter + np.pi / 2])
+    theta = np.concatenate([quarter, quarter + np.pi / 2])  # the halves z > 0 and z < 0
     up = np.repeat([1.0, -1.0], len(quarter))
     normals = np.stack([np.outer(np.sin(theta), np.cos(phi)), np.outer(np.sin(theta), np.sin(phi)),
                         np.outer(np.cos(theta), np.ones_like(phi))], axis=-1)
@@ -257,7 +258,7 @@ def _box(half: Array) -> Mesh:
     points = corner * (half - bevel) + bevel * normals
     sides = _grid(points[::-1], normals[::-1])
     caps = []
-    for row in (0, -1):
+    for row in (0, -1):  # the poles: four corners, which lie in a plane
         ends = points[row, ::len(quarter)][:4]
         n = np.broadcast_to(normals[row, 0], (4, 3))
         faces = np.array([[0, 1, 2], [0, 2, 3]])

@@ -349,8 +349,7 @@ class Differentiation(Evaluation):
         raise NotImplementedError
 
     def _kept_step(self, run: RunArguments) -> tuple[SingleStep, TangentSpace]:
-        """Return the solved step of ``run``, and the tangent space of the constraints at its start.
-        """
+        """Return the solved step of ``run``, and the tangent space at its start."""
         from ..derivatives.kept_steps import SingleStep
         from ..derivatives.tangent_space import TangentSpace
 
