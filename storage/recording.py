@@ -345,10 +345,28 @@ class Recording(Trajectory):
         if row_range.step == 1:
             return stored_values(array, row_range.start, row_range.stop - row_range.start, is_exact,
                                  real.dtype)
+        if name == "iterations":
+            return self._most_iterations(row_range)
         # of each chunk a copy of its selected rows: one chunk at a time is in memory
         return np.concatenate([
             stored_values(array, begin, end - begin, is_exact, real.dtype)[:: row_range.step].copy()
             for begin, end in _spans_of_chunks(row_range, array.chunks[0])])
+
+    def _most_iterations(self, row_range: range) -> Array:
+        """Return the most iterations of the steps since the selected row before each, (rows,).
+
+        One chunk at a time is in memory.
+        """
+        array = array_of(self._group, "iterations")
+        most = np.zeros(len(row_range), array.dtype)
+        chunk, first_row, end_row = array.chunks[0], row_range.start, row_range[-1] + 1
+        for chunk_start in range(first_row - first_row % chunk, end_row, chunk):
+            begin, end = max(chunk_start, first_row), min(chunk_start + chunk, end_row)
+            # the selected row at or behind each row
+            places = -(-(np.arange(begin, end) - first_row) // row_range.step)
+            iterations = stored_values(array, begin, end - begin, False, array.dtype)
+            np.maximum.at(most, places, iterations)
+        return most
 
 
 def _spans_of_chunks(row_range: range, chunk: int) -> Iterator[tuple[int, int]]:

@@ -260,6 +260,9 @@ class Trajectory(Shown):
             # arrays of steps have no row for the start: the step to row k is k − 1
             indices = row_indices[1:] - 1 if output.of_steps else row_indices
             arrays[output.attribute] = getattr(self, output.attribute)[indices]
+        if len(row_range) > 1:  # the most of all steps between two of the states
+            arrays["iterations"] = np.maximum.reduceat(
+                self.iterations[: row_indices[-1]], row_indices[:-1])
         ahead, start_time = (1 if self.dt > 0 else -1), self.t[row_range[0]]
         # events behind the last row of the whole run belong to it
         end_time = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]

@@ -69,6 +69,9 @@ class StepSearch:
         Raises InputError if round-off, or the length of a pilot run, is in the way of the error;
         StepFailed if no step converges.
         """
+        if self.bound < self.epsilon:  # two pilot runs may agree in all digits by accident
+            raise InputError(f"step_error = {self.bound:g} is below round-off, {self.epsilon:.1e}; "
+                             "ask for more than that, or take a stepper of a wider type.")
         finest = self._halve()
         best = len(self.pilots) - 1
         # from the finest down, as long as every larger number of steps suffices too: a small error

@@ -11,6 +11,7 @@ import xarray
 import zarr
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP, integrate
 from processes import FAST_TOP, python
 from stores import START, assert_same_bytes, record, small_blocks
@@ -115,3 +116,16 @@ import sys
 gs.stepper("G-L", stages=2).integrate(top.q0, top.p0, dt=1e-3, steps=3, parameters=parameters)
 assert not {"zarr", "xarray", "dask", "filelock"} & set(sys.modules), sys.modules.keys()
 """, cwd=tmp_path)
+
+
+def test_slices_have_the_most_iterations_of_their_steps(tmp_path, monkeypatch):
+    small_blocks(monkeypatch, 8)
+    step = systems.stepper("pendulum")
+    run = systems.run("pendulum", step, 43)
+    assert len({*run.iterations}) > 1
+    stored = systems.run("pendulum", step, 43, out=tmp_path / "run.zarr")
+    rare = systems.run("pendulum", step, 43, every=10).iterations[:4]
+    for states in (run[::10], stored[::10], run[::5][::2], stored[:][::10]):
+        assert np.array_equal(states.iterations, rare)
+    assert np.array_equal(stored[3:30:4].iterations, run[3:30:4].iterations)
+    assert len(run[5:6].iterations) == len(stored[5:6].iterations) == 0
