@@ -359,10 +359,12 @@ class MeanGuarantees:
         return not_guaranteed(f"an error of order {self.order} in Δt: H or g is not quadratic")
 
     def momentum_constraint(self) -> Guarantee:
-        """Return whether f = 0 is kept: Δg = 0 needs Ḡ D_p = 0, which must imply f_(k+1) = −f_k.
+        """Return whether the constraint f(q, p) = 0 on the momenta is kept, up to its sign.
 
-        f is linear in p. In each row of Ḡ D_p a momentum is eliminated by f_k + f_(k+1) = 0; if
-        nothing is left, the row is a multiple of f_k + f_(k+1).
+        Δg = Ḡ Δq = Δt Ḡ D_p by the discrete gradients Ḡ of g and D_p of H, so steps that keep g
+        have Ḡ D_p = 0. f_(k+1) = −f_k follows where each row of Ḡ D_p is a multiple of
+        f_k + f_(k+1): the row vanishes identically once a momentum is eliminated by
+        f_k + f_(k+1) = 0. An f that is not linear in p has no guarantee.
         """
         scheme, system = self.scheme, self.system
         no_projection = not_guaranteed(f"{self.name} has no projection of p")

@@ -179,10 +179,10 @@ def _exact_map(
 def _near_maps(
     points: RandomPoints, named: Sequence[LinearField], independent: _IndependentMaps, full: bool
 ) -> Iterator[MomentumMap]:
-    """Yield fields nearly conserved, or conserved on the constraints at random points.
+    """Yield fields whose momentum is conserved at random points, to ``NEAR`` or on g = 0 alone.
 
-    ``named`` fields are tried first; with ``full`` the null space beside them is, too. Fields of
-    nearly conserved momenta count as independent if they differ by a thousandth.
+    ``named`` fields are tried first, with ``full`` also the fields of the null space beside them.
+    Fields of nearly conserved momenta count as independent if they differ by a thousandth.
     """
     system = points.system
     unnamed_fields = _echelon(points.null_space(named), system) if full else []

@@ -89,7 +89,10 @@ def main_generate() -> NoReturn:
 
 
 def _call(command: click.Command, name: str) -> NoReturn:
-    """Run a command; every expected error becomes one message and an exit code."""
+    """Run a command; every expected error becomes one message and an exit code.
+
+    A reader of a pipe that went away ends it without a message.
+    """
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):  # γ and ᵀ on a terminal that knows ASCII only
             stream.reconfigure(errors="replace")

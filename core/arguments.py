@@ -104,7 +104,10 @@ def shown(value: Any, length: int = 80) -> str:
 
 
 def whole(value: Any) -> int | None:
-    """Return a whole number of whatever type, 10.0 and 1e3 among them, as int; else None."""
+    """Return a whole number, 10.0 and 1e3 among them, as int; None for all else.
+
+    Numbers are int, float, Fraction and NumPy's; texts, bool and Decimal are none.
+    """
     if type(value) is int:
         return value
     if isinstance(value, bool) or not isinstance(value, numbers.Real):

@@ -36,7 +36,7 @@ def card(title: str, *parts: str) -> str:
 def table(rows: Iterable[Sequence[object]], heads: Sequence[object] = ()) -> Raw:
     """Return a table; cells are escaped unless they are ``Raw``."""
     def line(cells: Sequence[object], tag: str) -> str:
-        """Return a row of the table, with the cells escaped."""
+        """Return a row of the table in HTML."""
         # A corner without a text is no head of its column: screen readers would announce it.
         tags = [tag if cell else "td" for cell in cells] if tag == "th" else [tag] * len(cells)
         cells_html = "".join(f'<{tag} style="text-align:left">{_escaped(cell)}</{tag}>'

@@ -96,9 +96,10 @@ def _at(path: str, decode: Decoder, value: Any) -> Any:
 
 @cache
 def _decoder(hint: Any) -> Decoder:
-    """Return the function that checks a value of JSON against a type, and converts it.
+    """Return the function that checks a value of JSON against a type.
 
-    It raises UnfitError for another type.
+    It returns the value: records and tuples as such, all else unchanged, an int for float too. It
+    raises UnfitError for another type.
     """
     origin, type_arguments = get_origin(hint), get_args(hint)
     if is_dataclass(hint):

@@ -36,9 +36,9 @@ else:
 
 
 def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: Any) -> type:
-    """Return a frozen dataclass whose methods read its fields when they are called.
+    """Return a dataclass of ``cls``, whose ==, hash and repr are closures over its fields' names.
 
-    The methods of ``dataclasses`` are compiled for each class, which takes much of an import.
+    ``dataclasses`` would compile these methods for each class, which takes much of an import.
     """
     attributes = {**cls.__dict__}  # before the decorator adds its own
     record: type = dataclasses.dataclass(eq=False, repr=False, **options)(cls)
@@ -53,7 +53,7 @@ def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: A
         return _values(self, compared) == _values(other, compared)
 
     def hash_of(self: Any) -> int:
-        """Return a hash of the compared fields."""
+        """Return a hash of the fields that take part in it: the compared ones by default."""
         return hash(_values(self, hashed))
 
     @recursive_repr()

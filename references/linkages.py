@@ -25,12 +25,12 @@ _DENOMINATOR, _ROUNDING = 10**5, Fraction(1, 2**46)
 
 
 def _exact_model(build: Multibody, *without: str) -> Model:
-    """Return the model with exact fractions in place of doubles: 1/12, not 0.08333….
+    """Return the model with exact parameters, q0 and p0: 1/12, not 0.08333….
 
     ``without`` names constraints to leave out; other redundant ones are left out automatically.
     Raises ArithmeticError for a number that is no fraction with a denominator up to 10^5.
     """
-    # the builder computes in doubles; their fractions give a start that any precision can have
+    # the builder computes in doubles; fractions near them make a start for any precision
     model = build.model(without=without, redundant="leave out")
 
     def fraction(value: Any) -> Fraction:
@@ -38,7 +38,8 @@ def _exact_model(build: Multibody, *without: str) -> Model:
         double = Fraction(float(value))
         nearby = double.limit_denominator(_DENOMINATOR)
         if abs(nearby - double) > _ROUNDING * (1 + abs(double)):
-            raise ArithmeticError(f"{value} in {model.name} is no fraction that can be told.")
+            raise ArithmeticError(f"{value} in {model.name} is no fraction with a denominator up "
+                                  f"to {_DENOMINATOR:,}.")
         return nearby
 
     parameters: dict[str, Any] = {name: fraction(x) for name, x in model.parameters.items()}

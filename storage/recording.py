@@ -370,7 +370,7 @@ class Recording(Trajectory):
 
 
 def _spans_of_chunks(row_range: range, chunk: int) -> Iterator[tuple[int, int]]:
-    """Yield, for each chunk with selected rows, the first of these and the end of the chunk.
+    """Yield, for each chunk with selected rows, the first of these and the end of rows to read.
 
     The first span is empty, so that there is an array to concatenate.
     """

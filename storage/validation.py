@@ -6,7 +6,7 @@ would otherwise cause an obscure error later, or a wrong number.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any
@@ -250,26 +250,26 @@ def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
 
 
 def refuse_other_arrays(
-    path: Path, group: zarr.Group, fields: list[StoredField], row_counts: Iterable[int],
+    path: Path, group: zarr.Group, fields: list[StoredField], row_counts: Collection[int],
     checkpoint_bytes: int,
     events: Iterable[StoredField] = (),
 ) -> None:
     """Refuse to resume a store whose arrays do not have the shapes and types of a run.
 
-    ``row_counts`` are the allowed numbers of states; arrays of ``events`` may have any length.
-    Raises InputError.
+    ``row_counts`` are the allowed numbers of states, ``checkpoint_bytes`` the length of the
+    checkpoint; arrays of ``events`` may have any length. Raises InputError.
     """
     block, about = array_of(group, "time").chunks[0], attributes_of(group)
     expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
         CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
 
-    def expect(stored_field: StoredField, block: int) -> None:
-        """Note the shape, the chunks and the type that a field's arrays must have."""
+    def expect(stored_field: StoredField, rows: int) -> None:
+        """Note the shape, the chunks of ``rows`` and the type that a field's arrays must have."""
         expected[stored_field.name] = (
-            stored_field.shape, (block, *stored_field.shape), np.dtype(stored_field.dtype))
-        if stored_field.wide:
+            stored_field.shape, (rows, *stored_field.shape), np.dtype(stored_field.dtype))
+        if stored_field.wide:  # all digits of wide numbers are in an array of bytes
             expected[wide_name(stored_field.name)] = (
-                stored_field.wide_shape, (block, *stored_field.wide_shape), np.dtype("u1"))
+                stored_field.wide_shape, (rows, *stored_field.wide_shape), np.dtype("u1"))
 
     for stored_field in fields:
         expect(stored_field, block)
@@ -281,6 +281,7 @@ def refuse_other_arrays(
         try:
             array = array_of(group, name)
         except UNREADABLE:
+            # an array that the store never had is missing since another version wrote it
             if name not in (*about["arrays"], CHECKPOINT):
                 raise written_by(path, about["run"].get("gyrospark"),
                                  f"it has no array {name!r}") from None

@@ -120,9 +120,10 @@ class _Step:
         return multiply(q, self.relative(q, p))
 
     def forces(self) -> list[Vector]:
-        """Return the forces F_j = −¼ p∘conj(ιw) − V_q − 2QΛ of all stages.
+        """Return the forces F_j = −T_q − V_q − 2 Q Λ of all stages, T_q = ¼ p ∘ conj(ι w).
 
-        The last multiplier is set to 0: it has no influence on the stages, since â_is = 0.
+        ``relative`` returns ¼ ι w, w the vector part of q̄ ∘ p and ι = J⁻¹. The last multiplier is
+        set to 0: it has no influence on the stages, since â_is = 0.
         """
         multipliers = [*self.Lambda, self.constant(0)]
         forces = []

@@ -202,7 +202,11 @@ def _events(study: Study) -> tuple[Event, ...]:
 
 
 def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
-    """Refuse cells whose frame moves along a field that is no symmetry at their parameters."""
+    """Refuse cells whose co-moving frame turns about an axis of no symmetry at their parameters.
+
+    ``symmetry.name`` is the parameter with the rate of the frame; ``fixed`` are the parameters
+    that no axis varies.
+    """
     for symmetry in study.steppers[0].symmetries:
         if not symmetry.condition:
             continue

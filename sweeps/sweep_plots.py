@@ -65,9 +65,10 @@ class _Axis:
 def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None = None) -> Any:
     """Draw a result over the sweep's axes: the longest two of them, at the others' first values.
 
-    Where one of the two has few values, or none but names as ``scheme`` has, each is a line over
-    the other; two axes of many values are drawn in colours. An axis is logarithmic where its
-    values were spaced so. Cells that failed are left white.
+    If one of the two has few values, or values that are names, such as ``scheme``, each of its
+    values is one curve over the other axis; two axes of many numbers are drawn in colours. Of an
+    axis with more than ``_MOST`` values, every second, third, … is drawn. An axis is logarithmic
+    where its values were spaced so. Cells of the sweep that failed are left white.
 
     Parameters
     ----------
@@ -86,7 +87,7 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     Raises
     ------
     InputError
-        If there is no such result, or it is no number of a cell.
+        If there is no such result, or a cell of the sweep has several numbers of it.
     MissingDependencyError
         Without matplotlib.
     """

@@ -243,9 +243,10 @@ def _options(
     stepper: Written, model: RunDefaults | None, dt: Any, start: Any, parameters: Any,
     steppers: tuple[Written, ...],
 ) -> Options:
-    """Return the numbers of the start, each checked.
+    """Return Δt, the start, the parameters and the description of an artefact, each checked.
 
-    ``dt``, ``start`` = (q, p) and ``parameters`` are the caller's, None for the model's own.
+    ``dt``, ``start`` = (q, p) and ``parameters`` are the caller's, None for the model's own. A
+    model with events is refused: artefacts look for none.
     """
     system = stepper.manifest.system
     name, n = system.name, len(system.coordinates)

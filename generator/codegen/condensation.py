@@ -101,7 +101,10 @@ class _Couplings(NamedTuple):
 def condensation_of(
     structure: Structure, scheme: SparkScheme | MeanScheme, constraints: list[dict[str, Any]]
 ) -> Condensation | None:
-    """Return the pattern of the condensed system, or None if H_pp is singular.
+    """Return the pattern of a step's Newton system without its momenta, or None.
+
+    Rates of momenta are eliminated by the inverse of H_pp, and so are free coordinates
+    (``_free_coordinates``), if that narrows the band. None if H_pp is singular.
 
     ``constraints`` has one table for each template of constraints, with its kernels.
     """

@@ -207,7 +207,9 @@ def local_inputs(
 def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool) -> list[Placed]:
     """Return the kernels of a term of H: H, (H_p, H_q), H_p, H_pp, H_t and second derivatives.
 
-    ``between``: the scheme is IMS or EMS, whose second derivatives are in ``mean_term_kernels``.
+    ``between``: the scheme is IMS or EMS, whose gradient and second derivatives, between two
+    states, are in ``mean_term_kernels``. A kernel is emitted for one trajectory (NUMBERS), for
+    trajectories side by side (LANES), or for both.
     H_p for numbers and H_pp serve the constraint on the momenta, G H_p + g_t = 0, of
     ``constrained`` systems. Derivatives by q or p are left out where the term has no q or no p.
     """
@@ -228,8 +230,7 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
     kernels = [
         (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": template.expressions[-1]}),
          BOTH),
-        (Kernel("gradient", "derivatives of H", arguments, gradients),
-         NUMBERS if between else BOTH),
+        (Kernel("gradient", "derivatives of H", arguments, gradients), BOTH),
     ]
     if template.p:
         kernels.append((Kernel("velocity", "H_p", arguments, {"H_p": system.H_p}),
@@ -249,7 +250,11 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
 
 
 def constraint_kernels(template: ElementTemplate, *, between: bool) -> list[Placed]:
-    """Return the kernels of a template of g: g, g(q + d) − g(q), G, Gᵀ λ, K = (Gᵀ λ)_q and g_t."""
+    """Return the kernels of a template of g: g, g(q + d) − g(q), G, Gᵀ λ, K = (Gᵀ λ)_q and g_t.
+
+    With time alone there is g_t. ``between``: the scheme is IMS or EMS, whose K, between two
+    states, is in ``mean_constraint_kernels``.
+    """
     g, q = list(template.expressions), template.q
     d, lam = vector("d", len(q)), vector("lambda", len(g))
     G = jacobian(g, q)

@@ -283,7 +283,7 @@ def _emit_compensated(
     """Return a kernel of polynomials Σ a Π x_iⁿⁱ, with each product and sum as a double word.
 
     The engine's ``add_product`` adds one product to the double word ``sum``. Products of exact
-    coefficients and inputs then cancel without loss, as in |q|² − 1.
+    coefficients and inputs then cancel to twice the working precision, as in |q|² − 1.
     """
     printer = CPrinter(real, names, target.prefix)
     zero = "splat(0)" if target.prefix else "0"

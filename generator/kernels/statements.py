@@ -232,7 +232,8 @@ def _name_bases(
 ) -> tuple[list[tuple[sp.Symbol, sp.Expr]], list[sp.Expr]]:
     """Define a temporary for every base of an integer power, as the C of x² is x*x.
 
-    If x^¼ or x^¾ occurs, all half powers become powers of √x: pow costs ten square roots.
+    If x^¼ or x^¾ occurs, all half powers become powers of √x, as one pow costs as much as ten
+    square roots.
     """
     new_symbols = sp.numbered_symbols("_u", real=True)
     definitions: list[tuple[sp.Symbol, sp.Expr]] = []

@@ -217,7 +217,10 @@ class _Formulas:
             )
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
-        """Return a function of arguments: exact where it can be, with all digits for numbers."""
+        """Return the value of a function: a formula where an argument is no number.
+
+        Of numbers, the value is exact where it is rational, else a number of mpmath.
+        """
         constants = [a for a in arguments if a.is_number]
         make, _ = FUNCTIONS[function]
         # SymPy makes exp(c*log(x)) the power x**c

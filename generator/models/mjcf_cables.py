@@ -269,8 +269,8 @@ def _bodies(
     frames = _frames(edges / lengths[:, None])
     bodies: list[Element] = []
     for k, label in enumerate(_labels(len(edges))):
-        h = float(lengths[k])
-        # relative to the segment before, from whose beginning its length leads here
+        length = float(lengths[k])
+        # attitude and origin in the frame of the segment before
         q = quaternion_of_matrix(frames[k - 1].T @ frames[k] if k else frames[k])
         x = points[0] + offset if k == 0 else [float(lengths[k - 1]), 0.0, 0.0]
         body = Element("body", {"name": f"{prefix}B_{label}", "pos": _text(x), "quat": _text(q)},
@@ -283,15 +283,15 @@ def _bodies(
             body.children.append(Element("joint", {
                 "group": "3", **joint, "name": f"{prefix}J_{label}",
                 "type": "free" if is_free else "ball"}, line))
-        extent = ({"pos": _text([h / 2, 0, 0]), "size": _text([h / 2, *sizes[1:3]])}
+        extent = ({"pos": _text([length / 2, 0, 0]), "size": _text([length / 2, *sizes[1:3]])}
                   if form == "box" else
-                  {"fromto": _text([0, 0, 0, h, 0, 0]), "size": _text(sizes[:1])})
+                  {"fromto": _text([0, 0, 0, length, 0, 0]), "size": _text(sizes[:1])})
         body.children.append(Element(
             "geom", {**parts["geom"], "name": f"{prefix}G{k}", **extent}, line))
         if label in ("first", "last"):
             body.children.append(Element("site", {
                 **parts["site"], "name": f"{prefix}S_{label}",
-                "pos": _text([h if k else 0.0, 0, 0])}, line))
+                "pos": _text([length if k else 0.0, 0, 0])}, line))
         if bodies:
             bodies[-1].children.append(body)
         bodies.append(body)

@@ -174,7 +174,7 @@ def _read(
                  "point_masses" in content or "beams" in content))]
     shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
     if len(kinds) != 1:
-        tables = " and ".join(f"[{kind}]" for kind in kinds) or "neither of them"
+        tables = ", ".join(f"[{kind}]" for kind in kinds) or "none of them"
         raise content.file_error(
             f"it must have one table among {shown} and has {tables}; write one.")
     content.require("name", *(() if kinds == ["bodies"] else ("start",)))

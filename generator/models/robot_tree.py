@@ -266,7 +266,7 @@ class Robot:
                              "what is fixed to it; give it an <inertial> with mass and inertia, or "
                              "make its joint fixed.")
         mass, centre, inertia = combine(parts)
-        # round-off in products of inertia would make a tensor of three moments, which cost less
+        # products of inertia of round-off would turn three moments into a tensor, which costs more
         return mass, centre, clean(inertia)
 
     def reference(self, joint: RobotJoint) -> Floats:
@@ -291,8 +291,8 @@ def turn(axis: Floats, angle: float) -> Floats:
 def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Floats, Floats]:
     """Return mass, centre of mass, and inertia about it, of links that move as one.
 
-    J = Σ (R_i J_i R_iᵀ + m_i (|d_i|² − d_i d_iᵀ)) with d_i from the common centre to that of link i
-    (Steiner), in the axes of the placements.
+    J = Σ (R_i J_i R_iᵀ + m_i (|d_i|² 1 − d_i d_iᵀ)) with d_i from the common centre of mass to the
+    centre of link i (Steiner), in the axes that the placements are given in.
     """
     mass = sum(link.mass for _, link in parts)
     centres = [placement.x + placement.R @ link.centre for placement, link in parts]

@@ -235,7 +235,8 @@ def _range(version: str, kind: str, limit: Element | None) -> tuple[float, float
 def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJoint:
     """Return a joint that closes a loop: its type, links, poses in both, and axes.
 
-    Only the first axis of a universal joint and the axis of a hinge or slide are in the parent.
+    A hinge, a slide and a universal joint have an axis in the parent's frame, a universal joint
+    another one in the child's; axes that a joint does not have are (0, 0, 0).
     """
     kind = element.attributes.get("type", "")
     if kind not in LOOPS:

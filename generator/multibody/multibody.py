@@ -114,7 +114,7 @@ Joined = TypeVar("Joined", bound=Connection)
 #: One of axis, axis_on_body and axis_in_space.
 AXES = ("axis", "axis_on_body", "axis_in_space")
 Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
-#: By default the point of a contact; another one is told by its identity.
+#: The default point of a contact. A point that is passed is another object, equal or not.
 _ORIGIN = (0.0, 0.0, 0.0)
 #: An axis is the same in space and on a body if its components are to within this.
 _SAME_AXIS = 1e-9
@@ -946,7 +946,7 @@ class Multibody:
         return self._join(Chain(name, frame_a, frame_b, None, None, point, links=links))
 
     def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
-        """Return one joint of a chain from its keys: a coordinate, its axis and point.
+        """Return one joint of a chain from its keys: a coordinate, its axis and its point.
 
         "travel" or "speed" makes it a slide; any other joint is a hinge.
         """

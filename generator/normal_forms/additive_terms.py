@@ -395,9 +395,11 @@ class ForceTerms:
         return LocalForm((*substitute(expressions, renaming), *places), renaming, order)
 
     def _sums(self, summands: Sequence[Sequence[sp.Expr]]) -> list[sp.Expr]:
-        """Return the sum of the selected addends of each row.
+        """Return each row of F as a sum of addends.
 
-        One kind of addends is selected for all rows together, as rows share subexpressions.
+        For each set of classes of coordinates these are the original addends or the expanded
+        terms, whichever ``_select`` finds cheaper for all rows together, as rows share
+        subexpressions.
         """
         # set of classes → row → terms, and → addends
         derived: dict[Hashable, dict[int, Terms]] = defaultdict(lambda: defaultdict(dict))

@@ -126,15 +126,16 @@ def root_of_term(m: Monomial, a: Number) -> tuple[Monomial, Number] | None:
 
 
 def factors_of(terms: Terms) -> list[tuple[Terms, int]] | None:
-    """Return [(s_1, n_1), …] with terms = Π s_kⁿᵏ; None if the sum is irreducible or too long.
+    """Return [(s_1, n_1), …] with terms = Π s_k^(n_k), or None.
 
-    SymPy factors the polynomial that remains after the lowest power of each base is taken out.
+    SymPy factors the polynomial that remains when negative powers are taken out; the last factor
+    is its content times these. None for an irreducible polynomial, for exponents that are no
+    integers, and beyond limits of terms, bases and degree.
     """
     bases = sorted({base for m in terms for base, _ in m}, key=base_key)
     if len(terms) > _MOST_TERMS or not 0 < len(bases) <= _MOST_BASES or not all(
             isinstance(n, int) for m in terms for _, n in m):
         return None
-    # SymPy factors polynomials: negative powers are taken out before
     powers_of = [dict(m) for m in terms]
     lowest = {base: min(0, *(powers.get(base, 0) for powers in powers_of)) for base in bases}
     coefficients = {tuple(powers.get(base, 0) - lowest[base] for base in bases): rational(a)
@@ -143,7 +144,7 @@ def factors_of(terms: Terms) -> list[tuple[Terms, int]] | None:
         return None
     x = sp.symbols(f"_b0:{len(bases)}")
     content, factors = sp.Poly(coefficients, *x, domain=sp.QQ).factor_list()
-    if sum(n for _, n in factors) < 2:  # irreducible, but for a number
+    if sum(n for _, n in factors) < 2:  # irreducible, but for its content and denominator
         return None
     sums: list[tuple[Terms, int]] = []
     for factor, n in factors:

@@ -306,15 +306,19 @@ def _is_local(splitting: Splitting) -> bool:
 def splitting_scheme(
     system: System, reduced: System, constants: Constants, order: int, named: str = "",
 ) -> SplittingScheme:
-    """Return the scheme of an order, or of the composition ``named``.
+    """Return the scheme of an order, or of the composition ``named``, which determines its order.
+
+    It has one composition where T is one exact flow for all parameters. Else it has two where
+    equal moments make T exact: a run selects by its parameters.
 
     Parameters
     ----------
     system : System
         The system in the user's parameters.
     reduced : System
-        The same in constants of the run.
+        The system in constants of the run, which are computed once.
     constants : Constants
+        Their definitions.
     order : int
     named : str
         Name of a composition; empty for the default of the order.
@@ -345,7 +349,8 @@ def splitting_scheme(
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
-    if not named:  # a step K(h/2) R K(h/2) of an asymmetric body is symmetric, and no more
+    # A step K(h/2) R K(h/2) of an asymmetric body is symmetric; other compositions need an exact R.
+    if not named:
         general = next(stored for stored in COMPOSITIONS.values()
                        if stored.order == order and _of_strang_steps(stored))
     # with two compositions, a run selects by ``symmetric.conditions`` at its parameters

@@ -395,7 +395,7 @@ class _Search:
     def _is_rotation(
         self, indices: Sequence[int], A: Mapping[tuple[int, int], sp.Expr]
     ) -> bool:
-        """Whether A is skew on a point, which has one mass and no linear terms in p.
+        """Whether A is skew on a point, which has one mass and no velocity v of its own in H.
 
         Then the rotation commutes with the kinetic energy of the point. ``indices`` are its
         coordinates; A maps (index in p, index in q) to the entry.
@@ -547,7 +547,12 @@ def _space_rotation(
 def _entries(
     slots: _LocalTerm, coefficients: Mapping[Monomial, sp.Expr]
 ) -> dict[tuple[Any, ...], tuple[Monomial, sp.Expr]]:
-    """Return the monomial and the value of each entry of S, M, c, v and A that is not 0.
+    """Return the monomial and the value of each entry of S, M, c, v and A that is not 0, where
+
+        H − V = ½ mᵀ S m + ½ yᵀ M y + cᵀ m + vᵀ y + yᵀ A r
+
+    with angular momenta m of bodies, momenta y and positions r of points.
+
 
     ``coefficients`` maps monomials of H − V to their coefficients; keys are as in
     ``_Coefficients``.

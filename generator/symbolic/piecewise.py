@@ -275,7 +275,11 @@ def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, boo
 
 
 def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
-    """Return the expression between limits i − 1 and i, both excluded."""
+    """Return the expression for values of ``symbol`` between limits i − 1 and i, both excluded.
+
+    ``limits`` ascend; the first and the last piece are unbounded. A side is selected by the sign
+    of a w that is linear in ``symbol``: ``sides`` returns (w, value for w < 0, value for w > 0).
+    """
     replacement: dict[sp.Basic, sp.Basic] = {}
     for node in parts_of([e]):
         arguments = [replacement[a] for a in node.args]
@@ -283,10 +287,11 @@ def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -
         switch = sides(rebuilt) if selects_side(rebuilt, {symbol}) else None
         if switch is not None:
             _, limit, rises = _split(switch[0], {symbol})
-            # above its limit a rising w is positive: the last side
-            rebuilt = switch[1 + (rises == (limits.index(sp.expand(limit)) < i))]
+            is_above = limits.index(sp.expand(limit)) < i
+            is_positive = rises == is_above
+            rebuilt = switch[2 if is_positive else 1]
         replacement[node] = rebuilt
     piece: sp.Expr = replacement[e]
     if _has_sides(piece, {symbol}):
-        raise NotPiecewiseError("it has a condition or a floor that its pieces do not tell")
+        raise NotPiecewiseError("it has a condition or a floor that does not depend on its pieces")
     return piece

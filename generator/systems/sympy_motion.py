@@ -73,9 +73,9 @@ class FrameMotion:
     def velocity(self, point: Any) -> tuple[list[sp.Expr], Any]:
         """Return the components of a point's velocity, and their axes: the last frame of its path.
 
-        SymPy's result is the velocity that was set for the nearest point, plus the rate of the
-        place from there. From a point at rest it is the rate alone, which is shorter: it is taken
-        if exact arithmetic shows that both are equal.
+        SymPy returns the velocity that was set for the nearest point, plus the rate of the place
+        from there. The rate of the place from a fixed point is shorter: it is returned where there
+        is such a point and exact arithmetic shows that both are equal.
         """
         anchor = _nearest(point, lambda neighbour: self.frame in neighbour._vel_dict)
         if anchor is None:

@@ -136,12 +136,15 @@ class Fit:
 
 
 def with_sigma(estimate: float, sigma: float) -> str:
-    """Return an estimate and its standard deviation as "0.1234 ± 0.0012": two digits of sigma."""
+    """Return an estimate and its standard deviation as "0.1234 ± 0.0012", sigma to two digits.
+
+    The estimate alone, if sigma is 0; with "(not determined)", if sigma is infinite or NaN.
+    """
     if not np.isfinite(sigma):
         return f"{estimate:.6g} (not determined)"
     if sigma == 0:
         return f"{estimate:.9g}"
-    # as many digits as lead to the second one of sigma; a double has 15
+    # the last digit of the estimate is the second one of sigma; a double has 15
     leading = np.floor(np.log10(abs(estimate) or sigma))
     digits = max(1, min(15, int(leading - np.floor(np.log10(sigma))) + 2))
     return f"{estimate:.{digits}g} ± {sigma:.2g}"

@@ -94,7 +94,7 @@ def minimise(
         # A step that decreases |r|² by less than a thousandth of the expected decrease is tried
         # with more damping. That lowers the expectation too, below the tolerance at last.
         while True:
-            # the second term replaces singular values of round-off, the third one 0/0 at r = 0
+            # the second term replaces singular values of round-off, the third one 0/0 for J = 0
             damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
             singular_step = within_reach * s * g / (s**2 + damping)
             y = -(Vt.T @ singular_step) * linear.units

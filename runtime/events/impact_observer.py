@@ -228,6 +228,7 @@ class ImpactObserver:
         steps = np.array([state.steps])
         elapsed = binding.times(0 * run.t0, run.dt, steps) + self._since.astype(binding.number_type)
         t, q, p = run.t0 + elapsed, state.q[None].copy(), state.p[None].copy()
+        # multipliers and iterations are of steps
         row = Rows(q, p, binding.new(1, binding.multipliers) + np.nan, np.zeros(1, np.intc),
                    binding.new(1))
         return TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)

@@ -145,10 +145,11 @@ def table_of_run(
 ) -> Table:
     """Return the table of a run along ``time``, a variable for each output that the system has.
 
-    ``euler`` and ``angular_velocity`` add these of each body, ``attitudes`` its quaternion.
+    ``euler``, a sequence of axes such as "ZYX", adds Euler angles of each body, in rad or with
+    ``degrees`` in degrees; ``angular_velocity``, "body" or "space", adds Ω or ω in rad/s, and
+    ``attitudes`` the quaternion.
 
-    Raises InputError for another sequence of axes or another frame, and where these are asked for
-    and there is no body.
+    Raises InputError for an unknown sequence or frame, and for a run without bodies.
     """
     if as_flag("degrees", degrees) and euler is None:
         raise InputError("degrees is for Euler angles; give their axes too, such as euler='ZYX'.")

@@ -47,7 +47,9 @@ _LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
 
 
 def save_npz(trajectory: Trajectory, target: Path) -> Path:
-    """Write a trajectory with all its arrays, float128 numbers as 16 bytes each; return the path.
+    """Write a trajectory with all its arrays as .npz; return the path.
+
+    NumPy has no float128: its numbers are stored as 16 bytes each.
     """
     about = {
         "format": _FORMAT,

@@ -372,7 +372,8 @@ def _landen_ladder(mp: Any, complement: Any) -> tuple[Any, list[Any]]:
     ``complement`` is 1 − m.
     """
     a, b, scale, ratios = mp.mpf(1), mp.sqrt(complement), mp.mpf(1), []
-    while complement and a - b > 4 * mp.eps:  # a − b > 0 by round-off ends the iteration
+    # a − b may stay above 0 by round-off; for complement = 0 the mean is 0, reached by no iteration
+    while complement and a - b > 4 * mp.eps:
         a, b, c = (a + b) / 2, mp.sqrt(a * b), (a - b) / 2
         scale *= 2
         ratios.append(c / a)

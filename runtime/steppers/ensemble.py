@@ -338,8 +338,9 @@ def _with_last_parts(
 ) -> Ensemble:
     """Return an ensemble of whole steps and, as its last row, the ends of ``parts``, partial steps.
 
-    The row of the last whole step is left out unless ``every`` stores it. A run that fails in its
-    partial step has a row of NaN, and its failure has the trajectory of whole steps.
+    The row of the last whole step is left out unless ``every`` stores it. A run that failed,
+    before or in its partial step, has a row of NaN there, and its failure the trajectory of whole
+    steps.
     """
     row_count = runs.first.steps // runs.first.every + 1
     failures = dict(ensemble.failures)
@@ -534,7 +535,7 @@ def _stored_arrays(
     if binding.clocked:  # the last coordinate is t
         t = rows.q[:, :, -1].astype(t.dtype)
     q, p = (x[:, :, : binding.shown].copy() for x in (rows.q, rows.p))
-    # the last columns are reactions of velocity constraints, which members alone show
+    # the last columns are reactions of velocity constraints; ensembles leave these to their members
     multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
     iterations = rows.iterations[:, 1:].copy()
     for i, row_count in enumerate(computed.stored):

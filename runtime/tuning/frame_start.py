@@ -155,9 +155,10 @@ def least_squares(
 def start_rates(
     velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike, dt: Any
 ) -> tuple[Array, list[int]]:
-    """Return the least squares rates of a state, and the directions left out, with rate 0.
+    """Return the rates ω_i that minimise |q̇ − Ω q|, Ω = Σ ω_i A_i, and the directions left out.
 
-    The acceleration in the frame is q̈ − 2 Ω q̇ + Ω² q, in the metric of the kinetic energy.
+    These have the rate 0. Norms are those of the kinetic energy. The acceleration in the frame is
+    q̈ − 2 Ω q̇ + Ω² q.
     Directions are left out one by one while this more than halves the acceleration in the frame.
     """
     position, momenta = (np.array(x, dtype=float) for x in (q, p))
@@ -184,7 +185,7 @@ def start_rates(
         return rates, left_out
     # accelerations are differences of velocities: less than their round-off is no gain
     noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
-    # |q̈| with the present rates, against the best choice of one direction more to leave out
+    # the acceleration with the present rates, and with the best further direction left out
     while len(left_out) < len(directions):
         candidates = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
         best = min(candidates, key=lambda candidate: acceleration_norm(rates_without(candidate)))

@@ -262,11 +262,12 @@ class Search:
         return indices
 
     def _slopes(self, index: int) -> Array | None:
-        """Return scale · ∂e/∂x by differences, shape (rows, columns, searched variables).
+        """Return scale_i ∂e/∂x_i of pilot run ``index``, shape (*e.shape, searched variables).
 
-        None if a run fails.
+        e are its errors in the searched rows, x its searched rates and γ; the derivatives are
+        forward differences of another pilot run for each x_i. None if a run fails.
         """
-        pilots, columns = self.pilots, list[Array]()
+        pilots, slopes = self.pilots, list[Array]()
         x, base = pilots.trials[index], pilots.errors(index, pilots.searched_rows)
         for i in range(self.searched_count):
             change = _CHANGE_OF_RATE if i < self.rate_count else _CHANGE_OF_GAMMA
@@ -275,8 +276,8 @@ class Search:
             errors = pilots.errors(pilots.measure(DIFFERENCE, shifted), pilots.searched_rows)
             if errors is None or base is None:
                 return None
-            columns.append((errors - base) / change)
-        return np.stack(columns, axis=-1)
+            slopes.append((errors - base) / change)
+        return np.stack(slopes, axis=-1)
 
     def _square_forms(self, index: int, slopes: Array) -> Array:
         """Return the quadratic form of each path's mean square error, shape (paths, k + 1, k + 1).

@@ -81,8 +81,10 @@ def _numbers(variable: Variable) -> dict[str, str]:
 
 
 def _variables2(root: Element, variables: Sequence[Variable]) -> None:
-    """Add variables and the dependencies of outputs to ``root`` as FMI 2 has them: by position
-    from 1."""
+    """Add variables, dependencies of outputs and initial unknowns to ``root`` as FMI 2 has them.
+
+    Value references count from 0, positions in dependencies and unknowns from 1.
+    """
     listed = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
         element = Sub(listed, "ScalarVariable", {
@@ -151,7 +153,7 @@ def model_header(
 
     VARIABLES has a row for each value reference: name, offset in the struct of a model, when it
     can be set, domain. INITIAL initialises that struct. Functions that a stepper does not have are
-    empty macros, so that core.h is the same for all.
+    macros that do nothing and succeed, so that core.h is the same for all.
     """
     name, system = manifest.name, manifest.system
     roles = [quantity.role for quantity in system.numbers]
