@@ -70,7 +70,7 @@ def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeyp
     assert steps[0] == "0"
     assert steps[-1] == "12"  # Newton was asked on lanes
     monkeypatch.setattr(compiler, "objects_of", lambda name, files, part, **how: [
-        object_files.Object("whole", files[f"{name}.h"])])
+        object_files.Object("whole", files[f"{name}.h"], checks=("numbers", "lanes"))])
     monkeypatch.setattr(compiler, "has_newton_apart", lambda name, files: False)
     monkeypatch.setattr(compiler, "declarations_of", lambda name, header, part: header)
     monkeypatch.setattr(evaluation, "load_module", loaded_in_one_piece(evaluation.load_module))
