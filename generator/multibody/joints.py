@@ -791,10 +791,19 @@ class Screw(Cylindrical):
         Values of parameters go into ``store``.
         """
         yield from super().equations(poses, store)
-        angle_by_length = 2 * sp.pi / named_number(f"{self.name}_lead", self.lead, store)
-        phi = angle_by_length * self.along(poses, store)
+        phi = self._angle_by_length(store) * self.along(poses, store)
         cosine, sine = cosine_and_sine(self.hinge, poses, store)
         yield Equation(f"{self.name}: thread", sine * sp.cos(phi) - cosine * sp.sin(phi))
+
+    def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
+        """Return angle, rate, travel or speed; the angle is 2π s/h, for any number of turns."""
+        if quantity == "angle":
+            return self._angle_by_length(store) * super().measure("travel", poses, store)
+        return super().measure(quantity, poses, store)
+
+    def _angle_by_length(self, store: Store) -> sp.Expr:
+        """Return 2π/h with the lead h as a parameter."""
+        return 2 * sp.pi / named_number(f"{self.name}_lead", self.lead, store)
 
     def relative_velocity(self, poses: Poses) -> Array:
         """Return the velocity of the point of b relative to that of a at the start."""

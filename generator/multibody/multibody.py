@@ -1336,7 +1336,8 @@ class Multibody:
     def angle(self, joint: Connection | str) -> sp.Symbol:
         """Return the symbol of the angle of a joint in forces, potentials and quantities, in rad.
 
-        It is followed for two turns to either side of the start.
+        It is followed for two turns to either side of the start; a screw's, 2π times its travel by
+        its lead, without limit.
         """
         return self._measure(joint, "angle")
 

@@ -114,6 +114,22 @@ def test_a_nut_runs_down_its_screw():
     assert np.abs(turns - k * s).max() <= 1e-9
 
 
+def test_the_angle_of_a_screw_counts_all_turns():
+    """θ = 2π s/h and its rate, 3.4 turns from the pose in which s = 0."""
+    build = builder()
+    build.body("nut", **BOX)
+    thread = build.screw("thread", "ground", "nut", axis=(0, 0, 1), at=(0, 0, 0),
+                         on_b=(0, 0, 0), lead=0.05, travel=0.17, rate=2.0)
+    build.quantity("theta", build.angle(thread))
+    build.quantity("w", build.rate(thread))
+    motion = Motion(build.model())
+    assert motion.value("theta") == pytest.approx(3.4 * 2 * math.pi, rel=1e-14)
+    assert motion.value("w") == pytest.approx(2.0, rel=1e-14)
+    rate = 9.81 * 2 * math.pi / 0.05 / (1 + 0.5 * (2 * math.pi / 0.05)**2 / 2.0)
+    assert motion.acceleration("theta") == pytest.approx(2.0, rel=1e-12)
+    assert motion.acceleration("w") == pytest.approx(-rate, rel=1e-12)
+
+
 def test_a_puck_on_a_slope():
     """Planar: falls in the plane, and turns steadily about its normal."""
     build = builder()
