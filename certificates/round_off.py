@@ -74,7 +74,7 @@ class RoundOff:
 
     @cached_property
     def _q_step(self) -> Floats:
-        """Δt δ(H_p), the round-off of one step in each coordinate: with that of p in H_p."""
+        """Δt δ(H_p), the round-off of one step in each coordinate; δ includes the error of p."""
         errors = self._errors(self.system.p, self.p_sizes)
         return abs(float(self.run.dt)) * self._largest(self.system.H_p, errors)
 

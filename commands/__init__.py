@@ -133,8 +133,8 @@ def _call(command: click.Command, name: str) -> NoReturn:
 def exit_code_of(trouble: BaseException | None, interrupts: Interrupts, subject: str) -> int:
     """Return the exit code of a command whose report is printed, or raise the error of its work.
 
-    ``Stopped`` is printed, not raised: click takes it for any KeyboardInterrupt. ``subject`` is
-    what is complete where a signal came during the report.
+    ``Stopped`` is printed, not raised: click takes it for any KeyboardInterrupt. ``subject``,
+    "run" or "sweep", is complete where a signal came during the report.
     """
     if trouble is None and interrupts.requested:
         trouble = Stopped(f"Stopped while the report was made: the {subject} is complete.",

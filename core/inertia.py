@@ -309,7 +309,7 @@ def _warn_of_length(label: str, values: Any, norms: Floats) -> None:
     """
     array = np.asarray(values)
     eps = float(np.finfo(array.dtype).eps) if array.dtype.kind == "f" else _EPS
-    # of the entries as they are written; some hundred tell the digits of a long table
+    # of the entries as they are written; some hundred are enough for the digits of a long table
     decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in array.ravel()[:400])
     bound = 10.0 ** -min(max(decimals, 2), 17) + 4 * max(eps, _EPS)
     worst = int(np.abs(norms - 1).argmax())

@@ -203,7 +203,7 @@ class Engine:
         """Return the round-off floor ε · N_t · size, ε the machine epsilon of the case's type.
 
         It is the sum of N_t roundings, each of relative size ε and all of one sign: an error below
-        it cannot be told from zero after N_t steps.
+        it cannot be distinguished from zero after N_t steps.
         """
         epsilon = float(np.finfo(self.stepper(case).binding.dtype).eps)
         return epsilon * case.steps * self.size(case, quantity)

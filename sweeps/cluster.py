@@ -46,7 +46,7 @@ def client_of(where: Any) -> Client:
     if isinstance(where, Client):
         return where
     try:
-        # a scheduler that is not there is told within seconds
+        # a scheduler that is not there is reported within seconds
         return Client(where, timeout=_CONNECT_SECONDS)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"No Dask scheduler answers at {where!r}: {error or 'no connection'}. "

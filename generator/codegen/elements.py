@@ -375,7 +375,7 @@ def mean_jacobian(
 
 
 def _short(e: sp.Expr) -> str:
-    """Return the first 100 characters of e for a comment in C."""
+    """Return e for a comment in C, cut to 100 characters."""
     text = str(e).replace("**", "^")
     return text if len(text) <= 100 else text[:97] + "..."
 

@@ -197,8 +197,9 @@ class LoopJoint:
         w, *v = quaternion_of_matrix(R)
         angle = 0.0 if self.kind == "prismatic" else math.remainder(
             2 * math.atan2(float(self.axis @ v), w), 2 * math.pi)
-        # |R − R'| is √2 times a small angle between the two
-        excess = float(np.linalg.norm(R - turn(self.axis, angle))) / math.sqrt(2)
+        # |R − R'| = 2 √2 sin(θ/2) for the angle θ between the two
+        half_sine = float(np.linalg.norm(R - turn(self.axis, angle))) / (2 * math.sqrt(2))
+        excess = 2 * math.asin(min(half_sine, 1.0))
         if excess > _TURNED:
             raise InputError(f"joint {shown(self.name)} closes a loop, and its bodies "
                              f"{shown(self.bodies[0])} and {shown(self.bodies[1])} start turned "

@@ -345,7 +345,7 @@ class Assembly:
         scales = () if components.time_scale is None else (components.time_scale,)
         measures = {symbol: self.connections[joint].measure(measure, self.poses, self.store)
                     for symbol, (joint, measure) in components.measures.items()}
-        # before the symbols are replaced: they tell which joints' angles formulas contain
+        # before the symbols are replaced: formulas contain the symbols of joints' angles
         force_terms = [e for addends in forces_on.values() for e in addends]
         counted = self._counted_joints(set().union(*(e.free_symbols for e in (
             H, *force_terms, *components.quantities.values(), *scales))))

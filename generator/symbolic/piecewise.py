@@ -293,5 +293,5 @@ def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -
         replacement[node] = rebuilt
     piece: sp.Expr = replacement[e]
     if _has_sides(piece, {symbol}):
-        raise NotPiecewiseError("it has a condition or a floor that does not depend on its pieces")
+        raise NotPiecewiseError("it has a condition or a floor whose side is open within a piece")
     return piece

@@ -306,7 +306,7 @@ class CompiledConstraints:
 def _step(x: Array) -> float:
     """Return the step of a central difference: |x| 2⁻¹⁷, about |x| ε^⅓.
 
-    Truncation and round-off are alike with that.
+    With this step truncation and round-off are about equal.
     """
     size = float(np.linalg.norm(x))
     return 2.0**-17 * (size or 1.0)

@@ -337,10 +337,8 @@ def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
     if numbers.shape not in (row_shape, target.shape) or (is_last_row and not len(target)):
         raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
                          f"give {target.shape}, a row for each {row}, or {row_shape} for the last.")
-    if is_last_row:
-        target[-1] = numbers
-    else:
-        target[:] = numbers
+    # a slice, as an array of one number would stay an array in arrays of objects
+    target[-1 if is_last_row else 0 :] = numbers
 
 
 def gradient_of(

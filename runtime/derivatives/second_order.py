@@ -314,7 +314,8 @@ class _StoredRun:
         """Return the cotangent z̄ of the start and all parameters, and its slope, (rows,) each.
 
         The slope is along the direction ``dz`` of the start, (rows,); ``block_tangents`` are its
-        q and p at the start of each block. ``cotangent_slopes`` are how ``cotangents`` change.
+        q and p at the start of each block. ``cotangent_slopes`` are the derivatives
+        of ``cotangents`` along it.
         """
         run, second_order = self.run, self.second_order
         adjoint = CotangentSlopes.at_end(second_order, cotangents.rows[-1],

@@ -390,9 +390,9 @@ class _TurningSearch:
     def is_open(self) -> Array:
         """Which steps are searched on.
 
-        A step is abandoned if times are not resolved, or if the lowest height is more than the
-        height may still fall within the wider of the two parts: it falls like a parabola whose
-        changes over the step are ``total_change``, by a quarter of four times as much.
+        A step is abandoned if times are not resolved, or if its lowest height is above 4 C w², with
+        the change C of the height over the step and the share w of the wider of the two parts: a
+        parabola that has its least value within w falls by less from there.
         """
         wider_part = self._wider_part
         possible_fall = 4 * self.total_change * wider_part * wider_part

@@ -82,8 +82,10 @@ def _states_at(
     refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)
     if not len(trajectory) or ((1 if trajectory.dt > 0 else -1) * np.diff(trajectory.t) < 0).any():
-        raise InputError("The states of this trajectory are not in the order of time, or there is "
-                         "none: its times were asked for so; ask the run for states at others.")
+        raise InputError(f"The trajectory has {len(trajectory)} states, not in the order of time: "
+                         "t_eval or at(...) had these times. Ask the run for the times wanted."
+                         if len(trajectory) else "The trajectory has no states: t_eval or at(...) "
+                         "had no times. Ask the run for the times wanted.")
     t = _times(stepper, times)
     clocked, dt = stepper.binding.clocked, trajectory.dt
     known_states = _known_states(trajectory, clocked)

@@ -33,7 +33,8 @@ class MotionError:
     """
 
     def __init__(self, reference: Array, run_states: Array) -> None:
-        """Compare with the rows of q in ``reference``; ``run_states`` tell its quaternions."""
+        """Compare with the rows of q in ``reference``, which has the quaternions of ``run_states``.
+        """
         self.reference, states = reference, np.asarray(run_states, dtype=float)
         self.quaternions, points = _blocks(states)
         self.turning = list(range(3 * len(self.quaternions)))

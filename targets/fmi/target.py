@@ -65,7 +65,7 @@ class Fmu:
         refuse_names(manifest, _MACROS, "core.h of an FMU")
         version, name = self.version, manifest.name
         variables = variables_of(manifest, options)
-        # the same for all steppers, which model.h tells them
+        # the same for all steppers; model.h has what differs
         core_files = {file: (_HERE / file).read_text(encoding="utf-8")
                       for file in ("core.h", "export.h", "common.h", f"fmi{version}.h",
                                    f"fmi{version}.c")}

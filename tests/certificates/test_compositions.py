@@ -22,6 +22,7 @@ from gyrospark.certificates.composition_checks import (
 from gyrospark.certificates.composition_order import observed_composition_order
 from gyrospark.certificates.composition_proofs import OrderConditions
 from gyrospark.certificates.lyndon_words import (
+    exponential,
     factors_of,
     is_lyndon,
     lyndon_words,
@@ -131,6 +132,12 @@ def test_lyndon_words_are_counted_by_their_formula():
     assert counts == [0, 2, 1, 2, 3, 6, 9, 18, 30, 56]
     assert [len(lyndon_words("13579", order - 1)) for order in (4, 6, 8, 10)] == [2, 4, 8, 16]
     assert [len(lyndon_words("1579", order - 1)) for order in (6, 8)] == [2, 4]
+
+
+def test_the_exponential_of_a_sum_of_numbers_has_its_square():
+    """exp((a + 2b) A) has (a + 2b)²/2 at AA."""
+    series = exponential({"A": {(1, 0): Fraction(1), (0, 1): Fraction(2)}}, 2)
+    assert series["AA"] == {(2, 0): Fraction(1, 2), (1, 1): Fraction(2), (0, 2): Fraction(2)}
 
 
 def test_every_word_follows_from_lyndon_words():

@@ -162,6 +162,6 @@ def test_no_times_and_times_in_any_order(tmp_path):
         none.save(tmp_path / "none.zarr")
     shuffled = run.at([0.7, 0.1, 0.4])
     assert np.array_equal(shuffled.q[1], run.at(0.1).q)
-    for states in (none, shuffled):
-        with pytest.raises(gs.InputError, match="order"):
+    for states, word in ((none, "no states"), (shuffled, "order")):
+        with pytest.raises(gs.InputError, match=word):
             states.at(0.2)
