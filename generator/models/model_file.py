@@ -172,11 +172,11 @@ def _read(
     kinds = [kind for kind in KINDS
              if kind in content or (kind == "bodies" and (
                  "point_masses" in content or "beams" in content))]
-    shown = ", ".join(f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS)
     if len(kinds) != 1:
-        tables = ", ".join(f"[{kind}]" for kind in kinds) or "none of them"
-        raise content.file_error(
-            f"it must have one table among {shown} and has {tables}; write one.")
+        headers = {kind: f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS}
+        tables = ", ".join(headers[kind] for kind in kinds) or "none of them"
+        raise content.file_error(f"it must have one table among {', '.join(headers.values())} "
+                                 f"and has {tables}; write one.")
     content.require("name", *(() if kinds == ["bodies"] else ("start",)))
     formulas = Formulas(content, ParameterValues(content))
     try:

@@ -241,8 +241,8 @@ MISTAKES: list[tuple[str, str, str, list[str]]] = [
     (BODY, 'spin = "omega3*t"', '"sp in" = "t"', ["[quantities] sp in", "letters"]),
     (BODY, "[quantities]", '[forces]\ntorque = ["a"]\n[quantities]', ["torque", "1 entries"]),
     (BODY, "[quantities]", '[forces]\nforce = ["a"]\n[quantities]', ["'force'", "torque"]),
-    (BODY, "[body]", "[system]\n[body]", ["[body] and [system]", "one"]),
-    (BODY, "[body]", "[corps]", ["[body], [system]", "neither"]),
+    (BODY, "[body]", "[system]\n[body]", ["has [body], [system]", "one"]),
+    (BODY, "[body]", "[corps]", ["[body], [system]", "none"]),
     (SYSTEM, '["x", "y"]', '["x"]', ["momenta", "2 names"]),
     (SYSTEM, '["x", "y"]', "[]", ["coordinates", "0 names", "1 to 64"]),
     (SYSTEM, '["x", "y"]', '["x", "x"]', ["coordinates", "'x' twice"]),
@@ -265,7 +265,7 @@ MISTAKES: list[tuple[str, str, str, list[str]]] = [
     (SYSTEM, 'q = ["l", 0]', "q = [1]", ["[start] q", "1 entries", "2 numbers"]),
     (SYSTEM, 'q = ["l", 0]', "quaternion = [1]", ["'quaternion'", "q, p"]),
     (SYSTEM, "p = [0, 0]", "", ["[start] p", "missing"]),
-    (SYSTEM, "[system]", "[body]\n[system]", ["[body] and [system]"]),
+    (SYSTEM, "[system]", "[body]\n[system]", ["has [body], [system]"]),
 ]
 
 
