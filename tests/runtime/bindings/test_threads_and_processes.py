@@ -270,6 +270,7 @@ def test_no_leak_in_many_calls():
 @needs_proc
 def test_no_leak_in_a_million_calls(monkeypatch):
     monkeypatch.setattr("processes.PATIENCE", 3600)
-    grown = growth(1_000_000, 20_000)
+    # what allocators keep settles within 100,000 calls
+    grown = growth(1_000_000, 100_000)
     print(f"{grown} bytes over 1e6 calls")
     assert grown < ALLOWED
