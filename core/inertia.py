@@ -116,7 +116,7 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
     rows = [[_kept(x) for x in row] for row in inertia]
     if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
         return as_moments([rows[i][i] for i in range(3)], label)
-    tensor = (tensor + tensor.T) / 2
+    tensor = tensor / 2 + tensor.T / 2  # the sum of two of them may overflow
     if not size or np.linalg.eigvalsh(tensor / size).min() <= 8 * _EPS:
         raise InputError(f"The {label} {shown(inertia)} is not positive definite: one of its "
                          "principal moments is not above 0; correct its products of inertia.")

@@ -716,7 +716,8 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
     if not steps or not depends_on_time(binding):
         return
     late, step = np.abs(np.asarray(t0, float)), np.abs(np.asarray(dt, float))
-    rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step
+    with np.errstate(over="ignore"):  # a duration beyond all numbers makes no start late
+        rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step
     if (worst := float(np.max(rounding))) > np.sqrt(binding.epsilon):
         warn(f"t = {float(np.max(late)):.6g} s of the start rounds times to {worst:.1g} of a step. "
              "Sines, cosines and tangents of a t + b in H, g and F keep their digits; what else "

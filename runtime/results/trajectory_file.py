@@ -14,7 +14,7 @@ import numpy as np
 from ..._version import __version__
 from ...core.arguments import listed
 from ...core.arrays import Array
-from ...core.errors import InputError
+from ...core.errors import ArgumentError, InputError
 from ...core.event import impacts_as_json, impacts_of_json
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import result_file
@@ -99,6 +99,8 @@ def _readable(path: Path) -> Iterator[None]:
     except UnfitError as error:
         raise InputError(f"{str(path)!r} is no run that gyrospark saved, or damaged: of its "
                          f"manifest, {error}.") from error
+    except ArgumentError as error:  # a report lacks an entry
+        raise InputError(f"{str(path)!r} is no run that gyrospark saved, or damaged.") from error
     except InputError:
         raise
     except OSError as error:

@@ -139,6 +139,12 @@ def test_a_diagonal_tensor_is_its_moments():
     assert gs.gamma(np.diag(MOMENTS)) == gs.gamma(MOMENTS)
 
 
+def test_entries_of_a_tensor_may_be_large():
+    """Twice an entry is beyond all doubles, the mean of the entry and its mirror image is not."""
+    large = np.array(TENSOR) / np.abs(TENSOR).max() * 1e308
+    assert np.array_equal(as_inertia(large), large)
+
+
 @pytest.mark.parametrize("rule", ["m", "h", "mt", "ht"])
 def test_means_of_a_tensor_are_those_of_its_moments(rule):
     assert gs.gamma(TENSOR, rule) == pytest.approx(gs.gamma(MOMENTS, rule), rel=8 * EPS)

@@ -188,28 +188,30 @@ def test_forces_points_inputs_and_time(torque, even):
     ways = rng.normal(size=(2, 2 * n))
     w = rng.normal(size=2 * n)
 
+    def start(q, p, d, s):
+        return gs.Start(q, p, t=0.1 + s * d["t0"])
+
     def arguments(d, s):
-        return {"dt": h + s * d["dt"], "t0": 0.1 + s * d["t0"],
-                "parameters": {k: v + s * d[k] for k, v in values.items()}}
+        return {"dt": h + s * d["dt"], "parameters": {k: v + s * d[k] for k, v in values.items()}}
 
     def at(way, s):
         return on_constraints(np.concatenate([one.q0, one.p0]) + s * way)
 
     def differences(f, d, way, s):
         def slope(s):
-            return (f(*at(way, s), **arguments(d, s))
-                    - f(*at(way, -s), **arguments(d, -s))) / (2 * s)
+            return (f(start(*at(way, s), d, s), **arguments(d, s))
+                    - f(start(*at(way, -s), d, -s), **arguments(d, -s))) / (2 * s)
         return (slope(2 * s) - 20 * slope(s) + 64 * slope(s / 2)) / 45
 
-    def end(q, p, **given):
-        return np.concatenate(step.step(q, p, **given)[:2])
+    def end(begin, **given):
+        return np.concatenate(step.step(begin, **given)[:2])
 
-    def cotangent(q, p, **given):
-        back = step.vjp(q, p, wrt=["q", "p", *own, "inputs", "dt", "t0"], **given)[2](w[:n], w[n:])
+    def cotangent(begin, **given):
+        back = step.vjp(begin, wrt=["q", "p", *own, "inputs", "dt", "t0"], **given)[2](w[:n], w[n:])
         return np.concatenate([back.q, back.p, [back[name] for name in names],
                                back["inputs"].ravel()])
 
-    at_start = arguments(by[0], 0)
+    at_start, begin = arguments(by[0], 0), start(one.q0, one.p0, by[0], 0)
     projected = [np.concatenate([one.q0, one.p0]) * 0 for _ in ways]
     pairs = []
     for k, (d, way) in enumerate(zip(by, ways, strict=True)):
@@ -217,16 +219,16 @@ def test_forces_points_inputs_and_time(torque, even):
         x[:4] -= one.q0[:4] * (one.q0[:4] @ x[:4])
         x[n : n + 4] -= one.q0[:4] * (x[:4] @ one.p0[:4] + one.q0[:4] @ x[n : n + 4])
         projected[k] = x
-        found = np.concatenate(step.jvp(one.q0, one.p0, x[:n], x[n:], d=d, **at_start)[2:])
+        found = np.concatenate(step.jvp(begin, x[:n], x[n:], d=d, **at_start)[2:])
         exact = differences(end, d, x, 1e-3)
         assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
         along = np.concatenate([x, [d[name] for name in [*names, "u"]]])
         pairs.append(along)
-        assert w @ found == pytest.approx(cotangent(one.q0, one.p0, **at_start) @ along,
+        assert w @ found == pytest.approx(cotangent(begin, **at_start) @ along,
                                           abs=1e-14 * np.abs(w * found).sum())
     hessian = []
     for d, x in zip(by, projected, strict=True):
-        made = step.hvp(one.q0, one.p0, x[:n], x[n:], w[:n], w[n:], d=d, **at_start)
+        made = step.hvp(begin, x[:n], x[n:], w[:n], w[n:], d=d, **at_start)
         hessian.append(np.concatenate([made.q, made.p, [made[name] for name in names],
                                        made["inputs"].ravel()]))
     assert hessian[0] @ pairs[1] == pytest.approx(hessian[1] @ pairs[0], rel=1e-11)

@@ -359,7 +359,9 @@ needs_valgrind = pytest.mark.skipif(shutil.which("valgrind") is None,
 @needs_valgrind
 @pytest.mark.parametrize("name", NAMES)
 def test_memcheck_finds_nothing_in_random_calls(name, tmp_path):
-    random = built(name, ["-g", "-O1"], tmp_path)
+    # -O0: from -O1 on gcc writes (a & m) | (b & ~m) as ((a ^ b) & m) ^ b, whose bits of an unused b
+    # cancel, which memcheck does not see
+    random = built(name, ["-g", "-O0"], tmp_path)
     attempt([*VALGRIND, random, "1", "100" if name == "chain" else "500"], tmp_path)
 
 

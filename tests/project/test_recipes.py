@@ -237,7 +237,7 @@ def test_output(tmp_path):
     with np.load(tmp_path / "run.npz") as file:
         kept, q, p = file["angular_momenta"], file["q"], file["p"]
     run = gs.load(tmp_path / "run.zarr")
-    assert np.array_equal(run.group()["angular_momentum"][:], kept)
+    assert np.array_equal(run._group["angular_momentum"][:], kept)
     with (tmp_path / "run.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
     assert [float(row["angular_momentum0_2"]) for row in rows] == kept[:, 0, 2].tolist()

@@ -87,6 +87,10 @@ def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, sai
             for one in caught] == [True] * 3 * said
 
 
+def test_a_run_longer_than_all_numbers_is_not_late():
+    warn_of_late_start(systems.stepper("driven_oscillator").binding, 1e9, 1e300, 10**9)
+
+
 @pytest.mark.filterwarnings("ignore:t = .* rounds times")
 @pytest.mark.parametrize("t0", [0.0, *LATE, 1e9 + 0.3])
 @pytest.mark.parametrize(("stages", "dt", "steps", "bound"), [
