@@ -231,7 +231,7 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
 
 
 def _energy_lines(result: dict[str, Any]) -> list[str]:
-    """Return the lines on the energy error of all steps, and on that of the motion."""
+    """Return the lines on the energy error of all steps and on the error of the motion."""
     balance = "|H − H₀ − W|" if "work" in result else "|H − H₀|"
     lines = [f"  energy     {balance:12s} largest {result['energy_error_max']:.2e}, "
              f"mean {result['energy_error_mean']:.3e}, H₀ = {result['energy_start']:.6g}"]

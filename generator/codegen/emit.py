@@ -9,17 +9,15 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
-from fractions import Fraction
 from functools import cache
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import jinja2
-import mpmath as mp
 import sympy as sp
 
 from ..._version import __version__
-from ...core.real_types import REALS, Real, round_binary
+from ...core.real_types import REALS, Real
 from ...core.records import dataclass
 from ...engine.amalgamate import INCLUDE_CHECK, amalgamate
 from ..kernels.c_printer import ON_LANES, SWITCHES, CPrinter
@@ -63,7 +61,7 @@ from .program import (
 )
 from .second_order import refuse_second
 from .solver_costs import solver_costs
-from .splitting_flows import flow_lanes, flows_of
+from .splitting_flows import flow_lanes, flows_of, half_pi_words
 from .state_functions import quantity_kernel, state_functions
 
 __all__ = ["Source", "emit", "program_of"]
@@ -486,7 +484,7 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     return FrameTransformation(
         real=angle_type.c_type,
         suffix=angle_type.suffix.lower(),
-        quarter=_half_pi_literals(angle_type),
+        quarter=half_pi_words(angle_type, 3),
         groups=[{"names": [symmetry.name for symmetry in group], "axis": axis}
                 for group, axis in zip(frame.groups, rotation.axes, strict=True)],
         rotation_groups=rotation.sets,
@@ -498,18 +496,6 @@ def _frame(derived: Derived) -> FrameTransformation | None:
         rotates_multipliers=rotation.turns_multipliers,
         symmetries=frame_manifest(frame, system).symmetries,
     )
-
-
-def _half_pi_literals(real: Real) -> list[str]:
-    """Return π/2 as a sum of three numbers of the type, each the rounded remainder."""
-    bits = 4 * real.bits  # one number more than the three
-    with mp.workprec(bits + 64):
-        remainder = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
-    literals = []
-    for _ in range(3):
-        literals.append(real.literal(remainder))
-        remainder -= round_binary(remainder, real.bits)
-    return literals
 
 
 def comment(e: sp.Expr | str) -> str:

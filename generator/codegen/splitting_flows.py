@@ -51,7 +51,7 @@ def flows_of(derived: Derived) -> Flows:
         momenta=len(scheme.momenta),
         stages=stages,
         compositions=[_composition(c, stages, real) for c in scheme.compositions],
-        half_pi=_half_pi(real),
+        half_pi=half_pi_words(real, 2),
         state=_step_state(size),
         members=members,
         numbers=length,
@@ -192,9 +192,13 @@ def _two_words(x: Fraction, real: Real) -> str:
     return f"{{ {real.literal(x)}, {real.literal(x - round_binary(x, real.bits))} }}"
 
 
-def _half_pi(real: Real) -> list[str]:
-    """Return π/2 as a double word: its rounded value and the rounded remainder."""
-    bits = 4 * real.bits  # twice the bits of the double word: both words are rounded correctly
+def half_pi_words(real: Real, count: int) -> list[str]:
+    """Return the C of π/2 as a sum of up to three numbers of the type, each a rounded remainder."""
+    bits = 4 * real.bits  # one number more than three: all are rounded correctly
     with mp.workprec(bits + 64):
-        half_pi = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
-    return [real.literal(half_pi), real.literal(half_pi - round_binary(half_pi, real.bits))]
+        remainder = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)
+    literals = []
+    for _ in range(count):
+        literals.append(real.literal(remainder))
+        remainder -= round_binary(remainder, real.bits)
+    return literals

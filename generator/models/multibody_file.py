@@ -238,14 +238,15 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
 
 def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
     """Add a rigid body of [[bodies]]; ``rep``, unless None, replaces the table's."""
-    chosen = read_rep(table) if rep is None else rep
+    representation = read_rep(table) if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
     if "angular_velocity" in table:
         vectors["angular_velocity"] = table.vector("angular_velocity", 3, RATES)
     q = read_attitude(table)
     return builder.body(
         table.text("name"), mass=table.number("mass"), inertia=inertia_numbers(table),
-        rep=cast("RepName", chosen), weight=table.number(chosen) if chosen in table else None,
+        rep=cast("RepName", representation),
+        weight=table.number(representation) if representation in table else None,
         rotation=None if q is None else Attitude(q), **cast("dict[str, Any]", vectors),
     )
 

@@ -222,7 +222,7 @@ def _coordinate_value(key: str, name: str, is_angle: bool, entry: Any) -> float:
 def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity: Any) -> None:
     """Set the rates of the floating body by the options ``velocity`` and ``angular_velocity``.
 
-    The velocity, in space, is that of the centre of mass, the angular velocity is in body axes.
+    The velocity of the centre of mass is in space axes, the angular velocity in body axes.
     Raises InputError unless one body floats.
     """
     if velocity is None and angular_velocity is None:

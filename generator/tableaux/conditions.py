@@ -341,7 +341,7 @@ def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
     """
     t, basis, nodes = tableau, tableau.basis, tableau.constraints
     first, last = nodes.at(0), nodes.at(-1)
-    # row 0 of Ā is 0: its rank is that of the rows 1..p
+    # row 0 of Ā is 0: rows 1..p decide the rank
     is_regular = basis["A_bar"].rank() == t.s and is_zero(first * basis["A_bar"], t)
     required_k = t.p + 1
     k = holds_to(partial(stage_residual, nodes, nodes, V), t, required_k + 1)

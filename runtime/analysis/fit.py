@@ -604,7 +604,7 @@ def _first_run(
 def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
     """Return a standard deviation for each column of residuals, shape (columns,).
 
-    One number serves all columns. Sets ``fitting.samples`` to 1: one sample tells the columns.
+    One number serves all columns. Sets ``fitting.samples`` to 1: one sample has all columns.
     """
     fitting.samples = 1
     columns = fitting.residuals(point).shape[1]

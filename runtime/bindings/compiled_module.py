@@ -210,6 +210,14 @@ class Compiled:
         return WorkMemory(
             self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct))))
 
+    def bytes_at(self, size: int) -> tuple[Any, Any]:
+        """Return the address of aligned memory of ``size`` bytes, and the array that owns it.
+
+        The array must outlive a call with the address.
+        """
+        array = aligned(size)
+        return self.ffi.cast("void *", self.ffi.from_buffer(array)), array
+
     def options(
         self, tolerance: float | None, max_iterations: int, solver: SolverName
     ) -> OptionStruct:

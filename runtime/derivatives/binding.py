@@ -11,7 +11,6 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.records import dataclass
 from ..bindings.binding import Binding
-from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct, Rows, RunState
 from ..compilation.quad_wrapper import PREFIX
 from ..integration.run_arguments import RunArguments
@@ -115,11 +114,6 @@ class DerivativeBinding:
         self.rows = 2 * binding.n + len(binding.parameter_names) + 2
         self._size = int(binding.function("derivative_size")())
 
-    def memory(self) -> tuple[Any, Any]:
-        """Return the address of work memory, and the array behind it, which must outlive a call."""
-        array = aligned(self._size)
-        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(array)), array
-
     def constraint_derivatives(
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[Array, Array]:
@@ -127,7 +121,7 @@ class DerivativeBinding:
 
         Column j is the derivative by entry j of a direction, (q, p, parameters, Δt, t).
         """
-        binding, (memory, _keep) = self.own, self.memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:
             binding.function("constraint_derivatives")(
@@ -212,7 +206,7 @@ class DerivativeBinding:
         The step leads from the state (q, p) with the unknowns x; ``dz``, (rows, k), has k
         directions. ``multipliers`` gets the directions of the multipliers, unless it is empty.
         """
-        binding, (memory, _keep) = self.own, self.memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         ends = binding.new(2 * self.n, dz.shape[1])
         status = binding.function("tangent")(
             parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x), dz.shape[1],
@@ -228,7 +222,7 @@ class DerivativeBinding:
         The step leads from the state (q, p) with the unknowns x; ``w``, (2 n,), is the cotangent of
         its end, ``multipliers`` that of its multipliers, or empty.
         """
-        binding, (memory, _keep) = self.own, self.memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         z_bar = binding.new(self.rows)
         status = binding.function("adjoint")(
             parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x),
@@ -248,7 +242,7 @@ class DerivativeBinding:
         """
         if isinstance(steps, ImpactStep):
             return steps.take_tangents(dz, every, rows, multipliers, tangents)
-        binding, (memory, _keep) = self.own, self.memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         return int(binding.function("integrate_tangent")(
             parameters, *binding.input_arguments(run.inputs)[:2], run.dt, steps.first, steps.count,
             binding.pointer(steps.q), binding.pointer(steps.p), binding.pointer(steps.x),
@@ -271,7 +265,7 @@ class DerivativeBinding:
         inputs, a row for each step, if the run has inputs. ``multipliers`` has the cotangents of
         the multipliers of each step, or is empty.
         """
-        binding, (memory, _keep) = self.own, self.memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         if isinstance(steps, ImpactStep):
             input_columns = [2 * self.n + binding.parameter_names.index(u)
                              for u in binding.input_names]

@@ -171,8 +171,8 @@ class SingleStep:
     def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
         """Return the cotangent z̄ = Φᵀ Sᵀ w + (dS z₁)ᵀ w, (rows,), by the transpose of ``tangent``.
 
-        ``w``, (2 n,), is the cotangent of the end in space; ``multipliers`` that of the step's
-        multipliers, or None.
+        ``w``, (2 n,), is the cotangent of the end in space; ``multipliers`` is the
+        cotangent of the step's multipliers, or None.
         """
         run, end_cotangent = self._run, w
         # an empty array stands for no cotangents of multipliers

@@ -26,7 +26,6 @@ from ...core.errors import InputError
 from ...core.manifest import Manifest
 from ...core.records import dataclass
 from ..bindings.binding import REASONS, Binding
-from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct
 from ..compilation.body_columns import BodyAt, JointAt, bodies_of, joints_of, numbers
 from ..rigid_body.quaternion import rotation_matrix
@@ -46,11 +45,6 @@ class MotionBinding:
         self.own, self.layout = binding, Layout.of(manifest)
         self._size = int(binding.function("derivative_size")())
 
-    def _memory(self) -> tuple[Any, Any]:
-        """Return the address of work memory, and the array behind it, which must outlive a call."""
-        array = aligned(self._size)
-        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(array)), array
-
     def accelerations(
         self, parameters: ParameterStruct, q: Array, p: Array
     ) -> tuple[int, list[Array]]:
@@ -58,7 +52,7 @@ class MotionBinding:
 
         A status other than 0 says that W has no inverse; the arrays then have no meaning.
         """
-        binding, (memory, _keep) = self.own, self._memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         arrays = [binding.new(binding.n), binding.new(binding.n), binding.new(binding.n),
                   binding.new(binding.m)]
         status = binding.function("accelerations")(
@@ -68,7 +62,7 @@ class MotionBinding:
 
     def inverse_mass(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return H_pp, (n, n), of a state, in doubles."""
-        binding, (memory, _keep) = self.own, self._memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         H_pp = binding.new(binding.n, binding.n)
         binding.function("inverse_mass")(parameters, binding.pointer(q), binding.pointer(p),
                                          binding.pointer(H_pp), memory)
@@ -76,7 +70,7 @@ class MotionBinding:
 
     def constraint_jacobian(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return g_q, (m, n), of a state, in doubles."""
-        binding, (memory, _keep) = self.own, self._memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         # the C returns ∂g and ∂f by (q, p, parameters, Δt, t)
         columns = 2 * binding.n + len(binding.parameter_names) + 2
         g, f = binding.new(binding.m, columns), binding.new(binding.m, columns)

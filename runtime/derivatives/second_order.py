@@ -24,7 +24,6 @@ from ...core.errors import InputError
 from ...core.html import card, table
 from ...core.records import dataclass
 from ..bindings.binding import Binding
-from ..bindings.real_numbers import aligned
 from ..bindings.run_memory import ParameterStruct
 from ..integration.run_arguments import RunArguments
 from .binding import DerivativeBinding, KeptSteps
@@ -91,11 +90,6 @@ class SecondBinding:
         self.own, self.n, self.rows = binding, first.n, first.rows
         self._size = int(binding.function("second_size")())
 
-    def _memory(self) -> tuple[Any, Any]:
-        """Return the address of work memory, and the array behind it, which must outlive a call."""
-        array = aligned(self._size)
-        return self.own.ffi.cast("void *", self.own.ffi.from_buffer(array)), array
-
     def integrate_second(
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps, tangents: Array,
         dz: Array, rows: tuple[Array, Array], every: int, cotangents: CotangentSlopes,
@@ -106,7 +100,7 @@ class SecondBinding:
         ``tangents``, (steps, 2 n). ``rows`` are the cotangents of the states before these steps
         that are stored, at each ``every``-th step of the run, and their slopes, (·, 2 n) each.
         """
-        binding, (memory, _keep) = self.own, self._memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         inputs = ([*binding.input_arguments(run.inputs)[:2],
                    *map(binding.pointer, cotangents.inputs)]
                   if binding.input_names else [])
@@ -119,7 +113,7 @@ class SecondBinding:
         self, parameters: ParameterStruct, q: Array, p: Array, dz: Array
     ) -> tuple[Array, Array]:
         """Return the derivatives along dz of ∂g and ∂f, shape (m, rows) each."""
-        binding, (memory, _keep) = self.own, self._memory()
+        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:
             binding.function("constraint_second")(

@@ -210,7 +210,7 @@ def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
 def stored_steps_at(
     stepper: Stepper, run: RunArguments, times: ArrayLike, remainder: Any = 0
 ) -> Array | None:
-    """Return numbers of steps, rising: those just before the times, and that of the whole run.
+    """Return numbers of steps, rising: the last ones before the times, and the count of the run.
 
     Only the states after these steps need be stored. None in scaled time, where any step may be one
     of them. The run ends ``remainder`` seconds after its last step. Raises InputError for times

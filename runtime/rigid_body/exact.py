@@ -215,25 +215,24 @@ class FreeRotation(_PreciseMotion):
         self._set_start(w, attitude)
 
     def _set_amplitudes(
-        self, I: list[Fraction], w: list[Fraction], excess_i: Fraction,  # noqa: E741
-        excess_k: Fraction,
+        self, J: list[Fraction], w: list[Fraction], excess_i: Fraction, excess_k: Fraction
     ) -> None:
         """Compute B_i, B_j, B_k and κ of Ω = (B_i dn u, B_j sn u, B_k cn u), u = u₀ + κ t.
 
-        ``excess_i`` is ℓ² − 2T I_k, ``excess_k`` 2T I_i − ℓ².
+        ``J`` has I_1, I_2, I_3; ``excess_i`` is ℓ² − 2T I_k, ``excess_k`` 2T I_i − ℓ².
         """
         mp, (i, j, k) = self._mp, self._axes
         self._even = (j - i) % 3 == 1  # (i, j, k) is an even permutation of the axes
         self._upright = w[k] >= 0  # B_k takes the sign of Ω_k: am u₀ lies within a quarter turn
         # B_i takes the sign of Ω_i, B_j is positive, and Euler's equations give κ its sign
         sign_i, sign_k = (1 if w[i] > 0 else -1), (1 if self._upright else -1)
-        sign_rate = sign_i * sign_k * (1 if self._even else -1) * (1 if I[k] > I[i] else -1)
+        sign_rate = sign_i * sign_k * (1 if self._even else -1) * (1 if J[k] > J[i] else -1)
         self._amplitudes = (
-            sign_i * _root(mp, excess_i / (I[i] * (I[i] - I[k]))),
-            _root(mp, excess_k / (I[j] * (I[i] - I[j]))),
-            sign_k * _root(mp, excess_k / (I[k] * (I[i] - I[k]))),
+            sign_i * _root(mp, excess_i / (J[i] * (J[i] - J[k]))),
+            _root(mp, excess_k / (J[j] * (J[i] - J[j]))),
+            sign_k * _root(mp, excess_k / (J[k] * (J[i] - J[k]))),
         )
-        self._rate = sign_rate * _root(mp, excess_i * (I[i] - I[j]) / (I[0] * I[1] * I[2]))
+        self._rate = sign_rate * _root(mp, excess_i * (J[i] - J[j]) / (J[0] * J[1] * J[2]))
 
     def _set_start(self, w: list[Fraction], attitude: Sequence[float]) -> None:
         """Compute u₀ with sn u₀ = Ω_j/B_j and cn u₀ = Ω_k/B_k, and q₀ ∘ e(0)⁻¹.

@@ -143,11 +143,11 @@ def test_events_of_a_file_are_those_of_its_runs(tmp_path, gyrospark, document):
     path.write_text(PENDULUM.read_text(encoding="utf-8")
                     + '\n[events]\nlow = "angle = 0"\nend = "x = -0.3 stop"\n', encoding="utf-8")
     model, step = gs.load_model(path), gs.stepper("G-L", stages=2, system=path)
-    found = document("run", path, "--stages", "2", "--scheme", "G-L")
+    answer = document("run", path, "--stages", "2", "--scheme", "G-L")
     run = step.integrate(model)
-    assert run.events["low"].t.tolist() == found["events"]["low"]["t"]
-    assert run.t[-1] == run.events["end"].t[0] == found["ended"]["t"]
-    assert [*run.report.q] == found["q"]
+    assert run.events["low"].t.tolist() == answer["events"]["low"]["t"]
+    assert run.t[-1] == run.events["end"].t[0] == answer["ended"]["t"]
+    assert [*run.report.q] == answer["q"]
     stored = step.integrate(model, out=tmp_path / "run.zarr")
     assert stored.ended_by == "end"
     np.testing.assert_array_equal(stored[:].q, run.q)

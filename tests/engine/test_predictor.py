@@ -20,10 +20,10 @@ def members(count):
 
 def ends(step, dt, parameters, spin=1.0):
     count = len(parameters)
-    made = step.integrate_ensemble(
+    ensemble = step.integrate_ensemble(
         np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0 * spin, (count, 1)), dt=dt, steps=900, every=30,
         parameters=parameters, workers=1)
-    return [(m.q.tobytes(), m.p.tobytes()) for m in made.members]
+    return [(m.q.tobytes(), m.p.tobytes()) for m in ensemble.members]
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

@@ -65,7 +65,7 @@ BENT = [*FACES[:-1], (1, 8, 3), (3, 8, 7), (7, 8, 5), (5, 8, 1)]
 
 
 def test_elements_without_a_name_take_none_of_another(tmp_path):
-    """Bodies, joints and actuators are told apart, whatever the others are called."""
+    """Bodies, joints and actuators have names of their own, whatever the others are called."""
     rod = '<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" contype="0" conaffinity="0"/>'
     path = written(tmp_path, f"""<worldbody><body name="a"><joint axis="0 1 0"/>{rod}
       <body pos=".3 0 0"><joint name="a_joint" axis="0 1 0"/>{rod}

@@ -281,8 +281,8 @@ def test_coordinates_and_momenta_are_observed_together():
 
 
 def test_horizons_may_begin_with_one_sample():
-    found = fit_pendulum(horizons=[1, 8], free=["start"], guess={"l": 0.5})
-    assert found.q == pytest.approx([0.5, 0.0], abs=1e-9)
+    estimate = fit_pendulum(horizons=[1, 8], free=["start"], guess={"l": 0.5})
+    assert estimate.q == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
 def test_noise_that_is_known_scales_the_covariance():

@@ -64,11 +64,11 @@ def test_others_of_the_family(fix):
 @pytest.mark.parametrize(("free", "value"), [("l", 1.1082591), ("g", 9.2234015)])
 def test_free_parameter(free, value):
     """The energy and the period stay: the lower rod gets another length, or both other weights."""
-    found = orbit(fix=("energy", "period"), free=free)
-    assert found.dt == DT
-    assert found.iterations <= 5  # the digits double
-    assert found.parameters[free] == pytest.approx(value, abs=1e-6)
-    assert closed(found) < 1e-13
+    cycle = orbit(fix=("energy", "period"), free=free)
+    assert cycle.dt == DT
+    assert cycle.iterations <= 5  # the digits double
+    assert cycle.parameters[free] == pytest.approx(value, abs=1e-6)
+    assert closed(cycle) < 1e-13
 
 
 def test_large_steps():

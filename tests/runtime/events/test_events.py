@@ -45,14 +45,14 @@ def test_each_of_two_events_has_the_times_it_has_alone(names):
     """Of both, some crossings lie between those of the other in one block of states."""
     step, numbers = systems.stepper("oscillator"), systems.case("oscillator").parameters
 
-    def found(*events):
+    def times_of(*events):
         run = step.integrate([1.0], [0.2], dt=0.06, steps=600, parameters=numbers, events=[
             gs.Event(str(getattr(step.manifest.system, {
                 "q": "coordinates", "p": "momenta"}[name])[0]), name=name) for name in events])
         return {name: one.t.tolist() for name, one in run.events.items()}
 
-    both = found(*names)
-    assert both == found("q") | found("p")
+    both = times_of(*names)
+    assert both == times_of("q") | times_of("p")
     assert min(map(len, both.values())) > 20
 
 

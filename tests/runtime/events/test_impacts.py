@@ -602,7 +602,7 @@ def test_files_have_the_impacts(tmp_path, ending):
 
 
 def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
-    """A ball that goes on without its floor would fall through it."""
+    """A ball whose run continues without its floor would fall through it."""
     step = systems.stepper("ball")
     impact, fall = gs.Impact("floor", restitution=0.8), {"dt": 0.01, "steps": 60}
     start = gs.Start([1.0], [0.0], {"m": 1.0, "g": 9.81})

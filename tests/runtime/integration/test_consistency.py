@@ -112,7 +112,7 @@ def counted(monkeypatch):
 
 
 @pytest.mark.parametrize("name", ["heavy_top", "double_top"])
-def test_a_good_start_is_judged_without_moves_of_each_coordinate(name, monkeypatch):
+def test_a_good_start_is_checked_without_moves_of_each_coordinate(name, monkeypatch):
     """Of 4 coordinates as of 11: compiled code sees that it is good, and not that another is."""
     case, step = systems.case(name), systems.stepper(name)
     how = {"dt": 1e-3, "steps": 0, "parameters": case.parameters}

@@ -21,9 +21,9 @@ def test_an_oscillator_at_five_rad_a_step_is_warned_of(name, scheme, omega):
         parameters["k"] = omega**2
     q, p = (1e-6 * x for x in systems.start(name, step))
     dt = 5 / omega
-    with pytest.warns(InputWarning, match=rf"{omega} rad.*order [24]") as told:
+    with pytest.warns(InputWarning, match=rf"{omega} rad.*order [24]") as warnings:
         step.integrate(q, p, dt=dt, steps=3, parameters=parameters)
-    cure = float(str(told[0].message).rpartition("below ")[2].rstrip("."))
+    cure = float(str(warnings[0].message).rpartition("below ")[2].rstrip("."))
     step.integrate(q, p, dt=cure, steps=3, parameters=parameters)  # no warning
 
 

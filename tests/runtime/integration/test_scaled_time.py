@@ -446,11 +446,11 @@ def test_a_section_takes_steps_of_scaled_time(span):
     """The orbit crosses the axis once a period, at its pericentre, where it began."""
     step, start = stepper("eccentric"), timed_start("eccentric", stepper("eccentric"))
     event = gs.Event("y", direction=1)
-    found = gs.section(step, start, event=event, dtau=0.03, parameters={"k": 1.0}, **span)
-    wanted = 2 * np.pi * np.arange(1, len(found.t) + 1)
-    assert len(found.t) > 1
-    assert np.abs(found.t - wanted).max() < 1e-7
-    assert np.abs(found.q - [0.4, 0]).max() < 1e-7
+    section = gs.section(step, start, event=event, dtau=0.03, parameters={"k": 1.0}, **span)
+    wanted = 2 * np.pi * np.arange(1, len(section.t) + 1)
+    assert len(section.t) > 1
+    assert np.abs(section.t - wanted).max() < 1e-7
+    assert np.abs(section.q - [0.4, 0]).max() < 1e-7
     with pytest.raises(gs.InputError, match="dtau"):
         gs.section(step, start, event=event, dt=0.2, parameters={"k": 1.0}, **span)
 

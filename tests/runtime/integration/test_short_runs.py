@@ -154,7 +154,7 @@ def test_repeated_calls_of_other_systems_give_what_first_calls_give(name) -> Non
         assert outcome(*call) == outcome(*call) == wanted, call
 
 
-def test_parameters_of_a_loop_of_calls_are_judged_once(gl3, monkeypatch) -> None:
+def test_parameters_of_a_loop_of_calls_are_checked_once(gl3, monkeypatch) -> None:
     """Other calls with them, and with a start that is on the constraints, are compiled code."""
     evaluated, as_parameters = [], run_arguments.as_parameters
     monkeypatch.setattr(run_arguments, "as_parameters", lambda *x: (

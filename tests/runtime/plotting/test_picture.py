@@ -45,8 +45,8 @@ def satellite():
 
 def test_motors_of_hinges_are_not_drawn():
     """A force along the angle of a joint has no place of its own."""
-    drawn = drawn_joints(systems.stepper("arm", "IMS").manifest)
-    assert {name: kind for name, (kind, _) in drawn.items()} == {
+    joints = drawn_joints(systems.stepper("arm", "IMS").manifest)
+    assert {name: kind for name, (kind, _) in joints.items()} == {
         "hinge0": "hinge", "hinge1": "hinge"}
 
 
