@@ -21,7 +21,7 @@ import gyrospark as gs
 from compilers import MAIN, compiler
 from gyrospark.core.real_types import REALS
 from gyrospark.engine.amalgamate import FOLDER
-from gyrospark.generator.codegen import emit
+from gyrospark.generator.codegen.splitting_flows import half_pi_words
 from gyrospark.generator.schemes.fast_tableau import FastTableau
 from processes import call
 from toy import FLAGS, HEADERS, TOY, flags_of, tables, variants
@@ -162,7 +162,7 @@ double length_rest(double x, double y, double z);
 
 @pytest.fixture(scope="module")
 def linear(tmp_path_factory):
-    quarters = ",".join(emit._half_pi_literals(REALS["double"]))
+    quarters = ",".join(half_pi_words(REALS["double"], 3))
     return compiled(tmp_path_factory.mktemp("linear"), "linear_algebra.c", LINEAR_ALGEBRA,
                     f"-DQUARTER={quarters}")
 
