@@ -40,27 +40,23 @@ class Interrupts:
 _active: list[Interrupts] = []
 
 
-@contextlib.contextmanager
-def catch_signals() -> Iterator[Interrupts]:
+def catch_signals() -> contextlib.AbstractContextManager[Interrupts]:
     """Yield a record of the signals that end a process; in other threads than the main one, none.
 
     Signals that are ignored (nohup, a shell's background) stay ignored. A second one raises
     ``KeyboardInterrupt``: what is stored stays whole.
     """
     numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
-    with _handling([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN]) as interrupts:
-        yield interrupts
+    return _handling([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN])
 
 
-@contextlib.contextmanager
-def catch_ctrl_c() -> Iterator[Interrupts]:
+def catch_ctrl_c() -> contextlib.AbstractContextManager[Interrupts]:
     """Yield a record of Ctrl-C, where Python would raise ``KeyboardInterrupt``.
 
     A program that has its own way with signals keeps it.
     """
     is_foreign = signal.getsignal(signal.SIGINT) is not signal.default_int_handler
-    with _handling([] if is_foreign else [signal.SIGINT]) as interrupts:
-        yield interrupts
+    return _handling([] if is_foreign else [signal.SIGINT])
 
 
 @contextlib.contextmanager

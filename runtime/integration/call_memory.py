@@ -26,6 +26,7 @@ from .run_arguments import (
     has_searches,
     negative_means,
 )
+from .step_loop import FIRST_STEPS
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -58,6 +59,8 @@ class CallMemory:
 
     def __init__(self) -> None:
         self._last: _Call | None = None
+        #: Steps that a chunk of the last call took at its end, with which the same call begins.
+        self.chunk_steps = FIRST_STEPS
 
     def recall(
         self, stepper: Stepper, start: Any, p: Any, arguments: tuple[Any, ...], parameters: Any
@@ -125,6 +128,7 @@ class CallMemory:
             () if of_start is None else (of_start._span, of_start._spare),
             changed(plan, run=changed(run, parameters=run.parameters.copy()),
                     constants=run.constants(binding)), limits)
+        self.chunk_steps = FIRST_STEPS
 
 
 def _dicts_of(start: Start) -> tuple[Mapping[str, Any], ...]:

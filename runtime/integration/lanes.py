@@ -130,7 +130,8 @@ class EnsembleStates:
         state = RunState(self.q[i], self.p[i], self.report(i), binding.works.take())
         step_on = (partial(advance_and_detect, self.detectors[i], binding) if self.detectors
                    else None)
-        self.status[i], _ = fill(binding, run, self.rows[i], state, stop, step_on=step_on)
+        self.status[i], _ = fill(binding, run, run.constants(binding), self.rows[i],
+                                 state, stop, step_on=step_on)
         binding.works.give_back(state.work)
 
     def _fill_lanes(self, batch: int, memory: BatchMemory, stop: Callable[[], bool]) -> None:

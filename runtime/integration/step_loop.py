@@ -50,12 +50,13 @@ class ChunkSize:
     """
 
     def __init__(
-        self, has_events: bool = False, clock: Callable[[], float] | None = None
+        self, has_events: bool = False, clock: Callable[[], float] | None = None,
+        first: int = FIRST_STEPS,
     ) -> None:
-        """Begin with few steps; the largest chunk depends on whether events are sought."""
+        """Begin with ``first`` steps; the largest chunk depends on whether events are sought."""
         self._clock = clock or thread_seconds
         self._largest = _CHUNK_WITH_EVENTS if has_events else _CHUNK
-        self.most = min(FIRST_STEPS, self._largest)
+        self.most = min(first, self._largest)
         self._began: float | None = None
 
     def begin(self, remaining: int | None = None) -> int:
@@ -73,9 +74,11 @@ class ChunkSize:
         seconds = self._clock() - self._began
         if seconds > _CHUNK_SECONDS:
             self.most = max(1, int(steps * _CHUNK_SECONDS / seconds))
-        # a chunk of whole multiples of ``every`` may have taken fewer steps than it might have
+        # a chunk of whole multiples of ``every`` may have taken fewer steps than it might have:
+        # twice the time for ``most`` steps, so that a chunk eight times as long still fits
         elif 2 * steps > self.most and seconds < _CHUNK_SECONDS / 2:
-            self.most = min(2 * self.most, self._largest)
+            factor = 8 if seconds < _CHUNK_SECONDS / 16 else 2
+            self.most = min(factor * self.most, self._largest)
 
 
 def integrate(
@@ -85,10 +88,12 @@ def integrate(
     progress: Callable[[int], None] | None = None,
     observer: Observer | None = None,
     constants: RunConstants | None = None,
+    pace: ChunkSize | None = None,
 ) -> Trajectory:
     """Return the trajectory of a run, up to the terminal event that its observer finds.
 
-    ``constants`` are the run's, computed here where a caller has none.
+    ``constants`` are the run's, computed here where a caller has none. ``pace`` has the size of the
+    first chunk, and afterwards of the next one.
 
     Raises
     ------
@@ -99,7 +104,7 @@ def integrate(
     """
     with catch_ctrl_c() if run.steps > 1 else _WITHOUT_INTERRUPTS as interrupts:
         trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
-                                           progress, observer, constants)
+                                           progress, observer, constants, pace)
     return finished(binding, manifest, run, trajectory, status, state, interrupts)
 
 
@@ -132,19 +137,23 @@ def ended_at(step: int, steps: int) -> str:
 def course(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, observer: Observer | None = None,
-    constants: RunConstants | None = None,
+    constants: RunConstants | None = None, pace: ChunkSize | None = None,
 ) -> tuple[Trajectory, int, RunState]:
     """Return the trajectory of a run, its status (0, or that of a failed step) and its last state.
 
     The run goes up to its end, to a step that fails, to the event that ends it, or until
     ``stop()`` is true, which is called between chunks.
     """
+    pace = pace or ChunkSize(observer is not None)
+    constants = constants or run.constants(binding)
     if (observer is None and progress is None and run.stored_steps is None
-            and 0 < run.steps <= FIRST_STEPS and not run.steps % run.every
+            and 0 < run.steps <= pace.most and not run.steps % run.every
             and binding.dtype is not object and not stop()):
         # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds
+        pace.begin(run.steps if run.steps <= FIRST_STEPS else None)
         status, state, read_rows = binding.integrate_short(
-            constants or run.constants(binding), run.q, run.p, run.steps, run.every)
+            constants, run.q, run.p, run.steps, run.every)
+        pace.end(run.steps)
         return (trajectory_of(binding, manifest, run, read_rows, state.record, state.q, state.p),
                 status, state)
     # how many steps an open end takes is not known: ``fill`` makes room as they come
@@ -152,10 +161,11 @@ def course(
     rows.q[0], rows.p[0] = run.q, run.p
     state = RunState.at_start(binding, run.q, run.p, binding.works.take())
     if observer is None:
-        status, rows = fill(binding, run, rows, state, stop, progress)
+        status, rows = fill(binding, run, constants, rows, state, stop, progress, pace=pace)
     else:
-        status, rows = fill(binding, run, rows, state,
-                            lambda: observer.end is not None or stop(), progress, observer.advance)
+        status, rows = fill(binding, run, constants, rows, state,
+                            lambda: observer.end is not None or stop(), progress, observer.advance,
+                            pace)
         observer.close(state)
         if observer.end is not None:  # a step that fails after the end is none of the run's
             status = 0
@@ -166,16 +176,16 @@ def course(
 
 
 def fill(
-    binding: Binding, run: RunArguments, rows: Rows, state: RunState, stop: Callable[[], bool],
-    progress: Callable[[int], None] | None = None, step_on: StepOn | None = None,
+    binding: Binding, run: RunArguments, constants: RunConstants, rows: Rows, state: RunState,
+    stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
+    step_on: StepOn | None = None, pace: ChunkSize | None = None,
 ) -> tuple[int, Rows]:
     """Fill the rows of a run from its start, as ``course`` does; return the status and the rows.
 
     The rows returned are new ones with more room where those given were too few. ``step_on`` is
     ``binding.integrate`` or takes its arguments, and observes each step.
     """
-    constants, pace = run.constants(binding), ChunkSize(step_on is not None)
-    status = 0
+    pace, status = pace or ChunkSize(step_on is not None), 0
     # 0 steps initialise record and work memory, which the first steps otherwise do
     if not run.steps or step_on is not None or stop():
         status = binding.integrate(constants, 0, 1, state, rows[:0])

@@ -54,7 +54,7 @@ from ..integration.starts import (
     span_or_own,
     steps_of_all,
 )
-from ..integration.step_loop import FIRST_STEPS, integrate
+from ..integration.step_loop import FIRST_STEPS, ChunkSize, integrate
 from ..results.missed_rates import warn_of_missed_rate
 from ..results.rotation_rate import Rotations
 from ..results.trajectory import Trajectory
@@ -412,15 +412,22 @@ class Stepper(Dynamics):
 
         ``run`` has the plan's arguments; its stored rows may be chosen by ``t_eval``.
         """
+        # ``constants`` are those of an earlier call, whose steps were as long
+        first = FIRST_STEPS if plan.constants is None else self._memory.chunk_steps
         # a run that ends before the first look at the clock shows no share that is done
-        quiet = progress is None and run.steps <= FIRST_STEPS and not run.open_end
+        quiet = progress is None and run.steps <= first and not run.open_end
         with _QUIET if quiet else log_progress(
                 f"integrating {self.name}", run.steps, progress) as report:
             if plan.events:
                 from ..events.observer import observed
 
                 return observed(self, run, plan.events, report, plan.end_event)
-            return integrate(self.binding, self.manifest, run, report, None, plan.constants)
+            pace = ChunkSize(first=first)
+            trajectory = integrate(self.binding, self.manifest, run, report, None, plan.constants,
+                                   pace)
+            if plan.constants is not None:
+                self._memory.chunk_steps = pace.most
+            return trajectory
 
     def _warn_of_motion(self, trajectory: Trajectory, run: RunArguments) -> None:
         """Warn where a step turns a body too far, or does not follow a fast motion."""

@@ -184,7 +184,7 @@ def test_pace_follows_what_steps_cost():
             pace.end(counts[-1])
         return counts
 
-    assert paces(2.0**-20) == [16, 32, 64, 128, 256, 512, 1024, 2048, *[4096] * 4]
+    assert paces(2.0**-20) == [16, 128, 1024, *[4096] * 9]
     assert 0.05 <= paces(2.0**-10)[-1] * 2.0**-10 <= 0.1
     assert paces(2.0**-6) == [16, *[6] * 11]
     assert paces(4.0) == [16, *[1] * 11]

@@ -28,6 +28,26 @@ RNG = np.random.default_rng(5)
 # ---------------------------------------------------------------- repeated calls
 
 
+@pytest.mark.parametrize("every", [1, 200])
+def test_a_repeated_run_of_short_time_is_one_call_of_compiled_code(every) -> None:
+    """It has the bits of the run in chunks."""
+    step = systems.stepper("heavy_top", "G-L", 2)
+    arguments = {"dt": 1e-3, "steps": 200, "every": every, "parameters": TOP.parameters}
+    runs, calls, integrate = [], [], step.binding.integrate
+    step.binding.integrate = lambda *a: (calls.append(a), integrate(*a))[1]
+    try:
+        for _ in range(3):
+            runs.append(step.integrate(TOP.q0, TOP.p0, **arguments))
+            calls.append(None)
+    finally:
+        del step.binding.integrate
+    assert [*map(bool, calls[-3:])] == [True, False, False]  # the last run made none
+    for run in runs[1:]:
+        assert equal(run, runs[0])
+        assert run.report == runs[0].report
+
+
+
 def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
     """A dict that is changed, and numbers that only compare equal, are checked again."""
     def start(parameters: object) -> dict[str, float]:
@@ -225,7 +245,7 @@ def test_a_run_within_a_run_has_memory_of_its_own(gl3) -> None:
         inner.append(gl3.integrate(TOP.p0 / np.linalg.norm(TOP.p0), 0 * TOP.p0, steps=3, **RUN))
 
     run = gl3.integrate(TOP.q0, TOP.p0, steps=100, progress=progress, **RUN)
-    assert len(inner) > 2
+    assert len(inner) > 1
     assert equal(run, gl3.integrate(TOP.q0, TOP.p0, steps=100, **RUN))
 
 
