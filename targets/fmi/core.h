@@ -29,7 +29,8 @@
 #define ROOM(n) ((n) > 0 ? (n) : 1)
 
 typedef enum { CREATED, INITIALISING, RUNNING, TERMINATED } phase_t;
-typedef enum { AT_ANY_TIME, BEFORE_THE_START, NEVER } settable_t;
+/* BEFORE_THE_START: without an effect on the state there, as START_STATE has one. */
+typedef enum { AT_ANY_TIME, BEFORE_THE_START, START_STATE, NEVER } settable_t;
 typedef enum { REAL, NONZERO, POSITIVE } domain_t;
 
 typedef struct {
@@ -102,8 +103,11 @@ static status_t core_start(model_t *m, reason_t *why)
 {
     status_t status = check_domains(m, why);
     if (status == CORE_OK && m->moved && START(m) != STATUS(OK))
-        status = FAIL(CORE_ERROR, "q and the velocities are no state of this model: they are off "
-            "its constraints, or the numbers of an attitude are all 0");
+        status = FAIL(CORE_ERROR, "%s", V > 0
+            ? "q and the velocities are no state of this model: they are off its constraints, or the "
+              "numbers of an attitude are all 0"
+            : "this FMU cannot check q, p and parameters against the constraints; build it again with "
+              "these numbers");
     if (status == CORE_OK)
         status = begin_run(m, m->time, m->dt, why);
     if (status == CORE_OK)
@@ -223,7 +227,7 @@ static status_t core_set(model_t *m, const unsigned r[], size_t n, const double 
         if (r[k] >= variable_count)
             return FAIL(CORE_ERROR, "there is no value reference %u", r[k]);
         const settable_t settable = variables[r[k]].settable;
-        if (settable == NEVER || (settable == BEFORE_THE_START && m->phase >= RUNNING))
+        if (settable == NEVER || (settable != AT_ANY_TIME && m->phase >= RUNNING))
             return FAIL(CORE_ERROR, "%s cannot be set %s", variables[r[k]].name,
                 settable == NEVER ? "at all" : "after the initialisation");
         if (!isfinite(values[k]))
@@ -231,8 +235,7 @@ static status_t core_set(model_t *m, const unsigned r[], size_t n, const double 
     }
     for (size_t k = 0; k < n; ++k) {
         double *value = value_at(m, r[k]);
-        m->moved |= variables[r[k]].settable == BEFORE_THE_START && value != &m->dt
-            && *value != values[k];
+        m->moved |= variables[r[k]].settable == START_STATE && *value != values[k];
         *value = values[k];
     }
     return CORE_OK;

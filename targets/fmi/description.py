@@ -160,7 +160,9 @@ def model_header(
     velocities, quantities = roles.count("velocity"), roles.count("quantity")
     time = "&(m)->time, " if system.quantities_take_time else ""
     # calls of the stepper for a model m
-    start = f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)"
+    start = (f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)" if velocities
+             # without that function nothing computes how far a start is from the constraints
+             else "STATUS(INVALID)" if system.constraints else "STATUS(OK)")
     velocity = f"{name}_velocity(&(m)->parameters, (m)->q, (m)->p, (m)->velocity)"
     observe = f"{name}_quantities(&(m)->parameters, {time}(m)->q, (m)->p, (m)->quantities)"
     variable_rows = ", \\\n    ".join(
@@ -183,7 +185,7 @@ def model_header(
 enum {{ N = {len(system.coordinates)}, V = {velocities}, OBSERVED = {quantities},
     ITERATIONS = {options.max_iterations} }};
 
-#define START(m) {start if velocities else "STATUS(OK)"}
+#define START(m) {start}
 #define VELOCITY(m) {velocity if velocities else "(void)(m)"}
 #define OBSERVE(m) {observe if quantities else "(void)(m)"}
 #define SET_TIME(m) {f"(m)->parameters.{system.time} = (m)->time" if system.time

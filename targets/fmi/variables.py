@@ -39,6 +39,8 @@ class Variable:
         In FMI's spelling.
     domain : str
         ``real``, ``nonzero`` or ``positive``.
+    of_start : bool
+        Whether the state at the start, or whether it is on the constraints, depends on it.
     depends : tuple of str or None
         Inputs, parameters and time that an output depends on at a fixed state.
     """
@@ -52,6 +54,7 @@ class Variable:
     start: float | None = None
     unit: str | None = None
     domain: str = "real"
+    of_start: bool = False
     depends: tuple[str, ...] | None = None
 
     @property
@@ -59,7 +62,9 @@ class Variable:
         """When it can be set, as core.h names it."""
         if self.causality == "input":
             return "AT_ANY_TIME"
-        return "BEFORE_THE_START" if self.initial == "exact" else "NEVER"
+        if self.initial != "exact":
+            return "NEVER"
+        return "START_STATE" if self.of_start else "BEFORE_THE_START"
 
 
 def variables_of(manifest: Manifest, options: Options) -> list[Variable]:
@@ -108,11 +113,13 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
         if role in ("parameter", "input"):
             change = ("continuous", "") if role == "input" else ("fixed", "exact")
             yield Variable(name, role, f"parameters.{name}", role, *change,
-                           float(options.parameters[name]), number.unit, number.domain)
+                           float(options.parameters[name]), number.unit, number.domain,
+                           of_start=has_velocities or name in system.start_parameters)
         elif role in starts:
             yield Variable(name, meanings.get(name, default_meanings[role]), f"{role}[{index}]",
                            "output", initial="exact", start=float(starts[role][index]),
-                           unit=number.unit, depends=energy_inputs if role == "velocity" else ())
+                           unit=number.unit, of_start=True,
+                           depends=energy_inputs if role == "velocity" else ())
         elif role == "quantity":
             formula = system.quantities[name]
             yield Variable(name, formula, f"quantities[{index}]", "output", initial="calculated",

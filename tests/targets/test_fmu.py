@@ -252,6 +252,25 @@ def test_reset_and_time_of_the_start(satellite):
         assert slave.step(5.1, DT) == "Error"
 
 
+@pytest.mark.parametrize("version", [2, 3])
+def test_a_start_that_nothing_can_check_against_the_constraints_is_refused(version, tmp_path):
+    """H is not quadratic in p: the C has no function from velocities to a state."""
+    (x, y), p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
+    length, weight = sp.symbols("length weight", positive=True)
+    H = sp.sqrt(1 + p[0]**2 + p[1]**2) + weight * y
+    pendulum = gs.System((x, y), p, (length, weight), H, (x**2 + y**2 - length**2,), name="fast")
+    built = gs.build(f"fmu{version}", pendulum, start=([0.6, -0.8], [0, 0]), dt=0.01,
+                     parameters={"length": 1, "weight": 2}, out=tmp_path / "fast.fmu")
+    fmu = Fmu(built, version, tmp_path)
+    for values in ({"x": 0.7}, {"px": 0.1}, {"length": 2.0}):
+        with fmu.instance() as slave, pytest.raises(gs.GyrosparkError, match="constraints"):
+            slave.start(values)
+    for values in ({}, {"weight": 3.0}, {"dt": 0.005}, {"x": 0.6, "length": 1.0}):
+        with fmu.started(**values) as slave:
+            assert slave.step(0.0, 0.01) == "OK"
+            assert math.hypot(*slave.get(["x", "y"])) == pytest.approx(1, rel=4e-16)
+
+
 # ---------------------------------------------------------------- failures
 
 
