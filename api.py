@@ -448,7 +448,9 @@ class Derivation:
 
         Warnings about the system are issued with the files of the spec.
         """
-        if not (kind or self.identity or self.spec.profile != "full"):
+        # an object without a digest has the identity None
+        if self.identity is not None and not (kind or self.identity
+                                              or self.spec.profile != "full"):
             files = checked_in_files(self.spec.name)
             if files is not None:
                 return Record(self.spec.name, files, None)

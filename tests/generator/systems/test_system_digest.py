@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -107,3 +108,18 @@ def test_warnings_of_a_kept_derivation_are_issued_again(tmp_path, monkeypatch):
     for _ in range(2):
         with pytest.warns(gs.errors.InputWarning):
             text_of(Spec("G-L", 1), system)
+
+
+class Coordinate(sp.Symbol):
+    """A class of a user: its symbols have no digest."""
+
+
+def test_a_system_without_a_digest_is_derived_itself():
+    """Its spec alone is that of the heavy top, whose files are checked in."""
+    x, px = Coordinate("x", real=True), sp.Symbol("px", real=True)
+    oscillator = System((x,), (px,), (), px**2 / 2 + x**2 / 2, name="oscillator")
+    assert system_digest(oscillator) is None
+    run = gs.stepper("G-L", 2, system=oscillator).integrate([1.0], [0.0], dt=0.01, steps=100)
+    assert run.q[-1] == pytest.approx([math.cos(1)], abs=1e-10)  # (0.01)**4/1440 of a rad a step
+    with pytest.raises(gs.InputError, match="V"):
+        gs.stepper("G-L", 2, system=replace(oscillator, H=px**2 + sp.Function("V")(x)))
