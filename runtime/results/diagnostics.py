@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
@@ -85,6 +86,7 @@ class Report:
         """Return the report of a compiled running record and the final state."""
         # H is compared at every state, or at some if the record says at how many
         states = int(getattr(record, "recorded", record.steps + 1)) or 1
+        energy_error_mean = float(record.energy_error_sum) / states
         return changed(  # faster than the constructor of a frozen dataclass
             object.__new__(cls),
             steps=int(record.steps),
@@ -92,8 +94,10 @@ class Report:
             iterations_max=int(record.iterations_max),
             newton_steps=int(record.newton_steps),
             energy_start=float(record.energy_start),
-            energy_error_max=float(record.energy_error_max),
-            energy_error_mean=float(record.energy_error_sum) / states,
+            # the maximum of the C leaves out NaN, as of log(q) at q < 0; the sum contains it
+            energy_error_max=math.nan if math.isnan(energy_error_mean)
+            else float(record.energy_error_max),
+            energy_error_mean=energy_error_mean,
             constraint_max=float(record.constraint_max),
             constraint_mean=float(record.constraint_sum) / states,
             momentum_constraint_max=float(record.hidden_max),

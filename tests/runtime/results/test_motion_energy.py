@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 import systems
@@ -98,3 +100,14 @@ def test_which_scheme_keeps_the_momentum_constraint_is_derived(name, rep, kept):
     system = heavy_top(rep)
     numbers = {s: Fraction(i + 2, 7) for i, s in enumerate(system.parameters)}
     assert MeanGuarantees(system, numbers, name, 2).momentum_constraint().guaranteed is kept
+
+
+def test_an_energy_that_is_no_number_has_no_largest_error():
+    """The motion in log(x) at x < 0 is real, H is not."""
+    x, px = sp.symbols("x px", real=True)
+    system = gs.System((x,), (px,), (), px**2 / 2 + sp.log(x), name="logarithm")
+    step = gs.stepper("G-L", 2, system=system)
+    for start in (-1.0, 1.0):
+        report = step.integrate([start], [0.0], dt=0.01, steps=20).report
+        assert math.isnan(report.energy_error_max) == math.isnan(report.energy_error_mean) == (
+            start < 0)
