@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import re
 
 __all__ = ["KEYWORDS", "is_taken"]
@@ -16,8 +17,9 @@ KEYWORDS = frozenset(
      "offsetof", "WINAPI"]
 )
 
-#: Macros without arguments that <float.h>, <math.h> and <stddef.h> define or reserve in any
-#: edition of C, macros of the engine, and macros that compilers predefine.
+#: Macros without arguments that <float.h>, <math.h>, <stddef.h> and <stdio.h> define or reserve in
+#: any edition of C, macros of the engine, and macros that compilers predefine. <Python.h>, which
+#: the module of a stepper includes, includes <stdio.h> and <errno.h>.
 _MACRO = re.compile(
     r"""
     NULL | NAN | INFINITY | HUGE | HUGE_VAL\w* | SNAN\w* | MAXFLOAT | DECIMAL_DIG
@@ -33,6 +35,8 @@ _MACRO = re.compile(
     | CYCLE_END | DEGRADATION | FAR_CHANGE | FLOOR_OVERESTIMATE | LATE_FIT | NEWTON_RESIDUALS
     | MOST_DERIVATIVE_ITERATIONS | OVERDETERMINATION | RATE_STRIDE | REFIT_(GROWTH_END | INTERVAL)
     | SHORT_STEP_ITERATIONS
+    | errno | EOF | BUFSIZ | (FILENAME | FOPEN | TMP)_MAX | SEEK_(CUR | END | SET | DATA | HOLE)
+    | L_(ctermid | tmpnam) | P_tmpdir
     | math_errhandling | linux | unix | i386
     | (FLT | DBL | LDBL | DEC[0-9]* | FP | MATH)_[A-Z0-9_]+
     | M_(E | LOG2E | LOG10E | LN2 | LN10 | PI | PI_2 | PI_4 | 1_PI | 2_PI | 2_SQRTPI | SQRT2
@@ -41,7 +45,11 @@ _MACRO = re.compile(
     re.VERBOSE,
 )
 
+#: Macros of <errno.h> whose number has another name in ``errno.errorcode``, or none.
+_SYNONYMS = frozenset(["EWOULDBLOCK", "EDEADLOCK", "ENOTSUP", "EHWPOISON"])
+
 
 def is_taken(name: str) -> bool:
     """Whether a name is a keyword of C or a macro that the generated C sees."""
-    return name in KEYWORDS or _MACRO.fullmatch(name) is not None
+    return (name in KEYWORDS or _MACRO.fullmatch(name) is not None
+            or name in errno.errorcode.values() or name in _SYNONYMS)

@@ -17,6 +17,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.projection import as_dense, dependent_rows, solve_sparse
 from ...core.records import dataclass
+from ..parsing.tokens import shorten
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.rounding_errors import rounding
 from ..symbolic.shared_subexpressions import name_of, symbols_of
@@ -149,6 +150,10 @@ def refuse_redundant_anywhere(system: System) -> None:
     """
     names = [*system.constraint_names, *system.velocity_constraint_names]
     refuse_constant(system.name, system.constraints, system.constraint_names)
+    for name, g in zip(system.constraint_names, system.constraints, strict=True):
+        if g.free_symbols.isdisjoint(system.q):
+            raise InputError(f"The constraint {name!r} of {system.name!r}, {shorten(str(g))} = 0, "
+                             "contains no coordinate and restricts no motion; leave it out.")
     if not names or len(names) * system.n > _LARGEST_SEARCH:
         return
     dependencies = _dependencies(system)

@@ -25,9 +25,11 @@ ENGINE_MACROS = {"GYROSPARK_PLAIN", "GYROSPARK_OBJECT"}.union(*(
     re.findall(r"^ *# *define ([A-Za-z]\w*)(?=\s)", path.read_text(encoding="utf-8"), re.MULTILINE)
     for path in (*(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h"))))
 HEADERS = """\
+#include <errno.h>
 #include <float.h>
 #include <math.h>
 #include <stddef.h>
+#include <stdio.h>
 """ + "".join(f"#define {name} 1\n" for name in sorted(ENGINE_MACROS))
 EDITIONS = ["c11", "gnu17", "c2x", "gnu2x"]
 KEYWORDS_OF_C23 = {
@@ -46,7 +48,7 @@ q, p = sp.symbols("q p", real=True)
 
 
 def macros(folder):
-    """Return the macros without arguments that each compiler sees after the three headers."""
+    """Return the macros without arguments that each compiler sees after the headers."""
     (folder / "headers.c").write_text(HEADERS, encoding="utf-8")
     found = set()
     for command in COMPILERS.values():
@@ -158,7 +160,8 @@ def test_every_refused_name_breaks_the_c(suspicious, tmp_path):
     assert set(names) - broken(names, tmp_path) <= KEYWORDS_OF_C23
 
 
-@pytest.mark.parametrize("name", ["NAN", "M_PI", "M_PI_4f", "DBL_MAX", "bool", "PENDULUM_GL2_H"])
+@pytest.mark.parametrize("name", ["NAN", "M_PI", "M_PI_4f", "DBL_MAX", "bool", "PENDULUM_GL2_H",
+                                  "errno", "EOF", "EIO"])
 def test_refused_name_is_named_with_the_cure(name):
     x, px, odd = sp.symbols(f"x px {name}", real=True)
     with pytest.raises(InputError, match=f"'pendulum'.*'{name}'.*keyword"):

@@ -142,6 +142,12 @@ def test_what_varies_is_not_multiplied_out(monkeypatch):
     redundant_constraints.refuse_constant("s", [long], ["g0"])
 
 
+def test_a_constraint_on_a_parameter_is_refused_as_one():
+    x, px, k = sp.symbols("x px k", real=True)
+    with pytest.raises(gs.InputError, match=r"'g0'.*k - 1 = 0.*coordinate"):
+        gs.stepper("G-L", 2, system=gs.System((x,), (px,), (k,), px**2 / 2 + x, (k - 1,)))
+
+
 def test_greek_symbols_are_spelled_out():
     angle = sp.Symbol("α_1", real=True)
     with pytest.raises(gs.InputError, match=r"'α_1'.*Symbol\('alpha_1'\)"):
