@@ -102,8 +102,8 @@ class _Extreme(Switch):
         """Return a or b if the order is decided; arguments are sorted by SymPy's order."""
         if a == b:
             return a
-        if a.is_number and b.is_number:
-            return cls.value(a, b)
+        if a.is_number and b.is_number and a.is_extended_real and b.is_extended_real:
+            return cls.value(a, b)  # complex numbers, as of asin(2), have no order
         return cls(b, a) if a.compare(b) > 0 else None
 
     def pick(self, below: sp.Expr, above: sp.Expr) -> sp.Expr:

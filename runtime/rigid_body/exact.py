@@ -21,7 +21,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import InertiaLike
 from ...core.records import dataclass
-from ..bindings.array_checks import as_real
+from ..bindings.array_checks import as_numbers, as_real, converted_to
 from .quaternion import axis, euler_quaternion
 
 __all__ = ["free_body", "regular_precession"]
@@ -426,8 +426,8 @@ def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> 
 
 
 def _times(t: ArrayLike) -> Array:
-    """Return times in seconds as doubles; raise InputError for NaN and infinite ones."""
-    times = np.asarray(t, dtype=np.float64)
+    """Return times in seconds as doubles; raise InputError for what is no finite real number."""
+    times: Array = converted_to(np.float64, as_numbers("t", t))
     if not np.isfinite(times).all():
         raise InputError(f"The times {t!r} are not all finite; give seconds as finite numbers.")
     return times

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ...core.errors import GyrosparkError
+from ...core.errors import GyrosparkError, InputError
 from ...core.incompatibilities import refuse_together
 from ...core.manifest import Manifest
 from ..artefact import MARKER, Built, Options, refuse_names
@@ -58,10 +58,14 @@ class Fmu:
     ) -> dict[str, str | bytes]:
         """Return descriptions, sources and a mark by their paths in the FMU.
 
-        Raises InputError for another type than double, and for numbers that an FMU cannot hold.
+        Raises InputError for another type than double, for numbers that an FMU cannot hold, and for
+        a negative dt: communication points follow one another forwards.
         """
         refuse_together(fmu=f"an FMU of {manifest.name}", not_double=manifest.real != "double"
                         and f"numbers of type {manifest.real}")
+        if options.dt < 0:
+            raise InputError(f"dt = {options.dt:g} is negative, and the time of an FMU only grows; "
+                             "give a positive dt.")
         refuse_names(manifest, _MACROS, "core.h of an FMU")
         version, name = self.version, manifest.name
         variables = variables_of(manifest, options)

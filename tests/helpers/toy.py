@@ -153,6 +153,10 @@ def variants(header: Path) -> dict[str, dict[str, object]]:
                 str(macros.get(key, value)) != value for key, value in own.items()
                 if key != "TOY_SINGLE" and not (key == "TOY_STAGES" and macros.get(key))):
             continue
+        # headers of constraints are included where there are some
+        if (header.parent.name == "constraints" and macros.get("TOY_CONSTRAINTS") == 0
+                and "GS_VELOCITY_CONSTRAINTS" not in macros):
+            continue
         merged = {**own, **macros}
         found.setdefault(frozenset(merged.items()), (name, merged))
     return dict(found.values())

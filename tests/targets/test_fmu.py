@@ -525,6 +525,8 @@ def test_what_cannot_be_an_fmu(tmp_path):
         gs.build("fmu3", gs.models.chain(5), **chosen)
     with pytest.raises(gs.InputError, match=r"float.*double"):
         gs.build("fmu2", SATELLITE, **chosen, real="float")
+    with pytest.raises(gs.InputError, match=r"dt = -0\.01.*positive"):
+        gs.build("fmu3", SATELLITE, **chosen | {"dt": -0.01})
     for name in ("dt", "energy", "time", "GUID", "stdin"):
         q, p = sp.symbols("q p", real=True)
         k = sp.Symbol(name, positive=True)

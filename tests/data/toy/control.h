@@ -14,6 +14,20 @@ static inline bool are_valid(const toy_parameters *par)
     return par->k > 0;
 }
 
+#if GS_FORCED_BY_TIME
+static inline real origin_of(const toy_parameters *par)
+{
+    return par->time;
+}
+
+static inline toy_parameters begun_at(real origin, const toy_parameters *par)
+{
+    toy_parameters begun = *par;
+    begun.time = origin;
+    return begun;
+}
+#endif
+
 /* For profiles/start.h. */
 enum { V = N, HELD = 1 };
 

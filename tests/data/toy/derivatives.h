@@ -160,3 +160,22 @@ void TYPED(mean_constraint_by_start)(const TYPED(constants) *c, const NUMBER *qm
 #include "gyrospark/derivatives/midpoint.h"
 #endif
 #endif
+
+#if TOY_QUANTITIES
+/* One gap, q_2. */
+enum { QUANTITIES = 1 };
+
+static inline void quantities_at(const parameters_t *parameters, real t, const real q[N],
+    const real p[N], real *out)
+{
+    (void)parameters, (void)t, (void)p;
+    out[0] = q[2];
+}
+
+static inline void quantity_rates_at(const parameters_t *parameters, real t, const real q[N],
+    const real p[N], const real dq[N], const real dp[N], real dt, real *rates)
+{
+    (void)parameters, (void)t, (void)q, (void)p, (void)dp, (void)dt;
+    rates[0] = dq[2];
+}
+#endif

@@ -20,6 +20,7 @@
  *   TOY_SINGLE        1: template headers are of one trajectory, 0: of a batch
  *   TOY_DERIVATIVES   above 0 for headers of derivatives: see derivatives.h
  *   TOY_SPLITTING     above 0 for headers of splitting: see splitting.h, another system
+ *   TOY_QUANTITIES    1 for run/impacts.h: one gap
  *   TOY_DUALS         1: dual numbers, with what works on them
  *   TOY_BEFORE        template headers that come before: 1 state.h, 2 constraints.h, 3 update.h,
  *                     4 work.h, 5 select.h
@@ -86,6 +87,9 @@
 
 #if TOY_DERIVATIVES
 #define GS_DERIVATIVES 1
+#endif
+#if defined(GS_TIME_DEPENDENT) && !defined(GS_FORCES) && TOY_STAGES > 0
+#define GS_FORCES 1 /* rheonomic constraints do work */
 #endif
 #define GS_ENGINE 1
 #if TOY_CONSTRAINTS > 0

@@ -146,6 +146,7 @@ STARTS = {"seed": st.integers(0, 2**32 - 1), "power": st.floats(-17, 0),
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:The linearised motion")  # large steps of methods of order 2
 @settings(max_examples=40)
 @given(**STARTS)
 @pytest.mark.parametrize(("scheme", "stages"), METHODS)
