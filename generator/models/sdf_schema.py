@@ -77,4 +77,4 @@ SDF = Schema("SDF", {
         still="provide_feedback cfm_damping implicit_spring_damper fudge_factor cfm erp bounce "
               "limit suspension",
         refused={"max_force": _ZERO, "velocity": _ZERO}),
-})
+}, has_text=True)

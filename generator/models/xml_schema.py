@@ -70,6 +70,8 @@ class Schema(NamedTuple):
 
     format: str
     parts: Mapping[str, Parts]
+    #: Whether elements that hold no others may hold text.
+    has_text: bool = False
 
     def of(self, element: Element, above: str) -> Parts:
         """Return the parts of an element inside an element of the name ``above``."""
@@ -116,6 +118,11 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
     if above and "name" in element.attributes:
         owner = f"{element.name} {shown(element.attributes['name'])}: "
     parts = schema.of(element, above)
+    if element.text.strip() and not (
+            schema.has_text and all(name.startswith("@") for name in parts.names)):
+        raise InputError(f"line {element.line}: {owner}<{element.name}> holds the text "
+                         f"{shown(element.text.strip())}, and {schema.format} has none there; "
+                         "remove it.")
     without_effect = parts.still.split()
     for part in _parts_in(element):
         prefix, colon, _ = part.name.strip("@").partition(":")

@@ -306,8 +306,9 @@ class _Parser(Generic[V]):
 
     def miscounted(self, name: Token, arguments: Sequence[Any], expected: str) -> InputError:
         """Return the error of a function with a wrong number of arguments."""
+        count = len(arguments)
         return error_at(self.text, name.position,
-                        f"The function {name.text} has {len(arguments)} arguments",
+                        f"The function {name.text} has {count} argument{'s' * (count != 1)}",
                         f"give it {expected}")
 
     # ------------------------------------------------------------ conditions

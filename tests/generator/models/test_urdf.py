@@ -319,6 +319,8 @@ BAD = [
     ([('child link="wheel"', 'child link="slider"')],
      "'slider'.*'slide-1'.*'wheel'"),
     ([("</robot>", "")], "element"),
+    ([('<link name="plate">', '<link name="plate">heavy')], "text 'heavy'"),
+    ([("</inertial>", "<!-- -->2</inertial>")], "<inertial> holds the text '2'"),
     ([('<robot name="arm">', '<robot name="arm" xmlns:xacro="http://x"><xacro:include/>')],
      "xacro"),
     ([("<robot", "<sdf"), ("</robot", "</sdf")], "<sdf>"),
