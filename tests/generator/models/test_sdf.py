@@ -134,7 +134,7 @@ def test_angles_move_the_tree(tmp_path):
     (LINKS + JOINTS + CLOSE.format("revolute").replace(
         "</axis>", "<mimic joint='crank_pin'/></axis>"), "'loop'.*<mimic>"),
     (LINKS + JOINTS.replace("</axis>", "<limit><lower>-1</lower></limit></axis>"), "limits"),
-    (LINKS.replace("<inertia>", "<inertia>1", 1) + JOINTS, "<inertia> holds the text '1'"),
+    (LINKS.replace("<inertia>", "<inertia>1", 1) + JOINTS, "<inertia>.*'1'"),
     (LINKS, "roots"),
 ])
 def test_bad_files_are_refused(tmp_path, inside, said):
