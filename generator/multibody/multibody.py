@@ -1401,9 +1401,10 @@ class Multibody:
         closed : iterable of str
             Names of latches that are closed.
         start : Start, model or row of a run, optional
-            The state to start from, of the same bodies, where latches close or open, and its time
-            t, at which constraints are evaluated. The model's own start is at t = 0: runs go on
-            from ``model.start.replace(t=t)``.
+            The state to start from, of the same bodies, where latches close or open, its
+            parameters, which become the model's, and its time t, at which constraints are
+            evaluated. The model's own start is at t = 0: runs go on from
+            ``model.start.replace(t=t)``.
 
         Raises
         ------
@@ -1431,6 +1432,10 @@ class Multibody:
             t = float(state.t)
             assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
                 ("q of start", state.q), ("p of start", state.p)))
+            # a run may have had other values than the bodies: impulses depend on masses
+            assembly.store.update((name, float(finite(name, value, ())))
+                                  for name, value in state.parameters.items()
+                                  if name in assembly.store)
         assembly.warn_of_sizes()
         self.redundancy = assembly.redundancy(t)
         if redundant == "refuse":

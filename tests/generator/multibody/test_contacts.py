@@ -319,6 +319,19 @@ def test_a_latch_closes_at_the_time_of_the_start():
     assert closed.p0[:3] == pytest.approx([3.0, 0, 0], abs=4 * EPS)
 
 
+def test_a_latch_closes_with_the_masses_of_the_run():
+    """Points of 3 and 1 kg that meet at 1 m/s and at rest go on together at 0.75 m/s."""
+    build = gs.Multibody("coupling", gravity=(0, 0, 0))
+    a, b = build.point_mass("a", mass=1.0), build.point_mass("b", mass=1.0)
+    build.latch("grip", gap=b.x[0] - a.x[0],
+                close=build.ball("hold", a, b, on_a=(0, 0, 0), on_b=(0, 0, 0)))
+    start = build.model().start.replace(parameters={"a_m": 3.0}, p=[3.0, 0, 0, 0, 0, 0])
+    closed = build.model(closed="grip", start=start)
+    assert closed.p0 == pytest.approx([2.25, 0, 0, 0.75, 0, 0], abs=4 * EPS)
+    assert closed.parameters["a_m"] == 3.0
+    assert closed.parameters["b_m"] == 1.0
+
+
 def test_latches_are_refused():
     build = rocking_block()
     model = build.model(closed="right")
