@@ -646,7 +646,7 @@ def _integrate_alone(
     observer = observer_to_end(stepper, run, events)
     trajectory, status, state = course(binding, stepper.manifest, run, stop, count_steps, observer)
     trajectory = with_events(stepper, observer, trajectory, observer.take_crossings())
-    origin = Origin(run)
+    origin = Origin(run, impacts=() if end_event else events)
     if end_event:
         trajectory = with_end_apart(trajectory, end_event)
         # derivatives of the run repeat as many steps as it took

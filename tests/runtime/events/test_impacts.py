@@ -466,6 +466,11 @@ def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
     gradient = run.gradient(w, wrt=["start", "g", "width", "dt"]).vector()
     along = np.einsum("ij,ijk", w["q"], made.q) + np.einsum("ij,ijk", w["p"], made.p)
     assert np.abs(gradient - along).max() < 1e-12 * np.abs(along).max()
+    ensemble = pendulum.integrate_ensemble(
+        run.q[:1], run.p[:1], dt=0.02, steps=200, parameters={"g": 9.81, "width": 0.3},
+        events=gs.Impact("gap", restitution=0.7))
+    of_member = ensemble.members[0].gradient(w, wrt=["start", "g", "width", "dt"])
+    assert np.array_equal(of_member.vector(), gradient)
 
 
 def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
