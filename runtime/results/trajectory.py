@@ -618,9 +618,11 @@ class Trajectory(Shown):
         """Write the states to a file, which appears complete or not at all; return its path.
 
         - .npz: all arrays with all their digits, the names of their columns, parameters, report,
-          events and manifest: for ``gyrospark.load`` and ``numpy.load``.
-        - .zarr: the same as a store, for ``gyrospark.load`` and ``xarray.open_zarr``.
-        - .nc: NetCDF-4 with attributes, for ``gyrospark.load``, xarray, MATLAB, R (h5netcdf).
+          events, tangents and manifest: for ``gyrospark.load`` and ``numpy.load``.
+        - .zarr: the same as a store, without tangents: for ``gyrospark.load`` and
+          ``xarray.open_zarr``.
+        - .nc: NetCDF-4 with attributes, without tangents: for ``gyrospark.load``, xarray, MATLAB, R
+          (h5netcdf).
         - .csv, .parquet: a column a number, under the names of coordinates, momenta and
           quantities, with the arguments of ``table``; events in a second file,
           ``run.events.csv``.

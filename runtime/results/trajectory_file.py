@@ -21,13 +21,14 @@ from ...core.file_formats import result_file
 from ...core.json_records import UnfitError
 from ...core.manifest import Manifest
 from ...core.real_types import REALS
+from ...core.records import changed
 from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import parse_manifest
 from .crossings import Impacts, of_columns
 from .diagnostics import Report, known_fields
 from .outputs import OUTPUTS, Output, absent, array_from_files, names_in_files
 from .table import table_of_ensemble
-from .tangent_rows import TangentRows
+from .tangent_rows import EventTangents, TangentRows
 
 if TYPE_CHECKING:
     from ..steppers.ensemble import Ensemble
@@ -62,13 +63,19 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "impacts": impacts_as_json(trajectory._laws, trajectory.parameters),
         "tangents": [] if trajectory.tangents is None else trajectory.tangents.names,
         "switched_steps": getattr(trajectory.tangents, "switched_steps", 0),
+        "refused_tangents": {} if trajectory.tangents is None
+        else trajectory.tangents.events.refused,
     }
     crossings = {f"event{i}_{name}": array
                  for i, event_rows in enumerate((trajectory.events | trajectory.impacts).values())
                  for name, array in event_rows.columns.items()}
     if trajectory.tangents is not None:
-        crossings |= {f"tangents_{name}": array for name in _TANGENTS
-                      if (array := getattr(trajectory.tangents, name)) is not None}
+        of_events = trajectory.tangents.events
+        tangents = {"": trajectory.tangents} | {
+            f"event{i}_": of_events[name] for i, name in enumerate(trajectory.events)
+            if name in of_events}
+        crossings |= {f"tangents_{prefix}{name}": array for prefix, rows in tangents.items()
+                      for name in _TANGENTS if (array := getattr(rows, name)) is not None}
     # no pickles: a file is read without executing anything in it
     with result_file(target, "The trajectory") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(
@@ -140,8 +147,9 @@ def load_npz(path: Path) -> Trajectory:
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}
             prefixes = {name: f"event{i}_" for i, name in enumerate(about.get("events", ()))}
             crossings = _event_arrays(prefixes, file, file.__getitem__)
-            tangents = {name: file[f"tangents_{name}"] for name in _TANGENTS
-                        if f"tangents_{name}" in file}
+            tangents = {prefix: {name: file[f"tangents_{prefix}{name}"] for name in _TANGENTS
+                                 if f"tangents_{prefix}{name}" in file}
+                        for prefix in ("", *prefixes.values())}
         return _trajectory(_fields(about, arrays, labels) | _events(about, crossings) | {
             "tangents": _tangents(about, tangents),
             "_laws": impacts_of_json(about.get("impacts", {}))})
@@ -265,14 +273,27 @@ def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any
     return {"events": events, "impacts": impacts}
 
 
-def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
-    """Return the tangents, or None; raise ``ValueError`` for arrays of inconsistent shapes.
+def _tangents(about: Any, tangents: dict[str, dict[str, Array]]) -> TangentRows | None:
+    """Return the tangents of a run with those of its events, or None.
+
+    ``tangents`` has their arrays by the prefix of an event, the run's by "". Raises ``ValueError``
+    for arrays of inconsistent shapes.
+    """
+    if not about.get("tangents"):
+        return None
+    of_events = {name: _tangent_rows(about, tangents[f"event{i}_"])
+                 for i, name in enumerate(about.get("events", ())) if tangents[f"event{i}_"]}
+    reasons = {str(name): str(why) for name, why in about.get("refused_tangents", {}).items()}
+    return changed(_tangent_rows(about, tangents[""]), events=EventTangents(of_events, reasons),
+                   switched_steps=int(about.get("switched_steps", 0)))
+
+
+def _tangent_rows(about: Any, arrays: dict[str, Array]) -> TangentRows:
+    """Return tangents of rows.
 
     Of k directions: q and p (rows, n, k), start (2n, k), t (rows, k), multipliers
     (rows − 1, …, k).
     """
-    if not about.get("tangents"):
-        return None
     in_binary128 = REALS[about["manifest"].real].in_mpmath
     numbers = {name: _from_bytes(x) if in_binary128 else x for name, x in arrays.items()}
     q, p, start, t = (numbers[name] for name in _TANGENTS[:4])
@@ -284,8 +305,7 @@ def _tangents(about: Any, arrays: dict[str, Array]) -> TangentRows | None:
             multipliers is not None
             and (multipliers.shape[0] + 1, multipliers.shape[-1]) != (*rows, k)):
         raise ValueError("tangents have parts of several shapes")
-    return TangentRows(q, p, [str(name) for name in names], start, t, multipliers=multipliers,
-                       switched_steps=int(about.get("switched_steps", 0)))
+    return TangentRows(q, p, [str(name) for name in names], start, t, multipliers=multipliers)
 
 
 def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None:

@@ -212,20 +212,34 @@ def thrown():
 
 @pytest.mark.parametrize("event", [
     gs.Event("y", level=0.5 - 1e-13, name="apex"), gs.Event("height", level=0.25, name="apex")])
-def test_events_without_derivatives_are_refused_by_name(event):
+def test_events_without_derivatives_are_refused_by_name(event, tmp_path):
     """Those that only touch their level, and those of quantities that would cost too much."""
     step = thrown()
     arguments = {"dt": 0.03, "steps": 50, "parameters": {}, "tangents": gs.Tangents()}
     begin = [0.1, 0.0], [1.0, 1.0]
     run = step.integrate(*begin, **arguments, events=event)
     assert run.tangents.q.shape == (51, 2, 4)
-    with pytest.raises(gs.InputError, match="apex"):
-        run.tangents.events["apex"]
+    for one in (run, gs.load(run.save(tmp_path / "run.npz"))):
+        with pytest.raises(gs.InputError, match="apex"):
+            one.tangents.events["apex"]
     with pytest.raises(gs.InputError, match="apex"):
         run.gradient({"events": {"apex": {"t": np.ones(len(run.events["apex"]))}}})
     ends = gs.Event(event.quantity, event.level, terminal=True, name="apex")
     with pytest.raises(gs.InputError, match="apex"):
         step.integrate(*begin, **arguments, events=ends)
+
+
+def test_a_file_keeps_the_tangents_of_events(tmp_path):
+    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={},
+                             events=[gs.Event("y", level=0.25), gs.Event("x", level=0.7)],
+                             tangents=gs.Tangents())
+    read = gs.load(run.save(tmp_path / "run.npz"))
+    assert [*read.tangents.events] == ["y", "x"]
+    assert len(read.tangents.events["y"].t) == len(run.events["y"]) == 1
+    for event, tangents in run.tangents.events.items():
+        for name in ("q", "p", "t", "start"):
+            assert np.array_equal(getattr(read.tangents.events[event], name),
+                                  getattr(tangents, name))
 
 
 def test_unknown_events_are_refused():
