@@ -106,7 +106,7 @@ REFUSED = [
     ("sin", "no argument"),
     ("sin()", "is missing"),
     ("sin(x, y)", "2 arguments"),
-    ("atan2(x)", "1 arguments"),
+    ("atan2(x)", "1 argument"),
     ("x, y", "cannot follow"),
     ("nan", "unknown"),
     ("inf*x", "unknown"),
