@@ -115,7 +115,7 @@ class Coordinate(sp.Symbol):
 
 
 def test_a_system_without_a_digest_is_derived_itself():
-    """Its spec alone is that of the heavy top, whose files are checked in."""
+    """Without a digest its spec equals the one of the heavy top, which the package has in C."""
     x, px = Coordinate("x", real=True), sp.Symbol("px", real=True)
     oscillator = System((x,), (px,), (), px**2 / 2 + x**2 / 2, name="oscillator")
     assert system_digest(oscillator) is None

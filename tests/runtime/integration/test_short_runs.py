@@ -47,7 +47,6 @@ def test_a_repeated_run_of_short_time_is_one_call_of_compiled_code(every) -> Non
         assert run.report == runs[0].report
 
 
-
 def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
     """A dict that is changed, and numbers that only compare equal, are checked again."""
     def start(parameters: object) -> dict[str, float]:

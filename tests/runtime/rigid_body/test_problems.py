@@ -104,9 +104,9 @@ def test_exact_motion_starts_at_the_problem(name):
     assert problem.exact.attitude([]).shape == (0, 4)
     with pytest.raises(InputError, match="times"):
         problem.exact.attitude([0.0, math.nan])
-    for other in ("soon", 1j, [[0.0], [0.0, 1.0]]):
+    for time in ("soon", 1j, [[0.0], [0.0, 1.0]]):
         with pytest.raises(gs.InputError, match="t "):
-            problem.exact.attitude(other)
+            problem.exact.attitude(time)
 
 
 # The fast top
