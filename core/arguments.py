@@ -57,7 +57,7 @@ def choose(label: str, value: Any, allowed: Collection[Name], suffix: str = "") 
     if isinstance(value, str):
         for name in allowed:
             if name == value:
-                return name
+                return name  # the registry's own text: ``value`` may be of a subclass, as NumPy's
     raise unknown(label, value, allowed, suffix)
 
 
@@ -73,13 +73,14 @@ def proposal(
 ) -> str:
     """Return " (did you mean …?)" if a name looks like one of the allowed, else nothing.
 
-    ``spelt`` has names beside these that must be spelt otherwise than they sound.
+    ``spelt`` maps further names to the text that is proposed for them, such as
+    "pendulum" to "examples/pendulum.toml".
     """
     if not isinstance(value, str):
         return ""
     text_by_spelling = {_plain(name): text for name, text in spelt.items()}
     text_by_spelling |= {_plain(name): name for name in allowed}
-    closest = difflib.get_close_matches(_plain(value), text_by_spelling, n=1, cutoff=0.6)
+    closest = difflib.get_close_matches(_plain(value), text_by_spelling, n=1)
     return f" (did you mean {text_by_spelling[closest[0]]}?)" if closest else ""
 
 
@@ -110,6 +111,7 @@ def whole(value: Any) -> int | None:
     """
     if type(value) is int:
         return value
+    # Python's bool is an int, and True steps are a mistake
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
         return None
     try:
@@ -151,6 +153,7 @@ def why_unwritable(path: Path, error: BaseException) -> str:
 
 def check_stepper(stepper: Any, name: str = "stepper") -> None:
     """Raise InputError unless the value is a stepper."""
+    # core imports nothing above it, so no class for isinstance: only steppers have this method
     if not hasattr(stepper, "integrate_ensemble"):
         raise InputError(f"{name} = {shown(stepper)} is no stepper; give what gyrospark.stepper "
                          "returned.")

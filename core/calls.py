@@ -81,12 +81,16 @@ def explain_names(module: ModuleType, names: Iterable[str]) -> None:
 
 
 def explain_module(module: ModuleType) -> ModuleType:
-    """Return a module whose ``__all__`` does so; for other names it proposes the nearest."""
+    """Return a module whose public calls refuse wrong arguments, and unknown names, by a sentence.
+
+    The refusal of a name proposes the nearest one of ``__all__``.
+    """
     names = module.__all__
     if module in _EXPLAINED:
         return module
     _EXPLAINED.add(module)
 
+    # a module's __getattr__ is called for the names that it does not have (PEP 562)
     def refuse(name: str) -> Any:
         """Raise AttributeError for an unknown name, with the nearest one."""
         raise AttributeError(
@@ -102,7 +106,7 @@ def _explained(function: Any, shown: str, *, bound: bool) -> Any:
 
     The sentence calls it ``shown``; ``bound`` says that its first argument is self or cls.
     """
-    if hasattr(function, "__explained__"):
+    if hasattr(function, "__explained__"):  # reached before, by another name or module
         return function
 
     @functools.wraps(function)
@@ -130,7 +134,6 @@ def _refusal(
     names, too many arguments, one given twice, missing ones.
     """
     parameters = list(inspect.signature(function).parameters.values())[bound:]
-    # the names that may be left out, and those that may be written
     by_place = [parameter.name for parameter in parameters
                 if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)]
     by_name = [parameter.name for parameter in parameters
@@ -138,6 +141,7 @@ def _refusal(
     takes = ", ".join(by_name) or "none by name"
     takes_any_name = any(parameter.kind is parameter.VAR_KEYWORD for parameter in parameters)
     unknown = [] if takes_any_name else [name for name in keywords if name not in by_name]
+    # before proposals by spelling: the present name of a former argument may look unlike it
     for name in unknown:
         if cure := former_argument(shown_name, name, {parameter.name for parameter in parameters}):
             return f"{shown_name} has no argument {name!r} any more; {cure}."

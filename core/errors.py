@@ -94,7 +94,7 @@ class Stopped(KeyboardInterrupt):
         self.dataset = dataset
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle by arguments."""
+        """Pickle with the signal: by default exceptions are unpickled from ``args``, without it."""
         return type(self), (*self.args, self.signal), self.__dict__
 
 
@@ -153,12 +153,12 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
         return f"{where} failed: {self.detail}.{self.hint} {self.cure}"
 
     def __reduce__(self) -> tuple[object, ...]:
-        """Pickle by arguments: worker processes hand failures over."""
+        """Pickle all fields, for worker processes; by default it would be the message alone."""
         return _step_failed, ({
             name: getattr(self, name) for name in
             ("step", "t", "reason", "trajectory", "increment", "dt", "detail", "cure")},)
 
 
 def _step_failed(arguments: dict[str, Any]) -> StepFailed:
-    """Return the error of a pickle, whose arguments have names."""
+    """Return the error of a pickle: pickles pass arguments by position, ``StepFailed`` by name."""
     return StepFailed(**arguments)

@@ -23,6 +23,7 @@ __all__ = ["DIRECTIONS", "Event", "Impact", "as_events", "as_impacts", "event_of
 
 #: How a direction is written on the command line and in model files.
 DIRECTIONS = {"up": 1, "down": -1, "both": 0}
+#: Such as "height = 0 down stop"; the caller parses the level, which may be a formula.
 _TEXT = re.compile(r"\s*(?P<quantity>[^=]+?)\s*=\s*(?P<level>\S.*?)"
                    r"(?P<words>(?:\s+(?:up|down|both|stop))*)\s*")
 _NAME = re.compile("[A-Za-z0-9_]{1,40}")
@@ -39,8 +40,7 @@ class Event:
     level : number
         In the quantity's own units.
     direction : {-1, 0, 1}
-        Only where it falls, in either direction, only where it rises, along the time of the run
-        (which may go backwards).
+        -1: falling, 0: both, 1: rising, in the order of integration (t falls if dt < 0).
     terminal : bool
         Whether the run ends there.
     name : str, optional
@@ -61,11 +61,12 @@ class Event:
     def __post_init__(self) -> None:
         """Check all fields; by default an event is named after its quantity."""
         _set_name(self, "event")
+        # True and 1.0 equal 1, and would be read as "rising" where a flag was meant
         if type(self.direction) is not int or self.direction not in (-1, 0, 1):
             raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "
                              "(rising) or 0 (both).")
         level = exact(self.level)
-        if level is None or isinstance(level, float):
+        if level is None or isinstance(level, float):  # a float is NaN, ∞ or −∞
             raise InputError(f"level = {shown(self.level)} is no finite number.")
 
 
@@ -120,6 +121,7 @@ def _set_name(record: Event | Impact, kind: str) -> None:
 def _refuse_restitution(label: str, entry: Any) -> None:
     """Refuse a restitution that is no number from 0 to 1; ``label`` names it in the error."""
     e = exact(entry)
+    # e > 1 would add the energy ½ (e² − 1) φ̇² / (nᵀ H_pp n) in each impact
     if e is None or isinstance(e, float) or not 0 <= e <= 1:
         raise InputError(f"{label} = {shown(entry)} is outside of [0, 1]; give a number from 0 "
                          "(plastic) to 1 (elastic).")
@@ -172,9 +174,9 @@ def events_of_model(
     """
     declarations = [argument] if isinstance(argument, Event | Impact) else argument
     if not isinstance(declarations, Sequence):
-        # which says what is wrong with it
-        return as_events(declarations, [*quantities, *velocities])
+        return as_events(declarations, [*quantities, *velocities])  # raises: it is no list
     impacts = [item for item in declarations if isinstance(item, Impact)]
+    # without impacts the model's own list, which a refusal shows as it was written
     events = [item for item in declarations if item not in impacts] if impacts else declarations
     return *as_impacts(impacts, quantities), *as_events(events, [*quantities, *velocities])
 

@@ -24,9 +24,11 @@ Number: TypeAlias = SupportsFloat
 #: One number for all runs of an ensemble, or one for each.
 Numbers: TypeAlias = "SupportsFloat | Sequence[SupportsFloat] | np.ndarray[Any, Any]"
 
-#: Every floating-point type here has its range within 2^±this: numbers beyond are infinite, or 0.
+#: The widest type, binary128, has numbers from 2^-16494 to 2^16384: beyond 2^±20000 a number is
+#: infinite, or 0. The bound is checked first: as a fraction, 1e999999999 would fill the memory.
 _RANGE = 20_000
-#: Of a constant such as π, to be rounded to 113 at the most: enough to be right.
+#: Bits of a constant such as π. Rounded again, to 113, it is wrong only if bits 114 to 256 are
+#: 10…0 or 01…1.
 _CONSTANT_BITS = 256
 #: Of binary128: the bits of a number, the exponent of a subnormal number's last bit, and the
 #: decimals that tell any number from its neighbours.
@@ -78,7 +80,7 @@ def exact(value: Any) -> Fraction | float | None:
             return Fraction(*ratio())  # of all floats, NumPy's among them, the method is there
         except (OverflowError, ValueError):  # of infinity, of NaN
             return float(value)
-    # SymPy's pi/9, sqrt(2), ...
+    # SymPy's pi/9, sqrt(2), ... to 80 decimals, the 256 bits of a constant
     if all(getattr(value, attribute, False) for attribute in ("is_number", "is_finite", "is_real")):
         return exact(value.evalf(80))
     return None
@@ -104,7 +106,7 @@ def _of_decimal(value: Decimal) -> Fraction | float:
     """
     if not value.is_finite():
         return math.nan if value.is_nan() else math.copysign(math.inf, value)
-    if value and abs(value.adjusted()) > _RANGE:
+    if value and abs(value.adjusted()) > _RANGE:  # 10^±20000 lies further out than 2^±20000
         return _beyond(value.adjusted(), negative=value < 0)
     return Fraction(value)
 
@@ -135,7 +137,8 @@ def decimal(text: str) -> Fraction | float | None:
         number = _NOT_FINITE.get(word.lower())
         return None if number is None else -number if sign == "-" else number
     sign, digits, exponent = match.groups()
-    power = int((exponent or "0")[:12])  # the others make it no less infinite, or 0
+    # 11 digits of an exponent say ∞ or 0 already; Decimal refuses exponents of 19 and more
+    power = int((exponent or "0")[:12])
     return _of_decimal(Decimal(f"{sign}{digits}e{power}"))
 
 
@@ -160,8 +163,8 @@ def nearest(value: Fraction, bits: int, least_exponent: int) -> tuple[int, int]:
     size = abs(value.numerator).bit_length() - value.denominator.bit_length()
     exponent = max(size - bits - 1, least_exponent)
     while True:
-        mantissa = round(value / Fraction(2) ** exponent)  # to even
-        if abs(mantissa) <= 1 << bits:
+        mantissa = round(value / Fraction(2) ** exponent)  # Python rounds ties to even
+        if abs(mantissa) <= 1 << bits:  # 2^bits itself has one bit that is not 0
             return mantissa, exponent
         exponent += 1
 
@@ -187,6 +190,7 @@ def digits_of(number: Any) -> Any:
     if not hasattr(number, "context"):  # NumPy writes the shortest text itself
         return str(number)
     exact_value = exact(number)
+    # ⌊112 log₁₀ 2⌋ = 33 decimals survive binary128; 36 tell any number from its neighbours
     for count in range(_QUAD_DIGITS - 3, _QUAD_DIGITS + 1):
         text = number.context.nstr(number, count)
         mantissa, exponent = nearest(Fraction(text), *_QUAD)

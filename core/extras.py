@@ -36,7 +36,8 @@ def packages_of(extra: str) -> list[str]:
 def _extras() -> dict[str, list[str]]:
     """Return the requirements of each extra, by name.
 
-    In a checkout they are read from pyproject.toml, else from the metadata of the installation.
+    In a checkout they are read from pyproject.toml, which may be newer than the metadata of the
+    installation; a wheel has the metadata alone.
     """
     import tomllib  # both cost time, and most programs miss nothing
     from importlib import metadata

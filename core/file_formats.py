@@ -126,6 +126,8 @@ def staged_file(path: Path) -> Iterator[Path]:
 
     An error or an interrupt removes what was written.
     """
+    # in the same folder, for a rename is atomic within a file system alone; with the same ending,
+    # by which writers choose the format
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.part{path.suffix}")
     try:
         yield temporary

@@ -28,7 +28,7 @@ class FrozenDict(dict[Key, Value]):
         clear = pop = popitem = setdefault = update = _refuse
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Pickle as a dict: entries are not set one by one."""
+        """Pickle as a dict; by default pickle sets the entries one by one, which is refused."""
         return type(self), (dict(self),)
 
 

@@ -88,6 +88,7 @@ def as_inertia(inertia: Any, label: str = "inertia") -> Inertia:
     """
     checked = as_moments_or_tensor(inertia, label)
     I1, I2, I3 = sorted(moments_of(checked))
+    # ∫(x² + y²) dm ≤ ∫(y² + z²) dm + ∫(x² + z²) dm; equal for a plate, to the eigenvalues' rounding
     excess = I3 - (I1 + I2)
     if excess > 8 * _EPS * I3:
         sentence = (f"The {label} is {shown(inertia)}, and no body has it: the principal moment "
@@ -109,6 +110,7 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
         raise InputError(f"The {label} {shown(inertia)} is not 3 × 3 finite numbers; give the "
                          "tensor in body axes, or I1, I2 and I3, in kg m².")
     size = float(np.abs(tensor).max())
+    # programs that export tensors write six digits or more
     if np.abs(tensor - tensor.T).max() > 1e-6 * size:
         raise InputError(f"The {label} {shown(inertia)} is not symmetric, as inertia tensors are; "
                          "give both products of inertia of a pair of axes one value, −∫xy dm.")
@@ -117,6 +119,7 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
     if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
         return as_moments([rows[i][i] for i in range(3)], label)
     tensor = tensor / 2 + tensor.T / 2  # the sum of two of them may overflow
+    # eigenvalues of entries up to 1 are right to some eps: below 8 eps one may as well be 0
     if not size or np.linalg.eigvalsh(tensor / size).min() <= 8 * _EPS:
         raise InputError(f"The {label} {shown(inertia)} is not positive definite: one of its "
                          "principal moments is not above 0; correct its products of inertia.")
@@ -309,7 +312,7 @@ def _warn_of_length(label: str, values: Any, norms: Floats) -> None:
     """
     array = np.asarray(values)
     eps = float(np.finfo(array.dtype).eps) if array.dtype.kind == "f" else _EPS
-    # of the entries as they are written; some hundred are enough for the digits of a long table
+    # decimals of the entries as they are written; 400 entries show those of a long table
     decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in array.ravel()[:400])
     bound = 10.0 ** -min(max(decimals, 2), 17) + 4 * max(eps, _EPS)
     worst = int(np.abs(norms - 1).argmax())
@@ -348,12 +351,13 @@ def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:
                          "Rotation.")
     with np.errstate(over="ignore", invalid="ignore"):  # no rotation, then
         error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
-    if not error <= 1e-6 or determinant < 0:
+    if not error <= 1e-6 or determinant < 0:  # of matrices typed with six digits and more
         raise InputError(
             f"The {label} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
             f"det R = {determinant:.3g}; give orthogonal columns, right-handed."
         )
-    # 4 q qᵀ, every entry from R; the row with the largest diagonal loses no digits.
+    # K = 4 q qᵀ from R. Every row is a multiple of q; that of the largest 4 q_i², which is at least
+    # 1, has no cancellation.
     t = np.trace(R)
     K = np.empty((4, 4))
     K[0, 0] = 1 + t

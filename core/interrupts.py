@@ -62,6 +62,7 @@ def catch_ctrl_c() -> contextlib.AbstractContextManager[Interrupts]:
 @contextlib.contextmanager
 def catch_termination() -> Iterator[None]:
     """Let SIGTERM end a command as an exception does, so that incomplete files are removed."""
+    # shells report a program that a signal ended by 128 + its number
     before = signal.signal(signal.SIGTERM, lambda number, _: sys.exit(128 + number))
     try:
         yield

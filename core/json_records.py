@@ -70,7 +70,6 @@ def _is_written(field: Field[Any], record: Any) -> bool:
     value = getattr(record, field.name)
     if "written" in field.metadata:
         return True
-    # metadata say when a field with a default is written all the same
     if "beside" in field.metadata:
         return bool(getattr(record, field.metadata["beside"]))
     if "implied" in field.metadata:
@@ -176,9 +175,8 @@ def _of_record(cls: Any) -> Decoder:
     """Return a decoder of a dataclass: unknown and missing keys are refused."""
     hints = typing.get_type_hints(cls)
     decoders = {field.name: _decoder(hints[field.name]) for field in fields(cls)}
-    # fields without a default
-    needed = [field.name for field in fields(cls)
-              if field.default is MISSING and field.default_factory is MISSING]
+    required = [field.name for field in fields(cls)
+                if field.default is MISSING and field.default_factory is MISSING]
 
     def decode(value: Any) -> Any:
         """Return the record of an object; an error names the key."""
@@ -187,7 +185,7 @@ def _of_record(cls: Any) -> Decoder:
         for key in value:
             if key not in decoders:
                 raise UnfitError(f"has the unknown key {key!r:.60}")
-        for key in needed:
+        for key in required:
             if key not in value:
                 raise UnfitError(f"lacks {key!r}")
         return cls(**{key: _at(f".{key}", decoders[key], item) for key, item in value.items()})

@@ -29,4 +29,4 @@ def imported_for_good(module: str) -> Iterator[None]:
         yield
     finally:
         gc.enable()
-        gc.freeze()
+        gc.freeze()  # moves all objects to a generation that is never collected

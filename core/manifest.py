@@ -28,6 +28,7 @@ Entry = str | float
 Domain = Literal["positive", "nonzero", "real"]
 Counts = Mapping[str, int]
 
+#: A bounded length, as powers have a bound: a damaged file must not cost hours of arithmetic.
 _FRACTION = re.compile(r"-?\d{1,40}(/[1-9]\d{0,39})?")
 
 

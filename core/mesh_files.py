@@ -58,6 +58,7 @@ def _check_number(count: int) -> None:
 
 def _stl(content: bytes) -> Floats:
     """Return the triangles of an STL file, binary or text, shape (count, 3, 3)."""
+    # binary STL: 80 bytes of any text, the number of triangles, and 50 bytes for each
     count = int.from_bytes(content[80:_HEADER], "little")
     # some binary files begin with "solid", as text does: only the length decides
     if len(content) == _HEADER + _FACET * count:
@@ -75,7 +76,7 @@ def _stl(content: bytes) -> Floats:
 
 def _obj(content: bytes) -> Floats:
     """Return the triangles of an OBJ file; faces with more corners become fans of triangles."""
-    _check_number(content.count(b"\nf "))
+    _check_number(content.count(b"\nf "))  # a face has a triangle or more
     vertices: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []
     try:

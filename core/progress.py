@@ -121,7 +121,7 @@ class TerminalHandler(logging.Handler):
         task = record.task  # type: ignore[attr-defined]
         if task == "end":
             del self._tasks[-1:]
-        else:
+        else:  # tasks are nested: "begin" adds a text, "step" replaces that of the innermost
             self._tasks[len(self._tasks) - (task == "step"):] = [record.getMessage()]
         if self._tasks:
             if self._display is None:
@@ -243,6 +243,7 @@ class _ShareMessages:
         now = time.perf_counter()
         if self._steps_before is None:  # they say nothing about the speed of this call
             self._steps_before = done
+        # the handler shows tasks of the main thread alone: others would mix with them
         if now < self._due or threading.current_thread() is not threading.main_thread():
             return
         self._due = now + (_NEXT if _is_terminal() or _is_notebook() else _NEXT_LINE)

@@ -183,7 +183,7 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
     """
     g = system.g(q)
     best = q  # the last step may raise |g| within round-off
-    for _ in range(100):
+    for _ in range(100):  # damped steps, each of which lowers |g|, may be many
         G = system.G(q)
         step = _newton_step(system, G, G @ G.T, g)
         q_new, g_new, fraction = q - step, system.g(q - step), 1.0
@@ -198,6 +198,8 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
             best = q_new
         if is_round_off:
             return best
+        # the slope of |g|² along the step is −2 |g|²: where 20 halvings find no descent, G is
+        # nearly singular and the step far too long
         if fraction <= 1e-6:
             break
         q, g = q_new, g_new
@@ -254,6 +256,7 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
     rank = int(np.sum(singular_values > RANK_TOLERANCE * max(singular_values.max(initial=0.0),
                                                              RANK_TOLERANCE)))
     null = U[:, rank:]  # nullᵀ rows = 0: a column for each dependency
+    # coefficients of rows that take no part in it are round-off over the gap of singular values
     involved = [i for i in range(len(G)) if np.linalg.norm(null[i]) > np.sqrt(RANK_TOLERANCE)]
     left_out: list[int] = []
     null_rows = null[involved]  # coefficients of the involved rows in each dependency
@@ -268,9 +271,10 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
 
 
 def _is_well_conditioned(rows: Array) -> bool:
-    """Whether a look at RRᵀ, which is quick, already shows that no row depends on others.
+    """Return whether RRᵀ − 1e-10 |RRᵀ|₁ has a Cholesky factor: then no row depends on others.
 
-    RRᵀ − 1e-10 |RRᵀ|₁ has a Cholesky factor only if σ_min² > 1e-10 σ_max², for |RRᵀ|₁ ≥ σ_max².
+    |RRᵀ|₁ ≥ σ_max², so that σ_min > 1e-5 σ_max: far above ``RANK_TOLERANCE``, and the shift above
+    the round-off of RRᵀ, m eps. It is quicker than singular values, which decide where it fails.
     """
     if not len(rows):
         return True
@@ -309,6 +313,7 @@ def solve_sparse(W: csr_array, defect: Array) -> Array:
 
     scale = 1 / np.sqrt(np.maximum(np.abs(W.diagonal()), np.finfo(float).tiny))
     scaled = _scaled(W, scale)
+    # positive definite by more than its round-off, or it raises; the factor itself is not used
     _factor(scaled, EPS * _norm_1(scaled))
     x: Array = cho_solve_banded((_factor(scaled), True), scale * defect)
     x *= scale
@@ -409,7 +414,10 @@ def _listed(names: Any) -> str:
 
 
 def _round_off_of_g(G: Array | csr_array, q: Array) -> float:
-    """Return the round-off level of |g|: 16 ε times the scale of g at q."""
+    """Return the round-off level of |g|, 16 ε | |G| |q| |: a constraint is a sum of few products.
+
+    |G| |q| bounds the largest of them, which cancel in g.
+    """
     return 16 * EPS * float(np.linalg.norm(abs(G) @ np.abs(q))) if G.size else 0.0
 
 

@@ -114,10 +114,9 @@ def round_binary(value: Fraction, bits: int) -> Fraction:
     """
     if value == 0:
         return Fraction(0)
+    # 2^(bits − 1) < |value| 2^-exponent < 2^(bits + 1): the bit lengths leave a factor of 2 open
     exponent = value.numerator.bit_length() - value.denominator.bit_length() - bits
     scaled = value / Fraction(2) ** exponent
-    while abs(scaled) >= 2**bits:
+    if abs(scaled) >= 2**bits:
         exponent, scaled = exponent + 1, scaled / 2
-    while abs(scaled) < 2 ** (bits - 1):
-        exponent, scaled = exponent - 1, scaled * 2
     return round(scaled) * Fraction(2) ** exponent

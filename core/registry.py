@@ -26,7 +26,7 @@ __all__ = ["AIMS", "FRAMES", "MEANS", "MODELS", "PROBLEMS", "RULES", "SYSTEMS", 
 _PACKAGE = __name__.partition(".")[0]
 _HOME = Path(__file__).resolve().parents[1]
 
-#: What a search for γ or a frame makes small.
+#: The error that a search for γ or a frame minimises.
 Aim = Literal["motion", "energy"]
 #: A mean of the moments of inertia.
 Mean = Literal["m", "h", "mt", "ht"]

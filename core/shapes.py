@@ -103,6 +103,7 @@ class Shape:
         """Return the bar of a radius between two points, which may coincide."""
         a, b = np.asarray(start, float), np.asarray(end, float)
         length = float(np.linalg.norm(b - a))
+        # between equal points the bar is a ball: any axis, and a length just above the refused 0
         along = (b - a) / length if length > 1e-12 * radius else np.array([0.0, 0.0, 1.0])
         return Shape("bar", np.array([radius, radius, max(length / 2, 1e-6 * radius)]), (a + b) / 2,
                      axes_about(along), colour)
@@ -110,6 +111,7 @@ class Shape:
 
 def axes_about(third: Floats) -> Floats:
     """Return orthonormal columns, the third of which is the given unit vector."""
+    # the coordinate axis furthest from the vector: their cross product has at least √(2/3)
     first = np.cross(np.eye(3)[int(np.argmin(np.abs(third)))], third)
     first /= np.linalg.norm(first)
     return np.stack([first, np.cross(third, first), third], axis=1)

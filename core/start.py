@@ -44,7 +44,8 @@ class Rule:
     inertia: Any = None
 
 
-#: What γ is where nothing is said.
+#: The default of γ, (I₁ + I₂ + I₃)/3: the paper recommends it (48) beside γ_h (47), whose errors
+#: are large where the moments differ much (Table 6).
 GAMMA_M = Rule("m")
 
 

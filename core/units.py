@@ -22,7 +22,7 @@ _NAMED = {
     "V": "kg.m2/s3/A", "Ohm": "kg.m2/s3/A2", "F": "A2.s4/kg/m2", "H": "kg.m2/s2/A2",
     "Wb": "kg.m2/s2/A", "T": "kg/s2/A",
 }
-#: Spellings that people expect where several are possible.
+#: Spellings that people expect where several are possible; J before N.m, of equal dimensions.
 _USUAL = ("J", "N", "W", "N/m", "N.s/m", "N.m.s", "Pa")
 _FACTOR = re.compile(r"(1|[A-Za-z]+)(-?\d+)?")
 DIMENSIONLESS: Dimensions = {}
@@ -69,9 +69,9 @@ def unit_name(dimensions: Dimensions) -> str | None:
     """Return the spelling of dimensions; None if an exponent is no whole number."""
     if any(e.denominator != 1 for e in dimensions.values()):
         return None
-    for usual in _USUAL:
-        if base_units(usual) == dimensions:
-            return usual
+    for usual_name in _USUAL:
+        if base_units(usual_name) == dimensions:
+            return usual_name
     above: list[str] = []
     below: list[str] = []
     for unit in _BASE:
