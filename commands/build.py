@@ -74,7 +74,6 @@ def build() -> None:
 
 def _command(target: Target) -> click.Command:
     """Return the command of one target, with the options that this target has."""
-    # a target has the options that it takes: others are unknown to its command
     of_several = ", or several with commas" if target.several else ""
     parameters: list[click.Parameter] = [
         click.Argument(["model"], metavar="MODEL",
@@ -129,7 +128,7 @@ def _write(
         if names.count(name) > 1:
             raise InputError(f"--parameter {name}=… is given {names.count(name)} times; give it "
                              "once.")
-    # SIGTERM must remove what is written in part
+    # a cluster's or a supervisor's SIGTERM must leave no half-written artefact behind
     with imported_for_good("sympy"), catch_termination():
         built = build_artefact(
             target.name, _model(model, settings),

@@ -21,7 +21,7 @@ def list_entries() -> None:
 
     files = entries()
     for path in files:
-        with contextlib.suppress(FileNotFoundError):  # cleared meanwhile by somebody else
+        with contextlib.suppress(FileNotFoundError):  # cleared meanwhile, by another process
             click.echo(f"{path.stat().st_size:>10,}  {path.name}")
     click.echo(f"{len(files)} files in {cache_folder()}")
 

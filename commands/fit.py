@@ -108,6 +108,26 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     Raises InputError for a file without these columns, and for entries that are no numbers.
     """
     headings = ["time", *names]
+    lines = _csv_lines(path, headings)
+    header = [name.strip() for name in lines[0][1]]
+    columns = _column_indices(path, header, headings)
+    samples = np.empty((len(lines) - 1, len(columns)))
+    for i, (number, line) in enumerate(lines[1:]):
+        for j, column in enumerate(columns):
+            # a line that ends early has empty cells, which are refused as such
+            text = line[column].strip() if column < len(line) else ""
+            samples[i, j] = _number(text)
+            if not math.isfinite(samples[i, j]):
+                raise InputError(f"{str(path)!r}, line {number}: {header[column]} is {text!r}, no "
+                                 "finite number; leave out lines with missing samples.")
+    return samples[:, 0], samples[:, 1:]
+
+
+def _csv_lines(path: Path, headings: list[str]) -> list[tuple[int, list[str]]]:
+    """Return the cells of each line that is not empty, with its number: the header and samples.
+
+    ``headings`` are the columns that the refusal of a file without samples names.
+    """
     try:
         # spreadsheets write a byte order mark
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -119,7 +139,12 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     if len(lines) < 2:
         raise InputError(f"{str(path)!r} has no samples; give a line of names, "
                          f"{','.join(headings)}, and a line for each sample.")
-    header = [name.strip() for name in lines[0][1]]
+    return lines
+
+
+def _column_indices(path: Path, header: list[str], headings: list[str]) -> list[int]:
+    """Return the index of each heading in the header of a file; refuse missing and repeated ones.
+    """
     for name in headings:
         if header.count(name) > 1:
             raise InputError(f"{str(path)!r} has {header.count(name)} columns {name!r}; rename all "
@@ -127,22 +152,13 @@ def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
         if name not in header:
             raise InputError(f"{str(path)!r} has no column {name!r}, but {few(header)}; name its "
                              f"columns {','.join(headings)}, or choose others with --observe.")
-    columns = [header.index(name) for name in headings]
-    samples = np.empty((len(lines) - 1, len(columns)))
-    for i, (number, line) in enumerate(lines[1:]):
-        for j, column in enumerate(columns):
-            text = line[column].strip() if column < len(line) else ""
-            samples[i, j] = _number(text)
-            if not math.isfinite(samples[i, j]):
-                raise InputError(f"{str(path)!r}, line {number}: {header[column]} is {text!r}, no "
-                                 "finite number; leave out lines with missing samples.")
-    return samples[:, 0], samples[:, 1:]
+    return [header.index(name) for name in headings]
 
 
 def _number(text: str) -> float:
     """Return a cell of the table as a number, NaN if it is none."""
     try:
-        return math.nan if "_" in text else float(text)
+        return math.nan if "_" in text else float(text)  # Python alone reads 1_000 as a number
     except ValueError:
         return math.nan
 

@@ -80,7 +80,7 @@ def generate(
     else:
         specs = [spec_from(**choice).with_profile(profile)]
     check_no_file("--out", out)
-    if check:
+    if check:  # all of them: a diff of each, not of the first alone
         return max(check_files(spec, out, allow_invalid, standalone, derivatives)
                    for spec in specs)
     for spec in specs:
@@ -194,7 +194,7 @@ def check_files(
 
 def _text_of(path: Path) -> str:
     """Return a file's text, its line ends untouched; empty if it is not there."""
-    try:
+    try:  # in bytes: read_text() would hide that a checkout has changed the line ends
         return path.read_bytes().decode("utf-8", errors="replace") if path.is_file() else ""
     except OSError as error:
         raise InputError(f"{str(path)!r} cannot be read: {error.strerror or error}; change its "

@@ -116,14 +116,15 @@ def copy_examples(names: tuple[str, ...], folder: Path) -> int:
     folder.mkdir(parents=True, exist_ok=True)
     for path in paths:
         if path.is_dir():
-            shutil.copytree(path, folder / path.name, ignore=_made)
+            shutil.copytree(path, folder / path.name, ignore=_PACKAGE_FILES)
         else:
             shutil.copyfile(path, folder / path.name)
         click.echo(str(folder / path.name))
     return 0
 
 
-_made = shutil.ignore_patterns("__pycache__", "__init__.py")
+#: Files that make a folder of examples a package of Python; a copy is none.
+_PACKAGE_FILES = shutil.ignore_patterns("__pycache__", "__init__.py")
 
 
 def _examples() -> list[Path]:

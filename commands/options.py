@@ -102,13 +102,13 @@ def frame_option(function: Callable[..., Any]) -> Callable[..., Any]:
 def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add --json, which shows no progress."""
 
-    def choose(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
+    def silence(context: click.Context, parameter: click.Parameter, value: bool) -> bool:
         """Silence messages about progress where JSON is printed."""
         if value:
             TERMINAL.setLevel(logging.CRITICAL)  # until terminal_messages ends
         return value
 
-    return click.option("--json", "as_json", is_flag=True, callback=choose,
+    return click.option("--json", "as_json", is_flag=True, callback=silence,
                         help="Print one JSON document and nothing else.")(function)
 
 
@@ -139,6 +139,7 @@ def completing(names: Iterable[str]) -> Callable[..., list[str]]:
 def whole_number(name: str, text: str) -> int:
     """Return the whole number in an option's text: 1000, 1e3, 1000.0; InputError names the option.
     """
+    # up to 18 digits: numbers below 10^18 < 2^63 fit the counters of the C, int64_t
     if re.fullmatch(r"-?[0-9]{1,18}", text):
         return int(text)
     if re.fullmatch(r"-?[0-9]{1,18}(\.[0-9]{0,18})?([eE]\+?[0-9]{1,2})?", text):

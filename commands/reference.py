@@ -58,7 +58,7 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
     if plot is not None:
         check_picture(plot)
     problems = [named(problem) for problem in (names() if name == "all" else [name])]
-    rounds = 1 if quick else 3
+    rounds = 1 if quick else 3  # the median of three leaves out a round that was interrupted
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
                 for problem in problems]
     if as_json:

@@ -56,22 +56,13 @@ def sweep(
     from ..sweeps.study_file import load_study
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
-    check_writable("--out", store, folder=True)
-    check_ending("--out", store, ("", ".zarr"))
-    if plot is not None:
-        if dry_run:
-            raise InputError("--plot draws results, which --dry-run has none of; leave one out.")
-        check_picture(plot)
+    _check_targets(store, plot, dry_run=dry_run)
     loaded = load_study(study)
     fields = fields_of(loaded.study, loaded.keep)
-    names = [f.name for f in fields if not f.inner]
+    names = [f.name for f in fields if not f.inner]  # a picture shows one number of each cell
     if show not in names:
         raise InputError(f"--show {show!r} is no result of this sweep; choose {', '.join(names)}.")
-    threads = os.cpu_count() or 1
-    if workers is not None:
-        threads = whole_number("--workers", workers)
-        if threads < 1:
-            raise InputError(f"--workers {workers!r} are no threads; give 1 or more.")
+    threads = _thread_count(workers)
     if dry_run:
         from ..sweeps.cost_estimate import estimate
 
@@ -96,6 +87,26 @@ def sweep(
                 failure = _draw(store, show, plot, result)
             click.echo(json.dumps(result, indent=2) if as_json else _text(result))
     return exit_code_of(trouble or failure, interrupts, "sweep")
+
+
+def _check_targets(store: Path, plot: Path | None, *, dry_run: bool) -> None:
+    """Refuse a store and a picture that cannot be written, and a picture of a dry run."""
+    check_writable("--out", store, folder=True)
+    check_ending("--out", store, ("", ".zarr"))
+    if plot is not None:
+        if dry_run:
+            raise InputError("--plot draws results, which --dry-run has none of; leave one out.")
+        check_picture(plot)
+
+
+def _thread_count(workers: str | None) -> int:
+    """Return the number of threads that --workers asks for; without it, one for each core."""
+    if workers is None:
+        return os.cpu_count() or 1
+    threads = whole_number("--workers", workers)
+    if threads < 1:
+        raise InputError(f"--workers {workers!r} are no threads; give 1 or more.")
+    return threads
 
 
 def _result(study: Study, store: Path, show: str, seconds: float) -> dict[str, Any]:
@@ -170,7 +181,7 @@ def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: 
 def _duration(seconds: float) -> str:
     """Return seconds as text in a unit that suits them."""
     for unit, size in (("days", 86400), ("h", 3600), ("min", 60)):
-        if seconds >= 2 * size:
+        if seconds >= 2 * size:  # 90 s says more than 1.5 min
             return f"{seconds / size:.1f} {unit}"
     return f"{seconds:.1f} s"
 

@@ -122,6 +122,8 @@ def _compositions(target: str | None, choice: dict[str, Any]) -> list[Compositio
     spec = spec_from(**choice)  # which says what may not be given together
     if spec.composition:
         return [composition_named(spec.composition)]
+    # an order has a composition of flows alone, and maybe another one with force gradients
+    # h³ [V, [T, V]], for H = T + V
     compositions = [composition_of(spec.order or 0, gradients) for gradients in (False, True)]
     return list(dict.fromkeys(compositions))
 
@@ -191,7 +193,8 @@ def _certify(
     step_size = None if dt is None else real_number("--dt", dt)
     with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
-        rep = choice["rep"] if isinstance(model, Problem) else None  # a file has had its say
+        # a model has its representation already; a problem has numbers alone
+        rep = choice["rep"] if isinstance(model, Problem) else None
         if plot is not None and dtau is not None:
             raise InputError("--plot draws errors over dt, which steps of --dtau do not have; "
                              "leave --plot out.")

@@ -34,6 +34,7 @@ def with_options(
     texts = {"gamma": gamma, "alpha": alpha}
     kinds = {name: "alpha" if "alpha" in name else "gamma" for name in start.bodies
              if name in step.parameter_domains}
+    # the representation of the stepper has γ or α, never both
     for kind, partner in (("gamma", "alpha"), ("alpha", "gamma")):
         if texts[kind] is not None and kind not in kinds.values():
             raise InputError(
@@ -148,6 +149,7 @@ def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
 def check_span(problem: str, options: Mapping[str, str | None]) -> None:
     """Refuse a run of a URDF or SDF without a step and a span, before the file is derived."""
     timed = options["dtau"] is not None or options["step_error"] is not None
+    # these formats have no place for a step; a TOML file or an MJCF names one, once it is read
     if problem.endswith((".urdf", ".sdf")) and Path(problem).is_file() and not timed:
         _require_span(Path(problem).name, None, None, options)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,9 +77,7 @@ def check_targets(
                          "gyrospark export NAME.zarr NAME.csv then makes a table of it.")
     if out is not None:
         if _is_store(out):
-            from ... import storage  # says which package is missing
-
-            assert storage is not None
+            import_module("...storage", __package__)  # says which package is missing
         format_of(out, "A run", "states", "store").require_packages()
 
 
