@@ -20,10 +20,11 @@ _WORDS = (
     "HIGH LOW INPUT OUTPUT INPUT_PULLUP PI HALF_PI TWO_PI DEG_TO_RAD RAD_TO_DEG EULER SERIAL "
     "DISPLAY LSBFIRST MSBFIRST CHANGE FALLING RISING DEFAULT EXTERNAL INTERNAL LED_BUILTIN SDA "
     "SCL SS MOSI MISO SCK DEC HEX OCT BIN SP SPL SPH SREG")
+# and the binary constants B0 to B11111111 of binary.h; the AVR has no port I
 _MACROS = frozenset(_WORDS.split()) | {
         f"B{value:0{digits}b}" for digits in range(1, 9) for value in range(2**digits)} | {
-        f"{what}{port}" for what in ("PORT", "DDR", "PIN", "P") for port in "ABCDEFGHJKL"} | {
-        f"P{port}{bit}" for port in "ABCDEFGHJKL" for bit in range(8)}
+        f"{register}{port}" for register in ("PORT", "DDR", "PIN", "P") for port in "ABCDEFGHJKL"
+        } | {f"P{port}{bit}" for port in "ABCDEFGHJKL" for bit in range(8)}
 
 
 def files(
@@ -41,6 +42,7 @@ def files(
                     "description": f"{template_fields['about']}, one step at a "
                     "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
                     "frameworks": "*", "platforms": "*", "headers": f"{name}.h",
+                    # gcc contracts a·b + c by default where the processor has fma: other bits
                     "build": {"flags": "-ffp-contract=off"},
                     # files beside these, such as the manifest, are not part of the library
                     "export": {"include": ["src", "examples",
@@ -75,6 +77,7 @@ def check(built: Built) -> str:
         (folder / "main.cpp").write_text(program_of(sketch, EXAMPLE_STEPS), encoding="utf-8")
         run_tool([*c, *C_FLAGS, "-c", str(artefact / "src" / f"{name}.c"), "-o", "stepper.o"],
                  folder, "Compiling the stepper")
+        # C++11 is the standard that Arduino's AVR core is compiled with
         run_tool([*cpp, "-std=c++11", "-O2", "-Wall", "-Wextra", "-pedantic", "-Werror",
                   "-I", str(artefact / "src"), "main.cpp", "stepper.o", "-lm", "-o", "sketch"],
                  folder, "Compiling the sketch")

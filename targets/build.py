@@ -37,7 +37,8 @@ if TYPE_CHECKING:
 
 __all__ = ["build", "target_named"]
 
-#: How far a start may be from the constraints, relative to it: a few digits more than float has.
+#: How far a start may be from the constraints, relative to it: profile control does not project
+#: starts. 1e-9 is below the rounding of float, 6e-8, and above that of ten typed digits.
 _OFF = 1e-9
 
 #: Of profile control.
@@ -113,7 +114,6 @@ def build(
     >>> built.check()  # doctest: +SKIP
     """
     chosen_target = target_named(target)
-    module = chosen_target.load()
     platform_names = _platforms(chosen_target, platforms)
     for name in chosen_target.needs:
         require(name, f"Target {chosen_target.name}")
@@ -130,23 +130,27 @@ def build(
         files_and_defaults = [text_of(spec, model) for spec in specs]
         end_stage()
         steppers = tuple(_written_stepper(files) for files, _ in files_and_defaults)
-        first_stepper = steppers[0]
         _, model_defaults = files_and_defaults[0]
         defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
-        options = _options(first_stepper, defaults, dt, start, parameters, steppers)
+        options = _options(steppers[0], defaults, dt, start, parameters, steppers)
         if start is not None:
             _refuse_off_constraints(specs[0], model, options)
         if path is None:
-            path = Path(f"{first_stepper.name}{chosen_target.suffix}")
+            path = Path(f"{steppers[0].name}{chosen_target.suffix}")
             check_out(path)
-        content = module.files(first_stepper.manifest, first_stepper.sources, options)
-        facts = {"target": chosen_target.name, "stepper": first_stepper.name, "dt": options.dt,
-                 "q": options.q, "p": options.p, "parameters": dict(options.parameters),
-                 "platforms": platform_names}
-        with staging(path, content) as folder:
-            names = place(module.compile(folder, platform_names), path, facts)
+        built = _write(chosen_target, platform_names, path, options)
         end_stage()
-        return Built(chosen_target, path, names, platform_names, first_stepper, options)
+        return built
+
+
+def _write(target: Target, platforms: tuple[str, ...], path: Path, options: Options) -> Built:
+    """Write the files of a target, compile them, and place the artefact at ``path``."""
+    module, stepper = target.load(), options.steppers[0]
+    facts = {"target": target.name, "stepper": stepper.name, "dt": options.dt, "q": options.q,
+             "p": options.p, "parameters": dict(options.parameters), "platforms": platforms}
+    with staging(path, module.files(stepper.manifest, stepper.sources, options)) as folder:
+        names = place(module.compile(folder, platforms), path, facts)
+    return Built(target, path, names, platforms, stepper, options)
 
 
 def target_named(name: Any) -> Target:

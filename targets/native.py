@@ -13,7 +13,7 @@ from .tools import require, run_tool
 
 __all__ = ["C_FLAGS", "DifferentBitsError", "native_bits", "refuse_difference"]
 
-#: For all C of artefacts: the same bits everywhere.
+#: For all C of artefacts: compilers may contract a·b + c to one rounding, each in its own places.
 C_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off")
 
 
@@ -55,7 +55,7 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
     # long doubles are aligned for every type of number
     work = (ctypes.c_longdouble * (size() // ctypes.sizeof(ctypes.c_longdouble) + 1))()
     q, p = (real * len(options.q))(*options.q), (real * len(options.p))(*options.p)
-    limits = Limits(0, options.max_iterations)
+    limits = Limits(0, options.max_iterations)  # tolerance 0: iterate down to round-off
     if getattr(library, f"{name}_begin")(ctypes.byref(work), ctypes.byref(parameters),
                                          ctypes.byref(limits), real(options.dt), q, p) != 0:
         raise GyrosparkError(f"The start of {name} is not usable: dt = {options.dt:.6g}, q = "

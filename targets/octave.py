@@ -21,6 +21,7 @@ def files(
     """Return files by name: the stepper's C, NAME_mex.c, which calls it, and NAME.m, its help."""
     template_fields = template_values(manifest, sources, options)
     names = [*options.parameters]
+    # inputs are members of the parameters' struct, which the mex file fills by position
     template_fields["places"] = [names.index(name) for name in template_fields["inputs"]]
     name = manifest.name
     return {**sources, f"{name}_mex.c": filled("mex.c", **template_fields),

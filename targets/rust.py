@@ -31,6 +31,7 @@ def files(
     """
     refuse_names(manifest, _KEYWORDS, "Rust")
     template_fields = template_values(manifest, sources, options)
+    # the crate's work memory is an array of u64, which aligns it to 8 bytes as the C's struct is
     template_fields |= {"f": "f32" if template_fields["real"] == "float" else "f64",
                         "words": math.ceil(template_fields["work_size"] / 8)}
     return {**{f"c/{name}": text for name, text in sources.items()},

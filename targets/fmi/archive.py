@@ -49,6 +49,7 @@ class Platform:
         return [*flags_by_suffix[self.suffix], "-shared"]
 
 
+# glibc 2.17, of 2012, is that of manylinux2014: later ones load libraries that are linked with it
 _LINUX = Platform(("linux64", "x86_64-linux"), "x86_64-linux-gnu.2.17", ".so")
 _ARM_LINUX = Platform(("", "aarch64-linux"), "aarch64-linux-gnu.2.17", ".so")
 _WINDOWS = Platform(("win64", "x86_64-windows"), "x86_64-windows-gnu", ".dll")
@@ -109,7 +110,7 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
             member = zipfile.ZipInfo(path.relative_to(folder).as_posix(), _NO_TIME)
             # 3 is Unix: by default this byte depends on the machine
             member.compress_type, member.create_system = zipfile.ZIP_DEFLATED, 3
-            member.external_attr = 0o644 << 16
+            member.external_attr = 0o644 << 16  # Unix keeps its permissions in the upper half
             archive.writestr(member, path.read_bytes())
     return fmu
 

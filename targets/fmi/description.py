@@ -44,6 +44,7 @@ def model_description(
         **({"numberOfEventIndicators": "0"} if two else {})})
     # the two versions of FMI spell this differently
     state = "FMUstate" if two else "FMUState"
+    # "memory management functions" are the importer's calloc, in place of which fmi2.c has its own
     simulation = Sub(root, "CoSimulation", {
         "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
@@ -73,7 +74,7 @@ def _attributes(variable: Variable) -> dict[str, str]:
 def _numbers(variable: Variable) -> dict[str, str]:
     """Return the attributes unit, min and start of a variable, each where the variable has one.
 
-    A calculated variable must not have a start.
+    FMI forbids a start of a calculated variable.
     """
     return {**unit_of(variable), **({"min": repr(LEAST)} if variable.domain == "positive" else {}),
             **({} if variable.start is None or variable.initial == "calculated"

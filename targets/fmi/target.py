@@ -110,6 +110,8 @@ class Fmu:
                 first_end, second_end = (_end_from(slave, state, options.dt, names)
                                          for _ in range(2))
                 slave.free(state)
+        # native bits are q and then p; of a Lagrangian an FMU has velocities in place of p, so q
+        # alone is compared
         expected_bits = native_bits(built.stepper, options, _STEPS)
         bits = struct.pack(f"={len(first_end)}d", *first_end).hex()
         if bits != expected_bits[:len(bits)] or len(first_end) < count:
