@@ -42,7 +42,10 @@ def compile_cubin(name: str, text: str, architecture: str) -> Any:
 
 @lru_cache(maxsize=64)
 def _kernels(name: str, text: str, architecture: str, card: int) -> Any:
-    """Return the machine code, which is loaded on one card; NVRTC takes a second or two."""
+    """Return the machine code; NVRTC takes a second or two.
+
+    ``card`` is in the key of the cache alone: loaded code belongs to the context of one card.
+    """
     return compile_cubin(name, text, architecture)
 
 
@@ -89,7 +92,7 @@ class CudaDevice:
         return host_array
 
     def launch(self, program: Any, kernel: str, threads: int, *arguments: Any) -> None:
-        """Begin ``threads`` threads, in blocks."""
+        """Begin ``threads`` threads in whole blocks; kernels leave the threads beyond idle."""
         name, code = program
         kernel_arguments = [int(argument.handle.handle)
                             if isinstance(argument, Memory) else argument

@@ -14,7 +14,8 @@ from ...engine.amalgamate import complete
 
 __all__ = ["KERNELS", "THREADS", "cuda_text"]
 
-#: Threads of a block.
+#: Threads of a block. A multiprocessor has 65,536 registers and a thread at most 255, which G-L in
+#: double needs (docs/cuda.md): in blocks of more than 256 threads it would spill.
 THREADS = 128
 #: Functions that a card runs, each with the prefix of its stepper.
 KERNELS = ("measure", "gather_states", "begin_trajectories", "advance_trajectories")
@@ -53,6 +54,7 @@ typedef unsigned long long uint64_t;
 #endif
 
 """
+#: Functions and tables that are "static", also behind the macro that begins a definition.
 _STATIC = re.compile(r"^((?:#define \w+ )?)(static\b)", re.MULTILINE)
 _INCLUDE = re.compile(r"^#include <\w+\.h>\n", re.MULTILINE)
 
@@ -71,6 +73,7 @@ def cuda_text(name: str, files: Mapping[str, str]) -> str:
     # NVRTC compiles one text, without files beside it
     text = _INCLUDE.sub("", source.replace(f'#include "{name}.h"\n', files[f"{name}.h"]))
     of_card = Path(__file__).with_name("trajectories.cu").read_text(encoding="ascii")
+    # public functions, declared or defined at the begin of a line: "int heavy_top_gl3_begin("
     functions = re.compile(
         rf"^((?:(?:\w+|NAME\(\w+\)) )+\**(?:NAME\(\w+\)|{name}_\w+)\()", re.MULTILINE)
     return _PRELUDE + functions.sub(r"GS_DEVICE \1", _STATIC.sub(r"\1GS_DEVICE \2", text)) + of_card

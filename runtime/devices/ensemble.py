@@ -178,6 +178,7 @@ def shared_ensemble(
 
 def _of_library(shared: Any, like: Any) -> Any:
     """Return memory as an array of the library of another array; unchanged if it has no library."""
+    # the array is there, so its library is imported: cupy, torch or jax is not named here
     library = sys.modules.get(type(like).__module__.partition(".")[0])
     convert = getattr(library, "from_dlpack", None)
     return shared if convert is None else convert(shared)

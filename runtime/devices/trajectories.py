@@ -70,6 +70,8 @@ class Trajectories:
         device.launch(self.program, "measure", 1, sizes)
         # the kernel says how much memory a trajectory takes, and how many parameters it reads
         words, fields = device.get(sizes).tolist()
+        # the trajectory is the last axis of all arrays: threads side by side read numbers side by
+        # side, which a card fetches at once
         parameters = binding.parameter_rows(runs.parameters, runs.t0)
         assert parameters.shape[1] == fields, "profile control has the parameters of the stepper"
         self.state = device.put(np.concatenate([runs.q.T, runs.p.T])) if state is None else state
@@ -79,8 +81,8 @@ class Trajectories:
         first_run = runs.first
         self._launch("begin_trajectories", device.put(parameters.T.astype(number)),
                      device.put(runs.dt.astype(number)), number(first_run.tolerance or 0),
-                     np.intc(first_run.max_iterations), self.state, self.words, self.status,
-                     self.steps, self.iterations)
+                     np.intc(min(first_run.max_iterations, 2**31 - 1)),  # an int of C
+                     self.state, self.words, self.status, self.steps, self.iterations)
 
     def integrate(
         self, rows: int, store: Callable[[Window], None], stop: Callable[[], bool]
@@ -93,8 +95,7 @@ class Trajectories:
         first_run, pace = self.runs.first, ChunkSize(clock=time.perf_counter)
         step_count = row = 0
         while True:
-            # rows are copied window by window: memory of the card is the limit, not that of all
-            # states
+            # a window at a time: the states of all rows may exceed the memory of the card
             window = self._window(row, min(rows, first_run.rows + 1 - row))
             end = min((row + window.q.shape[0] - 1) * first_run.every, first_run.steps)
             if row == 0:
@@ -147,6 +148,7 @@ class Trajectories:
             iterations=self.device.get(self.iterations))
 
     def _window(self, first: int, rows: int) -> Window:
+        """Allocate memory for stored states, from row ``first`` on."""
         count = len(self.runs)
         q, p = (self.device.zeros((rows, self.n, count), self.dtype) for _ in range(2))
         return Window(first, q, p, self.device.zeros((rows, count), np.intc))
@@ -161,6 +163,7 @@ class Trajectories:
         self.device.wait()
 
     def _launch(self, kernel: str, *arguments: Any) -> None:
+        """Begin a kernel with a thread for each trajectory; its first argument is their number."""
         self.device.launch(self.program, kernel, len(self.runs), np.int64(len(self.runs)),
                            *arguments)
 

@@ -139,6 +139,12 @@ def test_bits_do_not_depend_on_how_steps_are_launched(card, step, monkeypatch):
     np.testing.assert_array_equal(kept.iterations, np.transpose(most))
 
 
+def test_more_iterations_than_an_int_of_c_holds_are_the_most_it_holds(card, step):
+    many = step.integrate_ensemble(*MANY, **RUN, device="cuda",
+                                   solver=gs.Solver("auto", max_iterations=2**40))
+    assert (many.q == step.integrate_ensemble(*MANY, **RUN, device="cuda").q).all()
+
+
 def test_results_are_those_of_the_cpu_but_for_rounding(card, step):
     there = step.integrate_ensemble(*MANY, **RUN, device="cuda")
     here = step.integrate_ensemble(*MANY, **RUN)
