@@ -32,6 +32,7 @@ MAX_PRODUCT_BITS = 1000
 #: Largest depth of nested irrational sums, products and powers; SymPy's evaluation and printing
 #: take time exponential in it.
 MAX_LEVEL = 16
+#: 320 bits are 96 digits: comparisons hold to 90, with some digits for the round-off of operations.
 INTERVAL = MPIntervalContext()
 INTERVAL.prec = 320
 
@@ -187,7 +188,8 @@ def power(base: Value, exponent: Value) -> Value:
     if e.q == 2:
         _refuse_root(base)
     if base.is_rational and e.q == 1:
-        # exact arithmetic would carry out any power: its size is known beforehand
+        # exact arithmetic would carry out any power; a number of b bits is at least 2^(b − 1), so
+        # that its power n has more than (b − 1) n
         if base.bits * abs(e) > MAX_BITS + abs(e):
             raise RefusedError(
                 f"This power has about {base.bits * abs(e)} bits and at most {MAX_BITS} are "
@@ -275,7 +277,7 @@ def sign(value: Value) -> Value:
 
 
 def _heaviside(value: Value) -> Value:
-    """Return 0, ½ or 1 for a negative number, 0, and a positive number."""
+    """Return 0, ½ or 1 for a negative number, 0, and a positive number, as SymPy's Heaviside."""
     return rational((sign(value).exact + 1) / 2)
 
 

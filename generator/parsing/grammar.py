@@ -41,6 +41,8 @@ from .tokens import (
 
 __all__ = ["ANGLES", "RATES", "UNITS", "Choosing", "ParserArithmetic", "parse", "parse_quantity"]
 
+#: Characters of a text; levels of brackets and powers, of seven calls each, of the 1000 that Python
+#: allows; digits of a number.
 MAX_LENGTH = 4000
 MAX_DEPTH = 50
 MAX_DIGITS = 100
@@ -132,7 +134,8 @@ def parse_quantity(
 
     ``units`` has the factor of each unit as text, such as "pi/180" of "deg".
     """
-    if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):  # no unit, or an error
+    # a text without units is parsed once; of one that is too long ``parse`` says so
+    if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}
     parser = _Parser(text, arithmetic)

@@ -66,7 +66,8 @@ def _decoded(content: bytes) -> str:
     try:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        if b"\0" in content[:1024] and content[:2] not in (b"\xff\xfe", b"\xfe\xff"):  # UTF-16
+        # UTF-16 has zero bytes too, behind its byte order mark: that file is text to save again
+        if b"\0" in content[:1024] and content[:2] not in (b"\xff\xfe", b"\xfe\xff"):
             raise UnusableFileError(f"it is no text: it begins with {content[:8]!r}; give the file "
                                     "of a model, .toml, .urdf, .xml or .sdf.") from None
         raise UnusableFileError(f"it is not UTF-8 ({error}); save it in that encoding.") from None
@@ -92,7 +93,7 @@ def states_of_files(path: Path, text: str) -> list[str]:
     """
     folders = ["", *_FOLDERS.findall(text)]
     states: list[str] = []
-    # texts of included files name further ones; a file that includes itself is read once
+    # the texts of included files name further ones; a file that includes itself is read once
     texts = [text]
     visited = set[Path]()
     while texts:

@@ -12,6 +12,7 @@ from ...core.records import dataclass
 __all__ = ["RefusedError", "Token", "decimal_parts", "error_at", "names_in", "refuse_at", "shorten",
            "tokens"]
 
+#: Doubles end at 1e308; 10^400 has 1329 bits, which exact arithmetic handles at once.
 MAX_DECIMAL_EXPONENT = 400
 
 
