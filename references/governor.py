@@ -47,10 +47,12 @@ def _governor(damping: str = _VALUES["C"], slider_speed: str = "0") -> Model:
     about_hinge = m * (1 + w**2 / 4) / 3 + ball
     about_shaft = (m * (a**2 + a * cos + cos**2 / 3 + w**2 * (2 * sin**2 + cos**2) / 12)
                    + ball * (a + cos) ** 2)
+    # the shaft, a bar of section w × w, and the slider, a block of side 2a, turn about their axis
     inertia = m * w**2 / 6 + M * (2 * a) ** 2 / 6 + 2 * about_shaft
     # there are two rods: no factor ½ at their swing
     kinetic = inertia * turn**2 / 2 + about_hinge * swing**2 + M * slide**2 / 2
     length = sp.sqrt(cos**2 / 4 + (1 - sin / 2 - s) ** 2)
+    # two rods with their middles at −½ sin β and two balls at −sin β, from the hinge
     potential = g * (M * s - (m + 2 * ball) * sin) + K * (length - rest_length) ** 2
     slopes = [sp.diff(length, x) for x in q]  # ∂L/∂q, with L' = Σ ∂L/∂q q'
     rate = sum(slope * x for slope, x in zip(slopes, v, strict=True))

@@ -139,11 +139,12 @@ def _bricard(rate: float = 0.0) -> Model:
     points = [(0, 0, 0), (1, 0, 0), (1, -1, 0), (1, -1, 1), (0, -1, 1), (0, 0, 1)]
     build = Multibody("bricard", gravity=(0, -9.81, 0))
     names = ["ground", *(f"rod{i}" for i in range(5)), "ground"]
-    # rods are along the axes of space, in which their inertia is diagonal
+    # rods lie along the axes of space, so that their inertia is diagonal there
     for name, a, b in zip(names[1:], points, points[1:], strict=False):
         inertia = rod_inertia([Fraction(y - x) for x, y in zip(a, b, strict=True)])
         build.body(name, mass=1, inertia=[float(inertia[i][i]) for i in range(3)],
                    position=np.add(a, b) / 2)
+    # Σ ±e_i = 0 and Σ ±e_i × x_i = 0: with alternating rates the loop stays closed
     for i, (axis, point) in enumerate(zip("yzxyzx", points, strict=True)):
         build.revolute(f"h{i}", names[i], names[i + 1], axis=_AXES[axis], at=point,
                        rate=rate * (-1) ** i)

@@ -107,6 +107,7 @@ def _heavy_top() -> Model:
     from ..generator.multibody.symbols import R, inertia, omega
 
     space = R * sp.Matrix([Ii * x for Ii, x in zip(inertia, omega, strict=True)])
+    # 147.15 = 15 kg · 9.81 m/s² · 1 m; R₃₂ is the height of the centre, which lies on axis 2
     return _model("bruels_top", sp.Rational("147.15") * R[2, 1],
                   {"Lz": space[2], "L2": inertia[1] * omega[1]}, _BRUELS,
                   ("0", "150", "-4.61538"))

@@ -83,6 +83,7 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
     ------
     StepFailed, CompilerError
     """
+    # the exact numbers of the model are rounded once; their double arithmetic would add errors
     model = problem.make().in_type(rounding("double"))
     for attempt in problem.attempts[:1] if quick else problem.attempts:
         watch(f"{problem.name}, {attempt.name}")
