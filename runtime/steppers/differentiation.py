@@ -66,7 +66,7 @@ class Derive:
     further: Derive | None = None
 
     @property
-    def of_others(self) -> Derive | None:
+    def beyond_first(self) -> Derive | None:
         """Derivation of modules beyond first derivatives; None if it is no longer known."""
         return self.further if self.known else self
 
@@ -113,7 +113,7 @@ class Differentiation(Evaluation):
                 "its derivatives were first used; make it with gyrospark.stepper(...).")
         files = self._derive.files()
         self._derive = Derive(partial(dict, files), portable=True, known=True,
-                              further=self._derive.of_others)
+                              further=self._derive.beyond_first)
         return files
 
     def _more_files(self, subject: str, **kinds: bool) -> dict[str, str]:
@@ -123,7 +123,7 @@ class Differentiation(Evaluation):
         of the error: "before its second derivatives were first used". Raises InputError for a
         stepper without a derivation.
         """
-        derive = self._derive.of_others if self._derive is not None else None
+        derive = self._derive.beyond_first if self._derive is not None else None
         if derive is None:
             raise InputError(
                 f"Stepper {self.name} was read from a file, or sent to this process before "
@@ -151,6 +151,7 @@ class Differentiation(Evaluation):
         """
         with self._deriving:
             if self._jumps is None:
+                # n differentiates φ_q and g_q again: its C is written with second derivatives
                 files = self._more_files("derivatives of its impacts were", second=True)
                 binding = self._bound(load_module(self.name, files, "jumps"))
                 if not hasattr(binding.lib, f"{self.name}_impacts_by_state"):
@@ -298,7 +299,7 @@ class Differentiation(Evaluation):
         if not as_flag("project", project):
             space.refuse_off(dz[: 2 * n, None])
         w = np.concatenate([binding.array("wq", wq, (n,)), binding.array("wp", wp, (n,))])
-        stepper: Any = self
+        stepper: Any = self  # a ``Stepper``, of which this class is a base
         slope = step_slope(stepper, run, space, single_step.end, single_step.unknowns,
                            np.ascontiguousarray(space.projected(dz[:, None])[:, 0]), w)
         labels = [*binding.parameter_names, "dt", "t0"]
@@ -410,7 +411,8 @@ class Differentiation(Evaluation):
         names = names_of(stepper, wrt)
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
         kinds = self._rows_of(run, solver)
-        # a last row that a point made is no end of a step, to which the steps could be compared
+        # the last row may be an event or a time within a step: then the repeated whole steps have
+        # no row that their end could be compared with
         ended = bool(kinds.points)
         q, p = full_states(run)
         return gradient_of(stepper, kinds.run, cotangents_of(stepper, kinds, cotangents), names,

@@ -128,7 +128,8 @@ class Dynamics(Differentiation):
         if joints is not None:
             return joint_inertia(motion, self._names("joints", joints))[0]
         H_pp = motion.inverse_mass()
-        # its inverse would have no right digit
+        # beyond 1/eps the inverse would have no right digit; of bodies H_pp is singular along q for
+        # γ → ∞ alone
         if np.linalg.cond(H_pp) * np.finfo(float).eps > 1:
             raise InputError(f"H_pp of {self.name} is singular at this state, so that velocities "
                              "do not determine momenta: there is no mass matrix of its "
@@ -279,7 +280,7 @@ class Dynamics(Differentiation):
         return StateMotion(self._motion_binding(), values, time, *state)
 
     def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:
-        """Return the checked parameters, in a frame at rest."""
+        """Return the checked parameters, in a frame at rest: there q̈ is that of the motion."""
         values = dict(self.check_parameters(parameters))
         at_rest = self.binding.number(Fraction(0))
         return values | {symmetry.name: at_rest for symmetry in self.symmetries}

@@ -264,6 +264,7 @@ def integrate_members(
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
     # impacts are refused in scaled time, so that there is no open end with them
     if impacts:
+        # runs backwards take elastic impacts alone: the smallest dt decides for all
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
                         tangents=tangents is not None and "tangents of an ensemble")
         return _each_alone(stepper, runs, impacts, threads_of(workers), progress)
@@ -364,7 +365,7 @@ def _with_last_parts(
             failures[i] = StepFailed(step=runs.first.steps + 1, t=failed.t, reason=failed.reason,
                                      trajectory=of_steps, detail=failed.detail, cure=failed.cure)
 
-    @cache
+    @cache  # events below and the caller's ``members`` ask for the same trajectory
     def member(i: int) -> Trajectory:
         """Return trajectory i, which has not failed, with its partial step."""
         joined = joined_with_part(

@@ -109,7 +109,7 @@ class RunDefaults:
 
     def as_json(self) -> dict[str, Any]:
         """Return a JSON value: a double, or text for a number with more digits."""
-        content = asdict(replace(self, visuals={}))
+        content = asdict(replace(self, visuals={}))  # shapes hold arrays, which JSON does not
         del content["visuals"]
         if self.visuals:
             content["visuals"] = {name: [shape.as_json() for shape in shapes]
@@ -150,7 +150,10 @@ def _exact_text(value: Any) -> str:
 
 
 def _exact_number(text: str) -> Any:
-    """Return the inverse of ``_exact_text``: a fraction, or the name of a parameter."""
+    """Return the inverse of ``_exact_text``: a fraction, or the name of a parameter.
+
+    Names begin with a letter or an underscore.
+    """
     return Fraction(text) if text[0].isdigit() or text[0] == "-" else text
 
 

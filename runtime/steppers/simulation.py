@@ -134,8 +134,8 @@ class ContinuedStep(AdvancingRun):
     ) -> None:
         """Begin as ``AdvancingRun`` does; ``arguments`` are those that each call repeats."""
         super().__init__(binding, run, work)
-        #: What the caller gave beside the state, as given: a call that gives the same goes on.
-        *self._given, self._given_parameters = *arguments[:-1], dict(arguments[-1])
+        #: The caller's arguments beside the state, before any check: equal ones need none again.
+        *self._arguments, self._parameters = *arguments[:-1], dict(arguments[-1])
 
     def continues(self, q: Any, p: Any, t0: Any, arguments: tuple[Any, ...]) -> bool:
         """Whether (q, p, t0) is the end of the last step, and the other arguments are the same."""
@@ -145,8 +145,8 @@ class ContinuedStep(AdvancingRun):
             and q.dtype == self.q.dtype and p.dtype == self.p.dtype
             and np.array_equal(q, self.q) and np.array_equal(p, self.p)
             and (self.binding.time is None or t0 == run.t0 + self.steps * run.dt)
-            and all(map(_same, arguments[:-1], self._given))
-            and _same_numbers(arguments[-1], self._given_parameters)
+            and all(map(_same, arguments[:-1], self._arguments))
+            and _same_numbers(arguments[-1], self._parameters)
         )
 
     def run_from(self, q: Any, p: Any, t0: Any) -> RunArguments:
@@ -257,7 +257,7 @@ class Simulation:
     def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
         """``record`` keeps all states, for ``trajectory``; else the present one alone."""
         self._stepper = stepper
-        self._held = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
+        self._run = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
         self._lock = threading.Lock()
         self.dt = run.dt
         self._present = _PresentState(self)
@@ -265,7 +265,7 @@ class Simulation:
         self._joints: dict[str | None, PresentJoint] = {}
 
     def __repr__(self) -> str:
-        size = f"{float(self.dt):.6g} s" + " of τ" * self._held.binding.clocked
+        size = f"{float(self.dt):.6g} s" + " of τ" * self._run.binding.clocked
         return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {size}, "
                 f"t = {float(self.t):.6g} s>")
 
@@ -296,14 +296,15 @@ class Simulation:
             After Ctrl-C in a call of many steps, as a ``KeyboardInterrupt``; the simulation is at
             the last step done.
         """
+        # a control loop takes a step a call: the usual numbers pass without the check
         if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
             steps = as_positive_count("steps", steps)
         values = self._inputs(inputs) if inputs else None
         self._acquire()
         try:
             if values is not None:
-                self._held.set_inputs(values)
-            status = self._held.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
+                self._run.set_inputs(values)
+            status = self._run.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
         finally:
             self._lock.release()
         if status:
@@ -321,11 +322,11 @@ class Simulation:
         InputError
             If ``t`` is no number, or lies behind the time that is reached.
         """
-        if self._held.binding.clocked:
+        if self._run.binding.clocked:
             raise InputError("advance_to(t) counts steps of one length, and steps in scaled time "
                              "adapt; call advance() until sim.t is there, or integrate(..., "
                              "t_end=...).")
-        steps = steps_until(t, self._held.run.t0, self.dt) - self.steps
+        steps = steps_until(t, self._run.run.t0, self.dt) - self.steps
         if steps < 0:
             raise InputError(f"t = {float(t):.15g} s lies behind {float(self.t):.15g} s, the time "
                              "that this simulation has reached; give a later time, or keep a "
@@ -334,11 +335,11 @@ class Simulation:
 
     def _inputs(self, inputs: Mapping[str, Number]) -> dict[str, Any]:
         """Return all parameters by name, with new values of some inputs; refuse other names."""
-        binding = self._held.binding
+        binding = self._run.binding
         for name in inputs:
             if name not in binding.input_names:
                 raise _no_input(name, binding.input_names)
-        return self._held.run.parameters | {
+        return self._run.run.parameters | {
             name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
 
     def _long(self, steps: int) -> int:
@@ -350,7 +351,7 @@ class Simulation:
         with catch_ctrl_c() as interrupts:
             while steps_done < steps and not status and not interrupts.requested:
                 count = min(pace.begin(), steps - steps_done)
-                status = self._held.advance(count)
+                status = self._run.advance(count)
                 pace.end(count)
                 steps_done += count
         if interrupts.requested and not status:
@@ -369,7 +370,7 @@ class Simulation:
     @property
     def steps(self) -> int:
         """Steps done since the start."""
-        return self._held.steps
+        return self._run.steps
 
     @property
     def t(self) -> Any:
@@ -377,30 +378,30 @@ class Simulation:
 
         In scaled time it is a coordinate.
         """
-        continued = self._held
-        if continued.binding.clocked:
-            return continued.binding.time_of(continued.q)
-        return continued.run.t0 + self.steps * self.dt
+        present_run = self._run
+        if present_run.binding.clocked:
+            return present_run.binding.time_of(present_run.q)
+        return present_run.run.t0 + self.steps * self.dt
 
     @property
     def q(self) -> Array:
         """Coordinates, shape (n,): a copy."""
-        return self._held.q[: self._held.binding.shown].copy()
+        return self._run.q[: self._run.binding.shown].copy()
 
     @property
     def p(self) -> Array:
         """Momenta, shape (n,): a copy."""
-        return self._held.p[: self._held.binding.shown].copy()
+        return self._run.p[: self._run.binding.shown].copy()
 
     @property
     def start(self) -> Start:
         """The state, the parameters and the inputs of now, from which another run may start."""
-        continued = self._held
-        parameters = continued.run.parameters
-        inputs = {name: parameters[name] for name in continued.binding.input_names}
+        present_run = self._run
+        parameters = present_run.run.parameters
+        inputs = {name: parameters[name] for name in present_run.binding.input_names}
         state = start_of_row(self.q, self.p, self.t, parameters, inputs)
-        if continued.binding.clocked:
-            state._excess = self._stepper.energy(state) + continued.p[-1]
+        if present_run.binding.clocked:
+            state._excess = self._stepper.energy(state) + present_run.p[-1]
         return state
 
     @property
@@ -420,7 +421,7 @@ class Simulation:
                               "step.start(..., record=True) for sim.trajectory.")
         self._acquire()
         try:
-            trajectory = self._held.trajectory(self._stepper.manifest)
+            trajectory = self._run.trajectory(self._stepper.manifest)
         finally:
             self._lock.release()
         return trajectory.made_by(self._stepper)
@@ -432,8 +433,8 @@ class Simulation:
         Energy errors leave out what a change of parameters does to H: ``energy_start`` changes
         with it.
         """
-        continued = self._held
-        return Report.read(continued.record, continued.q, continued.p, continued.binding)
+        present_run = self._run
+        return Report.read(present_run.record, present_run.q, present_run.p, present_run.binding)
 
     def body(self, name: str | None = None) -> PresentBody | PresentPlaced:
         """Return a rigid body at the present state, with the methods of ``run.body``.
@@ -497,7 +498,7 @@ class Simulation:
         values = self._inputs(inputs)
         self._acquire()
         try:
-            self._held.set_inputs(values)
+            self._run.set_inputs(values)
         finally:
             self._lock.release()
 
@@ -510,13 +511,14 @@ class Simulation:
             If the system has no quantity of that name.
         """
         column = place_of_quantity(self._stepper.manifest, name)
-        continued, t = self._held, self.t
-        binding = continued.binding
+        present_run, t = self._run, self.t
+        binding = present_run.binding
         time = binding.new(1)
         time[0] = t
-        parameters = binding.parameters(continued.run.parameters, t)
+        parameters = binding.parameters(present_run.run.parameters, t)
         # one state: row 0, with a column for each quantity
-        return binding.quantities(parameters, time, continued.q[None], continued.p[None])[0, column]
+        return binding.quantities(parameters, time, present_run.q[None],
+                                  present_run.p[None])[0, column]
 
     @property
     def parameters(self) -> Mapping[str, Any]:
@@ -530,11 +532,11 @@ class Simulation:
             As ``integrate`` does; also where the state is off the constraints with the new ones.
             The simulation then keeps the old ones.
         """
-        return FrozenDict(self._held.run.parameters)
+        return FrozenDict(self._run.run.parameters)
 
     @parameters.setter
     def parameters(self, parameters: Mapping[str, Number]) -> None:
-        present_run, stepper = self._held, self._stepper
+        present_run, stepper = self._run, self._stepper
         checked_parameters = stepper.check_parameters(parameters)
         if present_run.binding.clocked:
             raise InputError("A simulation in scaled time keeps its parameters: -H at its start is "
@@ -558,7 +560,7 @@ class Simulation:
     def copy(self) -> Simulation:
         """Return another simulation at the same state, with the same past: it takes the same steps.
         """
-        return _simulation(self._stepper, self._held.run, self._image(), self._records)
+        return _simulation(self._stepper, self._run.run, self._image(), self._records)
 
     __copy__ = copy
 
@@ -567,19 +569,19 @@ class Simulation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the stepper's sources and the bytes of the memory."""
-        return _unpickled, (self._stepper, self._stepper._provenance, self._held.run, self._image(),
+        return _unpickled, (self._stepper, self._stepper._provenance, self._run.run, self._image(),
                             self._records)
 
     @property
     def _records(self) -> bool:
         """Whether every state is kept."""
-        return isinstance(self._held, RecordingRun)
+        return isinstance(self._run, RecordingRun)
 
     def _image(self) -> tuple[Any, ...]:
         """Return state and memory of the run, as they are between two steps."""
         self._acquire()
         try:
-            return self._held.image
+            return self._run.image
         finally:
             self._lock.release()
 
@@ -590,23 +592,24 @@ class Simulation:
 
         Its trajectory has the states that the simulation keeps: the last one, or all.
         """
-        state, manifest, t, step_count = self._held, self._stepper.manifest, self.t, self.steps
-        run = replace(state.run, q=state.q.copy(), p=state.p.copy(),
-                      t0=state.run.t0 + step_count * state.run.dt, steps=step_count + 1,
+        present_run, manifest, step_count = self._run, self._stepper.manifest, self.steps
+        start, t = present_run.run, self.t
+        run = replace(start, q=present_run.q.copy(), p=present_run.p.copy(),
+                      t0=start.t0 + step_count * start.dt, steps=step_count + 1,
                       every=step_count + 2)
-        diagnosis = diagnose(state.binding, manifest, run, status, run.q, run.p, t)
-        return StepFailed(step=step_count + 1, t=float(t), trajectory=state.trajectory(manifest),
-                          **asdict(diagnosis))
+        diagnosis = diagnose(present_run.binding, manifest, run, status, run.q, run.p, t)
+        return StepFailed(step=step_count + 1, t=float(t),
+                          trajectory=present_run.trajectory(manifest), **asdict(diagnosis))
 
 
 class _PresentState:
     """The state of a simulation, as its bodies and joints read it: arrays of one state."""
 
     def __init__(self, simulation: Simulation) -> None:
-        self._simulation, self._held = simulation, simulation._held
+        self._simulation, self._run = simulation, simulation._run
         # Compiled code writes into these.
-        shown = self._held.binding.shown
-        self.q, self.p = self._held.q[:shown], self._held.p[:shown]
+        shown = self._run.binding.shown
+        self.q, self.p = self._run.q[:shown], self._run.p[:shown]
         self.manifest = simulation._stepper.manifest
         self.body, self.quantity = simulation.body, simulation.quantity
         self.quantities = tuple(self.manifest.system.quantities)
@@ -614,14 +617,15 @@ class _PresentState:
     @property
     def parameters(self) -> dict[str, Any]:
         """The parameters, as numbers."""
-        return self._held.run.parameters
+        return self._run.run.parameters
 
     def next_step(self) -> Trajectory:
         """Return the step that would follow; the simulation stays where it is."""
-        continued = self._held
-        run = replace(continued.run, q=continued.q.copy(), p=continued.p.copy(),
-                      t0=continued.run.t0 + continued.steps * continued.run.dt, steps=1, every=1)
-        return integrate(continued.binding, self.manifest, run)
+        present_run = self._run
+        start = present_run.run
+        run = replace(start, q=present_run.q.copy(), p=present_run.p.copy(),
+                      t0=start.t0 + present_run.steps * start.dt, steps=1, every=1)
+        return integrate(present_run.binding, self.manifest, run)
 
 
 class _InputValues(MutableMapping[str, Any]):
@@ -629,7 +633,7 @@ class _InputValues(MutableMapping[str, Any]):
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._names = simulation._held.binding.input_names
+        self._names = simulation._run.binding.input_names
 
     def __contains__(self, name: object) -> bool:
         return name in self._names
@@ -637,7 +641,7 @@ class _InputValues(MutableMapping[str, Any]):
     def __getitem__(self, name: str) -> Any:
         if name not in self._names:
             raise _no_input(name, self._names)
-        return self._simulation._held.run.parameters[name]
+        return self._simulation._run.run.parameters[name]
 
     def get(self, name: str, default: Any = None) -> Any:
         """Return the value of an input, or another one where there is none."""
@@ -671,7 +675,7 @@ def _simulation(
 ) -> Simulation:
     """Return a simulation with a copy of another one's memory."""
     simulation = Simulation(stepper, run, record)
-    simulation._held.image = image
+    simulation._run.image = image
     return simulation
 
 
@@ -695,7 +699,7 @@ def _unpickled(
 
 
 def _same(a: Any, b: Any) -> bool:
-    """Whether two arguments are equal and of one type."""
+    """Whether two arguments are equal and of one type; arrays, whose == is an array, never are."""
     return type(a) is type(b) and not isinstance(a, np.ndarray) and bool(a == b)
 
 

@@ -190,8 +190,9 @@ class Stepper(Dynamics):
         if input_rows is not None:
             previous_step.feed(input_rows.at(0))
         if previous_step.advance(1):
+            # without the memory of earlier steps the step may succeed; if not, it says why
             run = previous_step.run_from(q, p, t0).with_inputs(input_rows)
-            end = integrate(self.binding, self.manifest, run)  # says why, if it fails again
+            end = integrate(self.binding, self.manifest, run)
             return end.q[-1], end.p[-1]
         self._local.previous_step = previous_step
         return previous_step.q.copy(), previous_step.p.copy()
@@ -526,7 +527,7 @@ class Stepper(Dynamics):
         call without inputs and events is kept: an equal call takes its arguments from there.
         """
         (dt, steps), t_end = span_or_own(self.binding, start, span), span.t_end
-        own_events = events is None
+        has_default_events = events is None
         state = merged_start(self, start, p, parameters, impacts=True)
         events, names = events_or_own(start, events), self.manifest.system.event_quantities
         impacts = as_impacts(events, names, state.impacts)
@@ -548,7 +549,7 @@ class Stepper(Dynamics):
                     "rest": number(remainder)} if remainder else {}
         plan = Integration(changed(run, open_end=bool(end_event), **end_time), observed_events,
                            impacts, end_event)
-        if inputs is None and own_events:
+        if inputs is None and has_default_events:
             self._memory.keep(self, start, (*span, every, solver), parameters, state, plan)
         return plan
 
@@ -558,7 +559,7 @@ class Stepper(Dynamics):
     ) -> Trajectory:
         """Return a run streamed to the store ``out``; ``resume`` continues that of an old store."""
         inputs = plan.run.inputs
-        # an input has NaN (x != x) in place of one value throughout the run
+        # ``throughout`` has NaN, which is not equal to itself, for inputs of several values
         changing = inputs is not None and any(x != x for x in inputs.throughout.values())
         refuse_together(stored="a stored run (out)",
                         changing_inputs=changing and "inputs that change along the run",

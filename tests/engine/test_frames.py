@@ -290,7 +290,7 @@ def test_an_impulse_and_a_new_rate_are_in_the_callers_coordinates():
     held.parameters = numbers | {"omega_body": 60.0, "omega_space": -2.0}
     kick = np.array([0.0, 0.0, 0.0, 1e-3])
     kicked = step.project(held.q, held.p + kick, parameters=numbers)
-    held._held.p[:] = kicked[1]  # as a caller in C does
+    held._run.p[:] = kicked[1]  # as a caller in C does
     held.advance(20)
     fresh = step.integrate(*kicked, dt=2e-3, steps=20, parameters=held.parameters)
     assert abs(fresh.q[-1] - held.q).max() < 1e-12

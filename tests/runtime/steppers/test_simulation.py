@@ -251,8 +251,8 @@ def test_wrong_use_is_refused(gl3):
 
 def before_each_piece(sim, action, monkeypatch):
     """Do something before each piece of a long call."""
-    advance = sim._held.advance
-    monkeypatch.setattr(sim._held, "advance", lambda steps: (action(), advance(steps))[1])
+    advance = sim._run.advance
+    monkeypatch.setattr(sim._run, "advance", lambda steps: (action(), advance(steps))[1])
 
 
 def test_one_thread_at_a_time(gl3, monkeypatch):
@@ -383,7 +383,7 @@ def test_a_history_grows_as_a_list_does(gl3):
     sim, rooms = begun(gl3, record=True), set()
     for _ in range(500):
         sim.advance(1)
-        rooms.add(len(sim._held._rows.iterations))
+        rooms.add(len(sim._run._rows.iterations))
     assert len(rooms) <= 6
     assert max(rooms) < 2 * 500
     sim.advance(20_000)
