@@ -39,6 +39,7 @@ Frame = Literal["", "start", "auto"]
 Quantity = Literal["H", "E", "l3", "x", "z", "g", "qp"]
 _Value = TypeVar("_Value")
 
+
 @dataclass(frozen=True)
 class Case:
     """A run: problem, stepper, parameter, time step and frame.

@@ -220,6 +220,7 @@ def search(
     objective, x = min((_slide(floats, x, start_objective, largest_weight)
                         for start_objective, x in solutions[:10]), key=by_objective)
     for _ in range(hops):
+        # short steps refine the solution, long ones lead to another family
         y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), len(x)), largest_weight)
         if y is not None and floats.objective(y) < _WORTH * objective:
             y_objective, y = _slide(floats, y, floats.objective(y), largest_weight)

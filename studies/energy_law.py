@@ -113,6 +113,7 @@ def energy_law(s: int, top: BodyFrameTop) -> Law:
 
 def _as(top: BodyFrameTop, number: sp.Rational) -> Any:
     """Return a rational number in the arithmetic of the state: exact, or a float for arrays."""
+    # the entries of a state are polynomials of a ring, elements of ℚ itself, or NumPy's arrays
     domain = getattr(getattr(top.l[0], "ring", None), "domain", None)
     if domain is not None or isinstance(top.l[0], type(QQ(1, 2))):
         return QQ.from_sympy(number)

@@ -99,6 +99,7 @@ def stages_claim(norm: sp.Expr = 1) -> Claim:
     Lambda_gamma = Lambda_alpha + P_squared / (8 * gamma)
     differences = [D.diff(x).subs(on_node) for x in P]
     differences += [-D.diff(x) - 2 * x * Lambda_gamma + 2 * x * Lambda_alpha for x in Q]
+    # expanded first: only then does Q₀² stand alone, for which |Q|² = norm is put in
     holds = all(sp.expand(sp.expand(e).subs(on_node)) == 0 for e in differences)
     return Claim(
         "With Λ^γ = Λ^α + |P_i|²/(8γ) a stage with |Q_i| = 1 has the same k_i and the same force "

@@ -226,6 +226,7 @@ def _zero_claim(engine: Engine, sweep: ParameterSweep, x: list[float], y: list[f
 
     Only the number of zeros is claimed for schemes that are not in ``ZEROS``.
     """
+    # H₀ and l₃ at the start, and with them the floor, are the same for every γ
     floor = engine.floor(sweep.case(x[0]), sweep.quantity)
     zeros = crossing(x, y, floor)
     zero_text = " and ".join(f"1/γ = {zero:.1f}" for zero in zeros) or "nowhere"
