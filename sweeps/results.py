@@ -66,7 +66,8 @@ __all__ = [
 FORMAT = 1
 STATUS = "status"
 NOT_COMPUTED = -1
-BAD_START = 4
+#: Behind the statuses of compiled code, 1 to 7.
+BAD_START = 8
 CURE = "Finished cells are whole: mend it, and repeat the command with --resume."
 
 
@@ -309,7 +310,10 @@ def _named(dataset: xarray.Dataset) -> xarray.Dataset:
 
 
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
-    """Return the places of the tiles whose last array is on the disk."""
+    """Return the places of the tiles whose last array is on the disk.
+
+    Zarr writes chunk (i, j) of an array to the file ``c/i/j`` of its folder.
+    """
     root = path / STATUS / "c"
     return {tuple(map(int, p.relative_to(root).parts)) for p in _files(root)
             if all(name.isdigit() for name in p.relative_to(root).parts)}

@@ -16,6 +16,7 @@ from hypothesis import strategies as st
 import budget
 import gyrospark as gs
 import systems
+from gyrospark.runtime.bindings.binding import REASONS
 from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
@@ -183,6 +184,10 @@ def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
     words = result.status.attrs["flag_meanings"].split()
     assert words[result.status.attrs["flag_values"].index(int(lost.status))] in (
         "not_converged", "singular_matrix", "not_finite")
+
+
+def test_reasons_of_failed_steps_keep_their_status():
+    assert REASONS.items() <= meanings().items()
 
 
 @FAILURES
