@@ -24,6 +24,7 @@ from .tiles import Cells, Tile, cells_of
 
 __all__ = ["compute", "first_steps", "run_tiles"]
 
+#: Result → its name in the running record of compiled code; "hidden" is g_q H_p.
 _ERRORS = {"energy_error": "energy_error", "constraint": "constraint",
            "momentum_constraint": "hidden"}
 _MEMORY = threading.local()
@@ -281,6 +282,7 @@ def run_tiles(
     """
     for stepper in study.steppers:
         _ = stepper._binding_of_many  # compiled once, before threads ask for it
+    # two for each thread: a thread that is done has the next one while this thread writes
     submitted: dict[Future[dict[str, NDArray[Any]]], Tile] = {}
     pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
     try:

@@ -16,7 +16,8 @@ from .tiles import Tile, tile_counts, tile_shape
 
 __all__ = ["Estimate", "estimate"]
 
-#: Cells timed together, how many such samples, and steps of each.
+#: Cells timed together, enough for the lanes of any register; how many such samples, whose mean has
+#: a tenth of their standard deviation as its error; and steps of each.
 _CELLS, _SAMPLES, _STEPS = 16, 96, 200
 
 
@@ -65,7 +66,8 @@ def estimate(study: Study, fields: list[StoredField]) -> Estimate:
     tile_bytes = cell_bytes * math.prod(tile_shape(study))  # the last tile of an axis is padded
     return Estimate(
         study.size, tiles, steps, steps * mean, steps * max(mean - two_errors, 0.0),
-        steps * (mean + two_errors), tiles * tile_bytes, tiles * len(fields), 2 * tile_bytes,
+        steps * (mean + two_errors), tiles * tile_bytes, tiles * len(fields),
+        2 * tile_bytes,  # a thread computes one tile while its last one is written
     )
 
 

@@ -141,19 +141,7 @@ def checked_study(study: Study) -> Study:
                                  f"give states as the axis {START!r}, or rename the parameter.")
             _check_column(study, names, column, values)
     parameters = _checked_parameters(study)
-    if (study.steps is None) == (study.t_end is None):
-        raise InputError("Give a sweep either steps, the number for every cell, or t_end, the "
-                         "time of the end of every cell.")
-    counts: dict[str, Any] = {
-        "max_iterations": as_positive_count("max_iterations", study.max_iterations, minimum=1)}
-    for name in ("steps", "every"):
-        if getattr(study, name) is not None:  # both may be left out
-            counts[name] = as_positive_count(name, getattr(study, name), minimum=1)
-    study = replace(study, **counts)
-    if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:
-        raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")
-    if study.every is not None and study.steps is None:
-        raise InputError("every needs steps: with t_end cells have different numbers of them.")
+    study = _with_counts(study)
     name = study.step_name
     refuse_together(sweep="a sweep", open_end=name == "dtau" and study.t_end is not None
                     and "t_end in scaled time")
@@ -165,6 +153,23 @@ def checked_study(study: Study) -> Study:
                         and "numbers of type float128")
         stepper_of_scheme._refuse_solver(study.solver)
     return replace(study, parameters=parameters, dt=dt, t_end=t_end, events=_events(study))
+
+
+def _with_counts(study: Study) -> Study:
+    """Return a study whose steps, every and iterations are whole numbers; refuse unusable ones."""
+    if (study.steps is None) == (study.t_end is None):
+        raise InputError("Give a sweep either steps, the number for every cell, or t_end, the "
+                         "time of the end of every cell.")
+    counts: dict[str, Any] = {
+        "max_iterations": as_positive_count("max_iterations", study.max_iterations, minimum=1)}
+    for name in ("steps", "every"):
+        if getattr(study, name) is not None:  # both may be left out
+            counts[name] = as_positive_count(name, getattr(study, name), minimum=1)
+    if study.tolerance is not None and as_real("tolerance", study.tolerance) <= 0:
+        raise InputError(f"tolerance = {study.tolerance} is not positive; give none for round-off.")
+    if study.every is not None and study.steps is None:
+        raise InputError("every needs steps: with t_end cells have different numbers of them.")
+    return replace(study, **counts)
 
 
 def _checked_parameters(study: Study) -> dict[str, float]:
@@ -251,7 +256,7 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
     elif column == study.step_name:
         for unusable in (values[values == 0], values[~np.isfinite(values)]):
             if len(unusable):
-                as_step(float(unusable[0]), name=column)
+                as_step(float(unusable[0]), name=column)  # raises, as of a single run
     elif column not in (*_OWN, *names):
         choices = [*names, study.step_name, SCHEME, START]
         raise InputError(f"{column!r} is nothing that a sweep of {stepper.name} can vary; choose "

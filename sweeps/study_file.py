@@ -44,6 +44,7 @@ from .sweep_model import NamedModel
 
 __all__ = ["StudyFile", "load_study", "parse_study"]
 
+#: Some 10^6 numbers of lists of points, which a file may hold.
 _MOST_BYTES = 2**24
 _OPTIONS: dict[str, tuple[type, ...]] = {
     "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "frame": (str,),

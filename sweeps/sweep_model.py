@@ -119,7 +119,7 @@ def base_parameters(
     parameters: dict[str, Any] = {symmetry.name: 0.0 for symmetry in stepper.symmetries
                                   if symmetry.name not in varied}
     parameters |= {name: number_or_rule for name, number_or_rule in start.parameters.items()
-                             if name in stepper.parameter_domains}
+                   if name in stepper.parameter_domains}
     parameters |= parameter_values
     rules: dict[str, Rule] = {}
     for name in stepper.parameter_domains:

@@ -146,6 +146,7 @@ def _line_axis(shown: list[_Axis]) -> _Axis | None:
     few = [axis for axis in shown if len(axis) <= _LINES]
     if len(shown) < 2 or not few:
         return None
+    # names before numbers, which have an order that colours of lines would not show
     return min(few, key=lambda axis: (axis.numeric, len(axis)))
 
 
@@ -210,7 +211,10 @@ def _unevenness(values: Array) -> float:
 
 
 def _spread(values: Array) -> bool:
-    """Whether finite results are positive and the largest is more than 30 times the smallest."""
+    """Whether finite results are positive and the largest is more than 30 times the smallest.
+
+    Beyond, a linear scale shows the small ones, which matter of errors, as 0.
+    """
     finite = values[np.isfinite(values)]
     return bool(len(finite)) and bool((finite > 0).all()) and finite.max() > 30 * finite.min()
 
