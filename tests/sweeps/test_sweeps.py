@@ -255,7 +255,7 @@ def test_a_length_moves_the_start_of_its_cell():
 
 def test_cells_that_fail_are_counted_in_a_warning():
     states = {"q": [TOP.q0, 1.001 * TOP.q0], "p": [TOP.p0, TOP.p0]}
-    with pytest.warns(gs.errors.InputWarning, match="1 of 2 .*status 4"):
+    with pytest.warns(gs.errors.InputWarning, match=f"1 of 2 .*status {BAD_START}"):
         gs.sweep(TOP, {"start": states}, scheme="EMS", dt=1e-3, steps=5)
 
 
