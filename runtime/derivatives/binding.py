@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -177,9 +176,9 @@ class DerivativeBinding:
         return any(hasattr(self.own.lib, f"{prefix}{self.own.name}_{function}")
                    for prefix in ("", PREFIX))
 
-    def begin(self, run: RunArguments) -> KeptRun:
-        """Return a run to be kept, at its start."""
-        return KeptRun(self, run)
+    def begin(self, run: RunArguments, first: int = 0) -> KeptRun:
+        """Return a run to be kept, at its start, whose first step has the number ``first``."""
+        return KeptRun(self, run, first)
 
     def integrate_and_keep(self, run: KeptRun, count: int, q: Array, p: Array, x: Array) -> int:
         """Fill q and p, (count + 1, n), and x, (count, unknowns), with steps; return the status.
@@ -282,9 +281,9 @@ class DerivativeBinding:
 class KeptRun:
     """Run integrated piece by piece; the states and unknowns of every step are stored."""
 
-    def __init__(self, binding: DerivativeBinding, run: RunArguments) -> None:
-        """Begin at the start of ``run``."""
-        self.binding, self.run = binding, run
+    def __init__(self, binding: DerivativeBinding, run: RunArguments, first: int) -> None:
+        """Begin at the start of ``run``, whose first step has the number ``first``."""
+        self.binding, self.run, self.first = binding, run, first
         self.constants = run.constants(binding.own)
         self.state = RunState.at_start(binding.own, run.q, run.p)
 
@@ -295,24 +294,8 @@ class KeptRun:
 
     @property
     def steps_done(self) -> int:
-        """Steps so far."""
-        return self.state.steps
-
-    def go_on_from(self, steps: int, q: Array, p: Array) -> KeptRun:
-        """Return the run from the state (q, p) after ``steps`` steps.
-
-        Its solver has no history of earlier steps to predict from.
-        """
-        kept_run = KeptRun(self.binding, replace(self.run, q=q, p=p))
-        # 0 steps of the primal module initialise its memory, which is copied byte by byte
-        state, no_rows = kept_run.state, Rows.allocate(self.binding.own, 0)
-        primal = self.binding.primal
-        start = RunState.at_start(primal, q, p)
-        primal.integrate(self.run.constants(primal), 0, 1, start, no_rows)
-        for destination, source in ((state.record, start.record), (state.work, start.work)):
-            self.binding.own.image(destination)[:] = primal.image(source)
-        state.record.steps = steps
-        return kept_run
+        """The number of the next step."""
+        return self.first + self.state.steps
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
         """Return the next ``count`` steps, or those before the first that fails, and the status."""

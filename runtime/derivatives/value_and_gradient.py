@@ -74,45 +74,94 @@ class Objective:
 
     def __call__(self, x: ArrayLike) -> tuple[float, Array]:
         """Return the value and its gradient at x, shape (k,), in doubles."""
-        start, arguments = self._arguments(x)
-        run = self._stepper.integrate(start, **arguments, **self._span, **self._options)
+        variables = self._variables(x)
+        state, times, parameters, inputs = self._parts(variables)
+        moved_state = self._on_constraints(variables)
+        q, p = np.split(moved_state, 2)
+        run = self._stepper.integrate(
+            Start(q, p, t=times["t0"]), parameters=parameters, inputs=inputs, dt=times["dt"],
+            **self._span, **self._options)
         gradient = self._stepper.gradient(run, loss=self._loss, wrt=self._wrt, memory=self._memory,
                                           solver=as_solver(self._options["solver"]).kind)
+        by_state = np.concatenate([gradient.q, gradient.p])
+        names = np.repeat(np.array(self._wrt, object), [self._sizes[name] for name in self._wrt])
         # by coordinates of the basis at the first start: ``gradient.start`` has those of another
-        by_start = self._basis.T @ np.concatenate([gradient.q, gradient.p])
-        blocks = [by_start if name == "start" else np.ravel(np.asarray(gradient[name]))
-                  for name in dict.fromkeys(self._wrt)]
-        return float(gradient.value), np.concatenate(blocks).astype(float)
+        blocks = [self._basis.T @ by_state if name == "start"
+                  else np.ravel(np.asarray(gradient[name])) for name in dict.fromkeys(self._wrt)]
+        slopes = np.concatenate(blocks)
+        if self._moves(variables[names == "start"], state, moved_state):
+            for k in np.flatnonzero(~np.isin(names, ("inputs", "dt"))).tolist():
+                # the derivatives by parameters hold a state that is on the constraints
+                direct = 0 if names[k] == "start" else slopes[k]
+                slopes[k] = direct + by_state @ self._state_slope(variables, k, names[k])
+        return float(gradient.value), slopes.astype(float)
 
-    def _arguments(self, x: ArrayLike) -> tuple[Start, dict[str, Any]]:
-        """Return the start of the run at x, and its other arguments: parameters, inputs and dt.
-
-        Raises InputError for an x of another shape.
-        """
-        variables = as_numbers("x", x)
-        sizes = [self._sizes[name] for name in self._wrt]
-        if variables.shape != (sum(sizes),):
+    def _variables(self, x: ArrayLike) -> Array:
+        """Return x as an array; raise InputError for another shape."""
+        variables: Array = as_numbers("x", x)
+        size = sum(self._sizes[name] for name in self._wrt)
+        if variables.shape != (size,):
             raise InputError(f"x has the shape {variables.shape}; {', '.join(self._wrt)} are "
-                             f"{sum(sizes)} numbers.")
-        stepper, state, inputs = self._stepper, self._state, self._inputs
+                             f"{size} numbers.")
+        return variables
+
+    def _parts(self, variables: Array) -> tuple[Array, dict[str, Any], dict[str, Any], Any]:
+        """Return z₀ + B y, shape (2 n,), dt and t0, the parameters, and the inputs at x."""
+        state, inputs = np.concatenate(self._state), self._inputs
         times: dict[str, Any] = {"dt": self._dt, "t0": self._start.t}
         parameters = dict(self._start.parameters)
+        sizes = [self._sizes[name] for name in self._wrt]
         for name, block in zip(self._wrt, np.split(variables, np.cumsum(sizes)[:-1]), strict=True):
             if name == "start":
                 # coordinates of an orthonormal basis of the tangent space, 0 at the given start
-                z = np.concatenate(state) + self._basis @ block
-                state = z[: stepper.n], z[stepper.n :]
+                state = state + self._basis @ block
             elif name == "inputs":
                 inputs = Inputs(block.reshape(self._input_shape), self._hold)
             elif name in times:
                 times[name] = block[0]
             else:
                 parameters[name] = block[0]
-        # a parameter may move the constraints; the gradient has the derivative of this projection
-        if stepper.m and not {*self._wrt} <= {"inputs", *times}:
-            consistent_state = stepper.consistent(
-                *state, t=times["t0"],
-                parameters=stepper._parameters_with_inputs(parameters, self._inputs))
-            state = consistent_state.q, consistent_state.p
-        return Start(*state, t=times["t0"]), {"parameters": parameters, "inputs": inputs,
-                                              "dt": times["dt"]}
+        return state, times, parameters, inputs
+
+    def _on_constraints(self, variables: Array) -> Array:
+        """Return the state (q, p) at x, consistent(z₀ + B y), shape (2 n,)."""
+        state, times, parameters, _ = self._parts(variables)
+        stepper = self._stepper
+        # a parameter may move the constraints, and so may t0
+        if not stepper.m or {*self._wrt} <= {"inputs", "dt"}:
+            return state
+        return np.concatenate(stepper.project(
+            *np.split(state, 2), t=times["t0"],
+            parameters=stepper._parameters_with_inputs(parameters, self._inputs)))
+
+    def _moves(self, y: Array, state: Array, moved_state: Array) -> bool:
+        """Whether the derivative of consistent(z₀ + B y) is not that at a consistent state.
+
+        IMS and EMS differentiate no momenta of a start.
+        """
+        if not self._stepper.m or {*self._wrt} <= {"inputs", "dt"}:
+            return False
+        round_off = 64 * float(self._stepper.binding.epsilon)
+        sizes = np.abs(state.astype(float)) + np.abs(moved_state.astype(float))
+        changes = np.abs((moved_state - state).astype(float))
+        return bool(any(y) or not self._stepper._derivative_binding().keeps_momentum
+                    or changes.max() > round_off * sizes.max())
+
+    def _state_slope(self, variables: Array, k: int, name: str) -> Array:
+        """Return ∂(q, p)/∂x_k of the state at x, (2 n,), by differences of fourth order."""
+        length = float(np.linalg.norm(self._state[0].astype(float)) if name == "start"
+                       else abs(variables[k]))
+        # ε/h is the round-off of a difference, h⁴ its truncation
+        epsilon = max(float(self._stepper.binding.epsilon), np.finfo(float).eps)
+        h = (length or 1.0) * epsilon**0.2
+
+        def difference(times: int) -> Array:
+            """Return the difference of states 2 ``times`` h apart."""
+            higher, lower = variables.copy(), variables.copy()
+            higher[k] += times * h
+            lower[k] -= times * h
+            change: Array = self._on_constraints(higher) - self._on_constraints(lower)
+            return change
+
+        slope: Array = (8 * difference(1) - difference(2)) / (12 * h)
+        return slope

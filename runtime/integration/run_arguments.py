@@ -117,6 +117,13 @@ class RunArguments:
         return replace(self.at_step(self.steps), q=q.copy(), p=p.copy(), t0=t, dt=self.rest,
                        steps=1, every=1, inputs=None, stored_steps=None, rest=0, t_end=None)
 
+    def continued(self, steps: int, q: Array, p: Array) -> RunArguments:
+        """Return the run that begins in the state (q, p) after ``steps`` steps of this one."""
+        inputs = self.inputs
+        if inputs is not None and inputs.hold:
+            inputs = inputs.taken(np.zeros(1, int), np.array([steps]), max(1, self.steps - steps))
+        return replace(self, q=q, p=p, t0=self.t0 + steps * self.dt, inputs=inputs)
+
     def pilot(self, steps: int) -> Self:
         """Return the arguments of a short run from the same start, with the default solver."""
         return replace(self, steps=steps, every=1, solver="auto", tolerance=None,

@@ -514,7 +514,8 @@ class Differentiation(Evaluation):
             A function of the trajectory that returns its value and cotangents, as of ``gradient``.
         start, p, dt, t_end, steps, parameters, inputs, every, t_eval, events, solver
             As of ``integrate``: what x does not replace. With "start" in ``wrt`` the first
-            2 (n − m) numbers are y in z = consistent(z0 + B y), where B is the basis at (q, p).
+            2 (n − m) numbers are y in z = consistent(z0 + B y), where B is the basis at (q, p). The
+            derivative of consistent is a difference of fourth order where it moves a state.
         wrt : sequence of str
             What x is made of, in this order: "start", "inputs" (all rows, row by row), parameters,
             "dt", "t0".

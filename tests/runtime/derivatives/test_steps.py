@@ -153,7 +153,7 @@ def test_inputs_and_moving_constraints():
     f = step.value_and_gradient(loss, gs.Start(start.q, start.p, t=0.3), wrt=wrt,
                                 parameters=values, dt=0.02, steps=10,
                                 inputs=gs.Inputs(inputs, hold=2))
-    at = np.concatenate([[0.0, 0.0], inputs[:, 0], [values["l"], values["m"], 0.02]])
+    at = np.concatenate([[0.2, -0.1], inputs[:, 0], [values["l"], values["m"], 0.02]])
     _, gradient = f(at)
     for i, size in enumerate([1, 1, 1, 1, 1, 1, 1, 1, 1, 0.02]):
         e = np.zeros(len(at))

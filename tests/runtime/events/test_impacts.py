@@ -52,6 +52,12 @@ def _pendulum() -> gs.System:
         quantities={"gap": width - x2, "held": x1**2 + y1**2})
 
 
+def _hoisted() -> gs.System:
+    q, p = sp.symbols("x y", real=True), sp.symbols("u v", real=True)
+    return gs.System(q, p, (g,), sum(u**2 for u in p) / 2 + g * q[1], [
+        q[0]**2 + q[1]**2 - (1 + t / 9)**2], time=t, name="hoisted", quantities={"gap": 1 - q[0]})
+
+
 def _cradle() -> gs.System:
     q, p = sp.symbols("x1:6", real=True), sp.symbols("u1:6", real=True)
     return gs.System(q, p, (m,), sum(u**2 for u in p) / (2 * m), name="cradle", quantities={
@@ -64,7 +70,7 @@ SYSTEMS = {
         (z,), (pz,), (m, g, c, amplitude, omega), pz**2 / (2 * m) + m * g * z,
         name="dragged_ball", forces=(push - c * pz,), time=t, inputs=(push,),
         quantities={"floor": z, "wall": z - amplitude * sp.sin(omega * t), "roof": 1 - z}),
-    "pendulum": _pendulum(), "cradle": _cradle(),
+    "pendulum": _pendulum(), "cradle": _cradle(), "hoisted": _hoisted(),
     "tilted": systems.case("tilted").system}
 
 
@@ -503,6 +509,22 @@ def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
         unit = (np.arange(20) == step)[:, None]
         assert differences(lambda h, unit=unit: value(push=inputs + h * unit), 1e-3) == (
             pytest.approx(gradient["inputs"][step, 0], rel=1e-8, abs=1e-11))
+
+
+def test_derivatives_after_an_impact_on_constraints_that_move():
+    pendulum = differentiable("hoisted")
+
+    def moved(gravity=9.81, **options):
+        start = pendulum.consistent([0.5, -1.0], [5.0, 2.0], parameters={"g": 9.81}, t=0.3)
+        return pendulum.integrate(
+            gs.Start(start.q, start.p, {"g": gravity}, t=0.3), dt=0.03, steps=20,
+            events=gs.Impact("gap", restitution=0.8), **options)
+
+    run = moved(tangents=gs.Tangents(start=None, parameters=["g"]))
+    assert 0 < run.impacts["gap"].steps[0] < 18
+    exact = differences(lambda h: np.concatenate([(m := moved(9.81 + h)).q[-1], m.p[-1]]), 1e-3)
+    assert run.tangents["g"][-1] == pytest.approx(exact, rel=1e-9)
+    assert run.gradient({"q": np.array([1.0, 0.0])})["g"] == pytest.approx(exact[0], rel=1e-9)
 
 
 def test_a_moving_wall():
