@@ -15,6 +15,7 @@ from ...core.errors import InputError
 
 __all__ = ["Element", "read_xml"]
 
+#: MJCF nests bodies as deep as a robot's chains; readers here call themselves once a level.
 MAX_DEPTH = 64
 MAX_ELEMENTS = 50_000
 

@@ -69,7 +69,7 @@ class _Condition:
     """A condition with the formulas that it compares, whose bounds a choice inherits."""
 
     chooser: switching_functions.Chooser  # (yes, no) → the expression that chooses
-    known: bool | None  # whether it holds; None where it depends on symbols
+    holds: bool | None  # None where it depends on symbols
     compared: tuple[Value, ...]
 
 
@@ -108,7 +108,7 @@ def _parsed(
     arithmetic = _Formulas({**CONSTANTS, **names}, exponents)
     formula = parse_quantity(text, arithmetic, "a formula such as m*g*z", units).exact
     for number in formula.atoms(sp.Rational):
-        # doubles end at 2¹⁰²⁴ and 2⁻¹⁰²²
+        # doubles end at 2¹⁰²⁴ and 2⁻¹⁰²²; lengths in bits give log₂ to within 1
         if number != 0 and abs(int(number.p).bit_length() - int(number.q).bit_length()) > 1000:
             raise InputError(f"The formula {shorten(text)!r} contains a number of size "
                              f"{sp.N(number, 3)}, which no double can hold; choose other units.")
@@ -246,6 +246,7 @@ class _Formulas:
         chooser = switching_functions.COMPARISONS[sign](a.exact, b.exact)
         if not a.is_number or not b.is_number:
             return _Condition(chooser, None, (a, b))
+        # a < b as (sign of a − b) < 0: the sign is certain, whatever roots the numbers contain
         order = sp.Integer(numbers.order(a, b))
         compare = switching_functions.COMPARISONS[sign]
         holds = compare(order, sp.Integer(0))(sp.Integer(1), sp.Integer(0))
@@ -255,9 +256,9 @@ class _Formulas:
         """Return conditions joined by ``and`` or ``or``; those that are decided need no code."""
         # one true condition decides "or", one false condition decides "and"
         ends = word == "or"
-        if any(c.known is ends for c in conditions):
+        if any(c.holds is ends for c in conditions):
             return _Condition(conditions[0].chooser, ends, ())
-        undecided = [c for c in conditions if c.known is None]
+        undecided = [c for c in conditions if c.holds is None]
         if not undecided:
             return _Condition(conditions[0].chooser, not ends, ())
         together = switching_functions.some if ends else switching_functions.every
@@ -266,8 +267,8 @@ class _Formulas:
 
     def choose(self, condition: _Condition, yes: Value, no: Value) -> Value:
         """Return yes or no if the condition is decided, else the formula that chooses."""
-        if condition.known is not None:
-            return yes if condition.known else no
+        if condition.holds is not None:
+            return yes if condition.holds else no
         # the compared formulas count in the bounds; the condition's own expression contains them
         parts = (*condition.compared, yes, no)
         return _formula(parts, 0, sum(a.terms for a in parts),

@@ -237,7 +237,8 @@ class MjcfBuilder(RobotBuilder):
         """Add V = (2/h) Σ B_k (u_k − u°_k)² of neighbours, w + u = q̄_a q_b, as in ``beam``.
 
         q_a and q_b are the attitudes of the sections, h is the distance of the bodies' origins, and
-        u° is the strain in the file's pose, 0 for a cable that is flat.
+        u° is the strain in the file's pose, 0 for a cable that is flat. u = sin(θ/2) e for a turn
+        by θ about e, so that V is ½ (B/h) θ² for small θ.
         """
         numbers = {body.name: k for k, body in enumerate(self.robot.bodies)}
         names = ("twisting", "bending1", "bending2")

@@ -118,6 +118,18 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
     _allow(composite, _COMPOSITE)
     if initial not in ("ball", "free", "none"):
         raise _refusal(composite, f"has initial={shown(initial)}; choose ball, free or none.")
+    parts = _parts(composite)
+    form, sizes = _form(composite, parts["geom"])
+    twist, bend, is_flat = _material(composite, instances)
+    J, I_y, I_z = _section(form, sizes)
+    names = [f"{values.get('prefix', '')}B_{k}" for k in _labels(len(_curve(composite)) - 1)]
+    cable = MjcfCable(values.get("prefix", "") + "cable", tuple(names),
+                      (twist * J, bend * I_y, bend * I_z), is_flat)
+    return _bodies(composite, initial, parts, form, sizes), cable
+
+
+def _parts(composite: Element) -> dict[str, dict[str, str]]:
+    """Return the attributes that all joints, geoms and sites of a cable have, by kind of part."""
     parts: dict[str, dict[str, str]] = {"joint": {}, "geom": {}, "site": {}}
     for child in composite.children:
         if child.name in parts:
@@ -129,21 +141,21 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
                                  if key != "kind"}
         elif child.name not in ("plugin", "skin"):
             raise _refusal(child, "is no part of a cable; remove it.")
-    # the section: a radius, or a box whose first size is half the length, which the curve gives
-    form, sizes = parts["geom"].get("type", "sphere"), parts["geom"].get("size", "")
-    numbers = _numbers(composite, "size of its geom", sizes)
+    return parts
+
+
+def _form(composite: Element, geom: Mapping[str, str]) -> tuple[str, list[float]]:
+    """Return the type of a cable's geoms and its sizes in m; refuse other types and sizes."""
+    form, text = geom.get("type", "sphere"), geom.get("size", "")
+    sizes = _numbers(composite, "size of its geom", text)
     count = 3 if form == "box" else 1
-    if form not in ("capsule", "cylinder", "box") or len(numbers) < count or not all(
-            x > 0 for x in numbers[count == 3:count]):
-        raise _refusal(composite, f"has a geom of type {shown(form)} and size {shown(sizes)}; "
+    # a box's first size is half its length, which the curve gives: it alone need not be above 0
+    if form not in ("capsule", "cylinder", "box") or len(sizes) < count or not all(
+            x > 0 for x in sizes[count == 3:count]):
+        raise _refusal(composite, f"has a geom of type {shown(form)} and size {shown(text)}; "
                        "write a capsule or cylinder with its radius, or a box with three sizes, "
                        "above 0.")
-    twist, bend, is_flat = _material(composite, instances)
-    J, I_y, I_z = _section(form, numbers)
-    names = [f"{values.get('prefix', '')}B_{k}" for k in _labels(len(_curve(composite)) - 1)]
-    cable = MjcfCable(values.get("prefix", "") + "cable", tuple(names),
-                      (twist * J, bend * I_y, bend * I_z), is_flat)
-    return _bodies(composite, initial, parts, form, numbers), cable
+    return form, sizes
 
 
 def _allow(element: Element, names: Iterable[str]) -> None:
@@ -245,7 +257,7 @@ def _curve(composite: Element) -> Array:
     edges = np.diff(points, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     tangents = edges / np.where(lengths, lengths, 1)[:, None]
-    # frames are carried along by the shortest rotations, which do not exist from t to −t
+    # frames are carried along by the shortest rotations, which divide by 1 + a·b (``_frames``)
     if not (lengths > 1e-12 * np.abs(points).max()).all() or not all(
             a @ b > -1 + 1e-6 for a, b in pairwise(tangents)):
         raise _refusal(composite, "has points of its curve that coincide, or a curve that turns "

@@ -144,6 +144,7 @@ def _weighs(spec: Any, geom: Any) -> bool:
         return False
     if not lowest <= geom.group <= highest:
         return False
+    # MuJoCo has NaN for a mass that the file does not give
     return bool(geom.density if np.isnan(geom.mass) else geom.mass)
 
 

@@ -384,18 +384,12 @@ class _Reader:
         m, robot = self.m, self.robot
         group = int(m.actuator_group[k])
         passive = m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any()
-        # a disabled actuator does nothing; its armature and damping act nevertheless
+        # a disabled actuator does nothing; its armature and damping act nevertheless; groups from 0
+        # to 30 have a bit in ``disableactuator``
         if not passive and ("actuation" in robot.off or (
                 0 <= group <= 30 and m.opt.disableactuator >> group & 1)):
             return
-        kind, target = self._kind("mjtTrn", m.actuator_trntype[k]), int(m.actuator_trnid[k][0])
-        acts: tuple[tuple[str, float], ...] = ()
-        if kind in ("joint", "jointinparent"):
-            joint = self._joint_names[target]
-            if robot.joints[joint].kind in ("hinge", "slide"):
-                acts = ((joint, 1.0),)
-        elif kind == "tendon":
-            acts = [*robot.tendons.values()][target].joints
+        joints = self._driven_joints(k)
         gains, biases = (self._kind(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
                          for law in ("gain", "bias"))
         gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
@@ -404,7 +398,7 @@ class _Reader:
                        or m.actuator_plugin[k] >= 0 or m.actuator_delay[k]
                        or m.actuator_history[k].any()
                        or passive or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
-        if unsupported or not acts:
+        if unsupported or not joints:
             robot.extras["actuator"] += 1
             return
         control = int(m.actuator_ctrladr[k])
@@ -412,9 +406,22 @@ class _Reader:
             m.actuator_ctrllimited[control] and "clampctrl" not in robot.off))
         b0, b1, b2 = map(float, bias[:3] if biases == "affine" else np.zeros(3))
         robot.actuators.append(MjcfActuator(
-            self._actuator_names[k], control, acts,
+            self._actuator_names[k], control, joints,
             float(m.actuator_gear[m.actuator_outadr[k]][0]), float(gain[0]), (b0, b1, b2),
             float(gain[2]) if gains == "affine" else 0.0))
+
+    def _driven_joints(self, k: int) -> tuple[tuple[str, float], ...]:
+        """Return (name, coefficient) of the joints whose sum actuator k drives; () for others."""
+        m, robot = self.m, self.robot
+        kind, target = self._kind("mjtTrn", m.actuator_trntype[k]), int(m.actuator_trnid[k][0])
+        if kind == "tendon":
+            return [*robot.tendons.values()][target].joints
+        if kind in ("joint", "jointinparent"):
+            joint = self._joint_names[target]
+            # ball and free joints have no single coordinate along which to act
+            if robot.joints[joint].kind in ("hinge", "slide"):
+                return ((joint, 1.0),)
+        return ()
 
     def _equality(self, k: int) -> None:
         """Add equality k with its two ends: placements of bodies or sites, joints or tendons.

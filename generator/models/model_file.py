@@ -190,7 +190,7 @@ def _read(
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(
             "parameters") and name not in mentioned])
-    # errors of the builders do not know the file
+    # errors of the builders do not know the file, those of its keys name it
     except InputError as error:
         if str(error).startswith("The model file"):
             raise

@@ -83,7 +83,7 @@ from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude, read_rep
 from .toml_tables import TomlTable
 
-__all__ = ["finished", "join", "read_bodies", "telling"]
+__all__ = ["build_from", "finished", "join", "read_bodies"]
 
 MAX_BODIES = 100
 MAX_SEGMENTS = 1000
@@ -93,7 +93,7 @@ POINTS = ("on_a", "on_b")
 JOINTS = {kind: inspect.signature(getattr(Multibody, kind)).parameters
           for kind in (*KINDS, "gear", "couple", "flywheel")}
 #: Keys of a table of [[beams]].
-BEAM = {key: one for key, one in inspect.signature(Multibody.beam).parameters.items()
+BEAM = {key: parameter for key, parameter in inspect.signature(Multibody.beam).parameters.items()
         if key != "self"}
 #: Type of a force → its keys besides name, type and bodies, or joints.
 FORCES = {
@@ -129,18 +129,18 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     if has_points:
         _parameters(builder, formulas)
     for table in content.tables("points"):
-        bodies[table.text("name", "")] = telling(
-            table, lambda table: _point(builder, table, formulas), table)
+        bodies[table.text("name", "")] = build_from(
+            table, lambda table: _point(builder, table, formulas))
     for table in content.tables("joints"):
-        telling(table, lambda table: join(builder, bodies, table), table)
+        build_from(table, lambda table: join(builder, bodies, table))
     # from here on, formulas may also have coordinates, measures of joints and momenta
     position, motion = _names(builder, bodies, formulas.parameters)
     if not has_points:
         _parameters(builder, formulas)
     for table in content.tables("drives"):
-        telling(table, lambda table: _drive(builder, table, formulas), table)
+        build_from(table, lambda table: _drive(builder, table, formulas))
     for table in content.tables("forces"):
-        telling(table, lambda table: _force(builder, bodies, table, formulas, motion), table)
+        build_from(table, lambda table: _force(builder, bodies, table, formulas, motion))
     # t is the time, unless the file has a parameter of this name
     time = {} if "t" in formulas.parameters else {"t": builder.time}
     _add_impacts(content, builder, bodies, formulas, position | time)
@@ -161,9 +161,9 @@ def _add_other_frames(
     """Add point masses, rotors and beams; ``bodies``, frames by name, gets theirs."""
     for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
         for table in content.tables(kind):
-            bodies[table.text("name", "")] = telling(table, partial(make, builder, bodies), table)
+            bodies[table.text("name", "")] = build_from(table, partial(make, builder, bodies))
     for table in content.tables("beams"):
-        beam = telling(table, lambda table: _beam(builder, table, rep), table)
+        beam = build_from(table, lambda table: _beam(builder, table, rep))
         bodies |= {frame.name: frame for frame in (*beam.segments, beam.first, beam.last)}
 
 
@@ -174,10 +174,10 @@ def _add_impacts(
     """Add contacts, latches and stops; ``position`` has the names that gaps may contain."""
     for kind, number_key in (("contacts", "restitution"), ("latches", "close")):
         for table in content.tables(kind):
-            telling(table, partial(_contact, builder, bodies, formulas=formulas,
-                                   position=position, number_key=number_key), table)
+            build_from(table, partial(_contact, builder, bodies, formulas=formulas,
+                                      position=position, number_key=number_key))
     for table in content.tables("stops"):
-        telling(table, lambda table: _stop(builder, table, formulas), table)
+        build_from(table, lambda table: _stop(builder, table, formulas))
 
 
 def finished(builder: Multibody, content: TomlTable) -> Model:
@@ -232,7 +232,7 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
                     "angular_velocity")
         table.require("name", "mass", "inertia")
         name = table.symbol("name", table.text("name"))
-        frames[name] = telling(table, lambda table: _body(builder, table, rep), table)
+        frames[name] = build_from(table, lambda table: _body(builder, table, rep))
     return frames
 
 
@@ -294,11 +294,12 @@ def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
                         **values)
 
 
-def telling(table: TomlTable, build: Callable[[TomlTable], Any], argument: TomlTable) -> Any:
-    """Return ``build(argument)``; an InputError of it gets the file and the table."""
+def build_from(table: TomlTable, build: Callable[[TomlTable], Any]) -> Any:
+    """Return ``build(table)``; an InputError of it gets the file and the table."""
     try:
-        return build(argument)
+        return build(table)
     except InputError as problem:
+        # an error of the table's own keys names file, table and key already
         if str(problem).startswith("The model file"):
             raise
         raise table.file_error(f"{table.where}{problem}") from None

@@ -262,6 +262,7 @@ class RobotBuilder:
         """Place the bodies of a robot at the coordinates of ``start``, and name its joints."""
         self.robot, self.start, self.rep = robot, start, rep
         self.poses = place_bodies(robot, start.coordinates)
+        # a file of robots has a time step at most, and no length of a run
         self.builder = Multibody(
             _system_name(robot.name), gravity=robot.gravity, dt=robot.dt,
             steps=None if robot.dt is None else 1000,
@@ -399,9 +400,10 @@ class RobotBuilder:
                                    inertia=first.armature)
                 return
             line: dict[str, Any] = {"at": points[0], "axis_in_space": axes[0]}
-            self._know(first, build.revolute(name, *ends, **line, angle=coordinate)
-                       if first.kind == "hinge" else
-                       build.prismatic(name, *ends, **line, travel=coordinate))
+            self._set_coordinate(
+                first, build.revolute(name, *ends, **line, angle=coordinate)
+                if first.kind == "hinge" else
+                build.prismatic(name, *ends, **line, travel=coordinate))
         # coordinates with inertias of their own need no bodies between the joints
         elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
             self._chain(limb, ends, axes, points)
@@ -411,7 +413,7 @@ class RobotBuilder:
                 "in a row, and not each has an inertia; write armature=\"…\" above 0 for each, or "
                 f"a {robot.part} with mass between them.")
 
-    def _know(self, joint: RobotJoint, link: Connection) -> None:
+    def _set_coordinate(self, joint: RobotJoint, link: Connection) -> None:
         """Store the connection with the coordinate of a joint: ``link``, or a flywheel on it.
 
         A joint with armature has the flywheel, whose angle counts full turns.
@@ -494,15 +496,15 @@ class RobotBuilder:
             if normal is None or abs(normal @ axes[-1]) < 1 - _SAME:
                 return False
             angle = float(self.start.coordinates[joints[-1].name][0])
-            self._know(joints[-1], build.planar(name, *ends, axis_in_space=axes[-1], at=point,
-                                                angle=angle))
+            self._set_coordinate(joints[-1], build.planar(
+                name, *ends, axis_in_space=axes[-1], at=point, angle=angle))
         else:
             build._join(Translation(name, *ends, at=point, normal=normal))
         # d = Σ s_i e_i has s_i = d · dual_i
         duals = np.linalg.pinv(directions).T
         for joint, dual in zip(joints, duals, strict=False):
             label = self.joint_names.free(f"{joint.name}_slide")
-            self._know(joint, build._join(Slide(
+            self._set_coordinate(joint, build._join(Slide(
                 label, *ends, at=point, hinge=Align(label, *ends, unit(dual)),
                 scale=float(np.linalg.norm(dual)),
                 travel=float(self.start.coordinates[joint.name][0]))))
@@ -671,4 +673,5 @@ def plain_name(name: str) -> str:
 def _system_name(name: str) -> str:
     """Return a robot's name as a system's: lower case, 40 characters, no keyword, no built-in."""
     plain = plain_name(name.lower())[:40].rstrip("_")
+    # with "_robot", 40 characters again
     return f"{plain[:34]}_robot" if plain in KEYWORDS or plain in SYSTEMS else plain

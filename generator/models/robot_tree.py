@@ -285,6 +285,7 @@ def turn(axis: Floats, angle: float) -> Floats:
     """Return the rotation about a unit axis e: R = 1 + sin φ K + (1 − cos φ) K², K v = e × v."""
     x, y, z = axis
     K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    # 1 − cos φ = 2 sin²(φ/2), whose digits do not cancel for small angles
     R: Floats = np.eye(3) + math.sin(angle) * K + 2 * math.sin(angle / 2) ** 2 * K @ K
     return R
 

@@ -37,7 +37,7 @@ from ..multibody.multibody import Multibody
 from ..parsing.text_file import is_robot, model_text
 from .bounded_xml import read_xml
 from .mjcf_builder import parse_mjcf
-from .multibody_file import finished, join, telling
+from .multibody_file import build_from, finished, join
 from .robot_options import MjcfOptions, SdfOptions, UrdfOptions
 from .robot_tree import IDENTITY, Mount
 from .sdf import parse_sdf
@@ -235,13 +235,14 @@ class Loops:
             return join(builder, frames, table, builder_arguments)
 
         for table in self.content.tables("joints"):
-            telling(table, close_loop, table)
+            build_from(table, close_loop)
 
     def model(self, builder: Multibody) -> Model:
         """Return the model, without the constraints that the file leaves out."""
         try:
             return finished(builder, self.content)
         except InputError as error:
+            # an error of a key names the file already
             if str(error).startswith("The model file"):
                 raise
             raise self.content.file_error(str(error)) from None

@@ -64,7 +64,8 @@ KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "ball
          "fixed": ""}
 _MODEL = "__model__"
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
-#: Gravity in m/s² of a <world> without <gravity>, by the standard, and of a file without a world.
+#: Gravity in m/s² of a <world> without <gravity>, by the standard, and of a file without a world,
+#: about which the standard says nothing: that of all other models here.
 _STANDARD, _USUAL = [0.0, 0.0, -9.8], [0.0, 0.0, -9.81]
 
 
@@ -195,7 +196,7 @@ class _Scopes:
         """Return the elements of a kind by name."""
         return {name: e for name, e in self.elements.items() if e.name == kind}
 
-    def seen(self, name: str, owner: str) -> str:
+    def resolve(self, name: str, owner: str) -> str:
         """Return the name of an element that ``owner`` refers to by ``name``.
 
         Elements of the world call the model and its parts MODEL and MODEL::PART.
@@ -225,7 +226,9 @@ class _Scopes:
         home = "world" if name == _MODEL or name in self.outside else _MODEL
         default = _text(element, "child") if element.name == "joint" else element.attributes.get(
             "attached_to") or home
-        above = self.seen(attributes.get("relative_to") or attributes.get("frame") or default, name)
+        # relative_to was called frame before version 1.7
+        above = self.resolve(
+            attributes.get("relative_to") or attributes.get("frame") or default, name)
         placement = self.place(above, (*below, name)).then(_pose(pose))
         placement_frame = element.attributes.get("placement_frame") if name == _MODEL else None
         if placement_frame:
@@ -256,7 +259,7 @@ class _Scopes:
         home = "world" if name in self.outside else _MODEL
         above = _text(element, "child") if element.name == "joint" else element.attributes.get(
             "attached_to") or home
-        return self.link(self.seen(above, name), (*below, name))
+        return self.link(self.resolve(above, name), (*below, name))
 
 
 def _read(
@@ -337,7 +340,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     if kind not in KINDS:
         raise InputError(f"line {element.line}: the type of joint {shown(name)} is {shown(kind)}; "
                          f"choose {listed(KINDS)}{proposal(kind, KINDS)}.")
-    parent, child = (scopes.link(scopes.seen(_text(element, end), name))
+    parent, child = (scopes.link(scopes.resolve(_text(element, end), name))
                      for end in ("parent", "child"))
     axis = element.first("axis") if KINDS[kind] in ("hinge", "slide") else None
     if axis is None:  # a ball or fixed joint needs none; the standard gives others the axis z
@@ -347,7 +350,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     model = axis.first("use_parent_model_frame")
     expressed_in = "" if xyz is None else xyz.attributes.get("expressed_in", "")
     in_model = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
-    frame = scopes.seen(expressed_in, name) if expressed_in else (
+    frame = scopes.resolve(expressed_in, name) if expressed_in else (
         _MODEL if in_model or scopes.version in ("1.3", "1.4") else name)
     if frame not in scopes.places:
         raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "

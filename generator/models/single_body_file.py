@@ -227,7 +227,8 @@ def read_attitude(table: TomlTable) -> list[float] | None:
     return unit(quaternion) if quaternion else R.tolist()
 
 
-#: Digits of the arithmetic in which attitudes and momenta are computed: wide steppers take them.
+#: Digits of the arithmetic in which attitudes and momenta are computed: more than the 36 that the
+#: widest type of steppers, float128, can tell apart.
 _DIGITS = 50
 
 

@@ -49,6 +49,7 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
 
 def _typed(text: str) -> float:
     """Return a number of TOML as a double that keeps the exact value of its decimals."""
+    # TOML allows "_" between digits, as in 1_000.5
     number = decimal(text.replace("_", ""))
     return Rounded(number) if isinstance(number, Fraction) else float(text)
 

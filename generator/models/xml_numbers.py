@@ -20,6 +20,7 @@ __all__ = ["NUMBER", "UNLIMITED", "attribute_of", "numbers_of", "parse_numbers",
 NUMBER = re.compile(r"[+-]?(\d{1,40}\.?\d{0,40}|\.\d{1,40})([eE][+-]?\d{1,3})?", re.ASCII)
 #: Ends of ranges beyond this, in rad or m, do not exist.
 UNLIMITED = 1e9
+#: As a number beyond UNLIMITED: the default ends of ranges in earlier versions of SDF.
 _ENDLESS = {"inf": "1e16", "+inf": "1e16", "-inf": "-1e16"}
 
 
