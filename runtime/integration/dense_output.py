@@ -31,7 +31,8 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["between", "epsilon_of_times", "partial_steps", "places_of", "refuse_forgotten",
-           "refuse_impacts", "refuse_of_another", "run_together", "stored_steps_at"]
+           "refuse_impacts", "refuse_of_another", "run_together", "stored_steps_at",
+           "times_reached"]
 
 #: Newton's steps to a time in scaled time, at most: three or four are usual.
 _NEWTON = 12
@@ -226,6 +227,14 @@ def stored_steps_at(
     # row 1 of ``ends`` is the end of the run; a time there counts no steps from the start
     stored_steps = np.unique(np.append(places.steps[places.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
+
+
+def times_reached(stepper: Stepper, trajectory: Trajectory, times: ArrayLike) -> Array:
+    """Return those of the times that are not behind the last row of a run."""
+    t, end = _times(stepper, times), trajectory.t[-1]
+    ahead = 1 if trajectory.dt > 0 else -1
+    reached: Array = t[ahead * (t - end) <= _rounding_of_times(stepper, end, 0)]
+    return reached
 
 
 @dataclass(frozen=True)

@@ -321,7 +321,8 @@ class Stepper(Dynamics):
             Store every so many steps, and the last.
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
-            ``Trajectory.at``. They lie between the start and the end of the run, in any order.
+            ``Trajectory.at``. They lie between the start and the end of the run, in any order. Of a
+            run that an event ends, those behind the event are left out.
         events : Event, or a list of them, optional
             Where a quantity crosses a level: in ``Trajectory.events`` by name. By default those of
             a model; ``()`` looks for none. Every step is looked at, stored or not; a crossing is
@@ -406,7 +407,15 @@ class Stepper(Dynamics):
             trajectory = ended_between(self, run, observed_events, trajectory)
         trajectory = trajectory.made_by(self, Origin(
             run, () if plan.impacts else observed_events, rest=run.rest, impacts=plan.impacts))
-        return trajectory if t_eval is None else self._at(trajectory, t_eval)
+        if t_eval is None:
+            return trajectory
+        # impacts may end a run, where a gap stays closed; the times were checked against its steps
+        if plan.impacts or any(event.terminal and len(trajectory.events.get(event.name, ()))
+                               for event in observed_events):
+            from ..integration.dense_output import times_reached
+
+            t_eval = times_reached(self, trajectory, t_eval)
+        return self._at(trajectory, t_eval)
 
     def _steps_of(self, plan: Integration, run: RunArguments, progress: Progress) -> Trajectory:
         """Return the whole steps of a plan, with its events.

@@ -128,6 +128,9 @@ def test_a_terminal_event_ends_the_run() -> None:
     assert found.report == same.report
     rows = found.report.steps // 7 + 1
     assert np.array_equal(found.q[:rows], same.q[:rows])
+    at = step.integrate(*start(), **run, t_eval=[1.0, end - 1e-3, end + 1e-3, 40.0], events=[stop])
+    assert np.array_equal(at.t, [1.0, end - 1e-3])
+    assert np.allclose(at.q, found.at([1.0, end - 1e-3]).q, rtol=0, atol=1e-14)
 
 
 def test_a_terminal_event_that_only_dips() -> None:
