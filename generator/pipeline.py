@@ -22,7 +22,7 @@ from .schemes.named_schemes import scheme_named
 from .schemes.splitting_scheme import SplittingScheme, splitting_scheme
 from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
 from .spec import Spec, join_name
-from .symmetry.frame_symmetries import frame_of
+from .symmetry.frame_symmetries import CoMovingFrame, frame_of
 from .systems.integrable_rows import warn_of_row_integrals
 from .systems.redundant_constraints import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
@@ -100,10 +100,10 @@ def generate(
             spec.frame or (model is not None and model.frame)) and "a co-moving frame")
     framed = spec.frame or ("" if system is not None or model is None else model.frame)
     options = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
-             "frame": bool(framed) and "a co-moving frame",
-             "derivatives": (derivatives or second) and "derivatives of steps and runs",
-             "energy": spec.energy and "exact energy (energy = True)",
-             "structured": bool(structured) and "loops over element templates"}
+               "frame": bool(framed) and "a co-moving frame",
+               "derivatives": (derivatives or second) and "derivatives of steps and runs",
+               "energy": spec.energy and "exact energy (energy = True)",
+               "structured": bool(structured) and "loops over element templates"}
     refuse_together(**options)
     if system is None and spec.model is None and spec.system not in SYSTEMS:
         model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
@@ -113,12 +113,8 @@ def generate(
         refuse_kinks(system)
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
-    # 2. normal form, on which everything below depends; scaled time; co-moving frame
-    system = scaled(canonical(system))
-    frame = frame_of(system) if framed else None
-    if frame is not None:
-        system = frame.moving(system)
-    system = with_work_of_time(system)
+    # 2. the system on which everything below depends
+    system, frame = _in_normal_form(system, framed=bool(framed))
     # 3. tableau and the equations of a step, with constants of the run
     coefficients = tableau or tableau_of(spec)
     if coefficients is not None and spec.order is None and not allow_invalid:
@@ -130,6 +126,16 @@ def generate(
     source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives or second, second, model), structured)
     return Generated(source, scheme, system, coefficients)
+
+
+def _in_normal_form(system: System, *, framed: bool) -> tuple[System, CoMovingFrame | None]:
+    """Return the system in normal form, in scaled time and in its co-moving frame, and the frame.
+    """
+    system = scaled(canonical(system))
+    frame = frame_of(system) if framed else None
+    if frame is not None:
+        system = frame.moving(system)
+    return with_work_of_time(system), frame
 
 
 def _scheme(

@@ -50,10 +50,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         entries of the condensed system, if H_pp is invertible block by block (``Condensation``).
     """
     scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
-    # constants in the order of the system, so that equal systems have equal C
-    constants = sorted({c for template in (*structure.templates, *structure.constraint_templates,
-                                           *structure.force_templates)
-                        for i in template.instances for c in i.constants})
+    constants = _constants_of(structure)
     index = {c: position for position, c in enumerate(constants)}
 
     def tables(
@@ -98,6 +95,13 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         band=band,
         condensed=condensed,
     )
+
+
+def _constants_of(structure: Structure) -> list[int]:
+    """Return the constants of all instances, in the order of the system: equal systems, equal C."""
+    templates = *structure.templates, *structure.constraint_templates, *structure.force_templates
+    return sorted({constant for template in templates for instance in template.instances
+                   for constant in instance.constants})
 
 
 def _energy_kernels(

@@ -151,7 +151,8 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     # their fixed-point iteration: on vector lanes, on plain numbers, or why there is none
     lanes, plain, refusal = _iterations(derived, element_sums, flows)
     iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
-    step_kernels = [*kernels, *(plain.known if plain else []), *(lanes.kernels if lanes else []),
+    step_kernels = [*kernels, *(plain.all_kernels if plain else []),
+                    *(lanes.kernels if lanes else []),
                     *(element_sums.kernels if element_sums else [])]
     # functions of one state, in the parameters
     frame = _frame(derived)
@@ -164,6 +165,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     if derivatives and lanes:
         lanes = _with_functions(lanes, calls.of_derivatives)
     scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
+    # costs go by the names of kernels, which those of a plain iteration share with Newton's
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, kernels if plain else step_kernels, element_sums, real)
     return Program(

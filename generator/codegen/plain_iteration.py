@@ -51,7 +51,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     return PlainIteration(
         kernels=[kernel for name, kernel in emitted.items() if name not in unused],
         # all of them count in the operations of an iteration, also those that are not printed
-        known=[*emitted.values()],
+        all_kernels=[*emitted.values()],
         run_constants=_run_constants(system, printer, constrained=m > 0),
         folded={symbol.name.lstrip("_"): printer(e)
                 for e, symbol in system.folds.definitions.items()},

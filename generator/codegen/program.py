@@ -204,8 +204,8 @@ class PlainIteration:
     """The fixed-point iteration of profiles ``control`` and ``run``, on plain numbers."""
 
     kernels: list[EmittedKernel]
-    #: All kernels, also those that are not printed: their operations and constants count.
-    known: list[EmittedKernel]
+    #: Those that are not printed, too: their operations and constants count.
+    all_kernels: list[EmittedKernel]
     run_constants: list[tuple[str, str]]
     folded: dict[str, str]
     tables: dict[str, Table]

@@ -1418,24 +1418,10 @@ class Multibody:
         left_out = {without} if isinstance(without, str) else {
             as_text("a constraint to leave out", name)
             for name in as_items("without", without, "constraints' names")}
-        latches = [closed] if isinstance(closed, str) else as_items("closed", closed, "latches")
-        if latches and not self._components.latches:
-            raise InputError(f"closed = {shown(closed)} names a latch, and Multibody "
-                             f"{self.name!r} has none; add one with latch(...).")
-        for latch in latches:
-            choose("latch", latch, self._components.latches)
+        latches = self._closed_latches(closed)
         assembly = Assembly(self._components, left_out, latches)
         # a given start takes the place of the described one, before latches project its momenta
-        t = 0.0
-        if start is not None:
-            state = as_start(start)
-            t = float(state.t)
-            assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
-                ("q of start", state.q), ("p of start", state.p)))
-            # a run may have had other values than the bodies: impulses depend on masses
-            assembly.store.update((name, float(finite(name, value, ())))
-                                  for name, value in state.parameters.items()
-                                  if name in assembly.store)
+        t = 0.0 if start is None else _begin_at(assembly, start)
         assembly.warn_of_sizes()
         self.redundancy = assembly.redundancy(t)
         if redundant == "refuse":
@@ -1451,6 +1437,16 @@ class Multibody:
                              if name not in latches for impact in impacts], **self._about)
 
     # ------------------------------------------------------------ inside
+
+    def _closed_latches(self, closed: str | Iterable[str]) -> list[str]:
+        """Return the names of closed latches as a list; refuse names of no latch."""
+        latches = [closed] if isinstance(closed, str) else as_items("closed", closed, "latches")
+        if latches and not self._components.latches:
+            raise InputError(f"closed = {shown(closed)} names a latch, and Multibody "
+                             f"{self.name!r} has none; add one with latch(...).")
+        for latch in latches:
+            choose("latch", latch, self._components.latches)
+        return latches
 
     def _join(self, link: Joined) -> Joined:
         """Add a connection; refuse a name in use, and a joint that needs axes of a point mass."""
@@ -1611,6 +1607,17 @@ class Multibody:
             raise InputError(f"The {label} contains {min(map(str, other_symbols))!r}; it may "
                              "contain time and parameters.")
         return law
+
+
+def _begin_at(assembly: Assembly, start: HasStart) -> float:
+    """Take coordinates, momenta and parameters of a start into an assembly; return its time."""
+    state = as_start(start)
+    assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
+        ("q of start", state.q), ("p of start", state.p)))
+    # a run may have had other values than the bodies: impulses depend on masses
+    assembly.store.update((name, float(finite(name, value, ())))
+                          for name, value in state.parameters.items() if name in assembly.store)
+    return float(state.t)
 
 
 def _segment_state(
