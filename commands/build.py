@@ -135,7 +135,9 @@ def _write(
             stages=None if stages is None else whole_number("--stages", stages),
             order=None if order is None else whole_number("--order", order),
             dt=None if dt is None else real_number("--dt", dt),
-            parameters=dict(pairs), platforms=scheme_options.pop("for", None),
+            parameters=dict(pairs),
+            # a word of Python, which no parameter of a function can have as its name
+            platforms=scheme_options.pop("for", None),
             **scheme_options)
     click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
     for name in built.files:

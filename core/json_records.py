@@ -117,6 +117,7 @@ def _decoder(hint: Any) -> Decoder:
     kinds = (int, float) if hint is float else (hint,)  # JSON writes 1.0 as 1 as well
     name = {str: "text", int: "a whole number", float: "a number", bool: "true or false",
             type(None): "null"}[hint]
+    # not isinstance, for which True is an int
     return lambda value: value if type(value) in kinds else _refuse(value, name)
 
 

@@ -45,6 +45,7 @@ def _neumann() -> Model:
         integrals[f"F{i + 1}"] = q[i] ** 2 + turns
     H = sum(x**2 for x in p) / 2 + sum(a * x**2 for a, x in zip(stiff, q, strict=True)) / 2
     system = System(q, p, (), H, (sum(x**2 for x in q) - 1,), name="neumann", quantities=integrals)
+    # short decimals with |q| = |p| = 1 and q·p = 0, exactly
     q0, p0 = (np.array([Fraction(x) for x in texts.split()])
               for texts in ("0.6 0.64 0.48", "0.8 -0.48 -0.36"))
     return Model(system, {}, q0, p0)

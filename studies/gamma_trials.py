@@ -27,7 +27,8 @@ from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
 from ..runtime.tuning.motion_distance import MotionError, root_mean_squares
 from ..runtime.tuning.tune import Tuned, tune
 
-__all__ = ["BODIES", "METHODS", "TIMES", "Trial", "TrialBody", "asymmetric_top"]
+__all__ = ["ASYMMETRIC_TOPS", "BODIES", "FREE_BODY", "JUDGED_BY_ENERGY", "METHODS", "TIMES",
+           "Trial", "TrialBody", "asymmetric_top"]
 
 METHODS = (("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2),
            ("LIIIA-B", 3), ("LIIIA-B", 4))
@@ -79,14 +80,22 @@ def _top(inertia: tuple[float, float, float], mgl: float, theta: float, *omega: 
     return lambda: asymmetric_top(inertia, mgl, theta, list(omega))
 
 
-BODIES = (
-    TrialBody("fast top", fast_top, 0.001, 320),
-    TrialBody("precession, r = h/2", regular_precession, 0.005, 80),
-    TrialBody("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
-    TrialBody("free body", free_body, 0.001, 500),
+FREE_BODY = TrialBody("free body", free_body, 0.001, 500)
+ASYMMETRIC_TOPS = (
     TrialBody("fast asymmetric top", _top((0.002, 0.0013, 0.0008), 0.3924, math.pi / 6, 0, 0, 126),
               0.001, 500),
     TrialBody("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
+)
+#: Motions of Tables 4, 6 and 7 with their Δt and N_t, and what these lack: no gravity, no symmetry.
+JUDGED_BY_ENERGY = (
+    TrialBody("fast top", fast_top, 0.001, 320),
+    TrialBody("precession, r = h/2", regular_precession, 0.005, 80),
+    TrialBody("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
+    FREE_BODY,
+    *ASYMMETRIC_TOPS,
+)
+BODIES = (
+    *JUDGED_BY_ENERGY,
     TrialBody("Lagrange's top", _top((0.004, 0.004, 0.001), 0.3924, 0.6, 0, 0, 60), 0.002, 500),
     TrialBody("slow top", _top((0.002, 0.002, 0.0008), 0.3924, 1, 1, 2, 20), 0.001, 500),
     TrialBody("sleeping top", _top((0.002, 0.002, 0.0008), 0.3924, 0.05, 0.5, 0, 150), 0.001, 500),

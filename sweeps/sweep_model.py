@@ -69,6 +69,7 @@ def _named(
     if entry.kind == "problem":
         return entry.make(**settings), rep
     rep_argument = {} if rep is None else {"rep": choose("representation", rep, REPS)}
+    # made with its representation: ``_stepper`` refuses one for a Model
     return entry.make(**settings, **rep_argument), None
 
 

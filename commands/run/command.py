@@ -175,7 +175,7 @@ def run(
             click.echo(json_text(result) if as_json else as_text(result, step.manifest.system))
         except KeyboardInterrupt:  # the second signal
             click.echo(f"gyrospark: Interrupted. {stored_location(out)}".rstrip(), err=True)
-            return 130
+            return 130  # 128 + 2, as shells have it for SIGINT
     return exit_code_of(outcome.trouble or error_of_picture, interrupts, "run")
 
 

@@ -182,6 +182,7 @@ def _all_digits(trajectory: Trajectory) -> dict[str, Any]:
 
 def axis_errors(motion: ExactMotion, trajectory: Trajectory) -> dict[str, Any]:
     """Return the mean and largest errors of the unit axis over the stored states (87)."""
+    # the closed form begins at 0, a run at any t0
     exact = motion.axis((trajectory.t - trajectory.t[0]).astype(float))
     error = abs(trajectory.axis() - exact)
     result: dict[str, Any] = {"axis_reference": "closed form"}

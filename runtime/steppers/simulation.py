@@ -224,6 +224,7 @@ class RecordingRun(AdvancingRun):
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
+        # super() reads properties alone
         AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
         report, rows, inputs, self._has_inputs, self._failed = image[3:]
         self.binding.image(self.record)[:] = np.frombuffer(report, dtype=np.uint8)

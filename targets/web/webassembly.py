@@ -182,6 +182,7 @@ def _in_wasmtime(module: bytes, options: Options) -> list[str]:
     exports = instance.exports(store)
     bits = []
     for stepper in options.steppers:
+        # "<": WebAssembly is little-endian on every machine
         real = "f" if stepper.manifest.real == "float" else "d"
         arrays = [struct.pack(f"<{len(numbers)}{real}", *numbers) for numbers in (
             [*options.parameters.values()], options.q, options.p)]
