@@ -144,23 +144,15 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     if derived.second:
         refuse_second(derived)
     is_control = derived.profile == "control"
-    # step equations: kernels written out, sums over element templates, or the flows of a splitting
-    element_sums = _elements(derived, elements)
-    flows = flows_of(derived) if isinstance(scheme, SplittingScheme) else None
-    kernels = [] if element_sums else _step_kernels(derived, flows)
-    # their fixed-point iteration: on vector lanes, on plain numbers, or why there is none
-    lanes, plain, refusal = _iterations(derived, element_sums, flows)
+    kernels, element_sums, flows, lanes, plain, refusal, step_kernels = _step_code(
+        derived, elements)
     iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
-    step_kernels = [*kernels, *(plain.all_kernels if plain else []),
-                    *(lanes.kernels if lanes else []),
-                    *(element_sums.kernels if element_sums else [])]
     # functions of one state, in the parameters
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
     constants, constant_calls = _run_constants(derived, step_kernels, element_sums)
-    derivatives = None
-    if derived.derivatives:
-        derivatives = derivatives_of(derived, constants["constants_c"], element_sums, lanes)
+    derivatives = derivatives_of(derived, constants["constants_c"], element_sums, lanes) if (
+        derived.derivatives) else None
     calls = _calls(step_kernels, derivatives, states)
     if derivatives and lanes:
         lanes = _with_functions(lanes, calls.of_derivatives)
@@ -196,6 +188,32 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         flows=flows,
         states=states,
     )
+
+
+class _StepCode(NamedTuple):
+    """The equations of a step, and their fixed-point iteration."""
+
+    #: Kernels of the equations; none of a system that is summed over element templates.
+    kernels: list[EmittedKernel]
+    elements: Elements | None
+    flows: Flows | None  # of a splitting
+    #: The iteration on vector lanes, the one on plain numbers, and why there is none.
+    lanes: LaneIteration | None
+    plain: PlainIteration | None
+    refusal: str
+    #: Of equations and iteration: constants of a run are those that one of them reads.
+    all_kernels: list[EmittedKernel]
+
+
+def _step_code(derived: Derived, elements: bool | None) -> _StepCode:
+    """Return the code of a step; ``elements`` is that of ``program_of``."""
+    element_sums = _elements(derived, elements)
+    flows = flows_of(derived) if isinstance(derived.scheme, SplittingScheme) else None
+    kernels = [] if element_sums else _step_kernels(derived, flows)
+    lanes, plain, refusal = _iterations(derived, element_sums, flows)
+    return _StepCode(kernels, element_sums, flows, lanes, plain, refusal, [
+        *kernels, *(plain.all_kernels if plain else []), *(lanes.kernels if lanes else []),
+        *(element_sums.kernels if element_sums else [])])
 
 
 def _identity(derived: Derived) -> dict[str, Any]:

@@ -267,6 +267,7 @@ class RobotBuilder:
             _system_name(robot.name), gravity=robot.gravity, dt=robot.dt,
             steps=None if robot.dt is None else 1000,
             description=f"The robot {robot.name}, of {robot.format} file.")
+        # joints count from the angles that are given, and move no body to them
         self.builder._describes_start = True
         self.names, self.joint_names, self.parameter_names = Names(), Names(), Names()
         self.joint_name = {name: self.joint_names.free(name) for name in robot.joints if name}

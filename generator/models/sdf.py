@@ -418,6 +418,7 @@ def _edge(joint: PlacedJoint, places: Mapping[str, Placement]) -> Edge:
     """Return a joint of the tree, with its axis and its point in the axes of the child."""
     child = places[joint.child]
     placement, kind = places[joint.parent].inverse().then(child), KINDS[joint.kind]
+    # 0: ``grow_tree`` sets the number of the body
     return Edge(joint.name, joint.parent, joint.child, placement, RobotJoint(
         joint.name, kind, 0, child.R.T @ joint.axis, child.inverse().then(joint.place).x,
         stiffness=joint.stiffness, rest=joint.rest, damping=joint.damping,

@@ -210,6 +210,7 @@ def _joint(version: str, followers: list[Follower], name: str, element: Element)
         followers.append(Follower(
             name, attribute_of(mimic, "joint"), numbers_of(mimic, "multiplier", 1, [1.0])[0],
             numbers_of(mimic, "offset", 1, [0.0])[0]))
+    # 0: ``grow_tree`` sets the number of the body
     joint = None if kind == "fixed" else RobotJoint(
         name, KINDS[kind], 0, _axis(element, kind), np.zeros(3),
         damping=0.0 if dynamics is None or kind not in MOVING else numbers_of(

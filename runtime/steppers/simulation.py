@@ -401,6 +401,7 @@ class Simulation:
         parameters = present_run.run.parameters
         inputs = {name: parameters[name] for name in present_run.binding.input_names}
         state = start_of_row(self.q, self.p, self.t, parameters, inputs)
+        # p[-1] is e, and a run from here goes on with H + e as it is, round-off and all
         if present_run.binding.clocked:
             state._excess = self._stepper.energy(state) + present_run.p[-1]
         return state
@@ -455,6 +456,7 @@ class Simulation:
         """
         try:
             return self._bodies[name]
+        # TypeError: a list, say, is no key, and ``body_named`` refuses it with a sentence
         except (KeyError, TypeError):
             body_name, layout = body_named(self._stepper.manifest, name)
         return self._bodies.setdefault(name, body_at_present(self._present, body_name, layout))
