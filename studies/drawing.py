@@ -38,6 +38,7 @@ def draw(panels: Sequence[Panel], columns: int) -> str:
     heights = [max(map(_height, panels[first : first + columns]))
                for first in range(0, len(panels), columns)]
     inks = ("text.color", "axes.edgecolor", "axes.labelcolor", "xtick.color", "ytick.color")
+    # a salt in place of random names of elements; letters as paths, whatever fonts a reader has
     with rc_context({"svg.hashsalt": "gyrospark", "svg.fonttype": "path", "font.size": 9,
                      **dict.fromkeys(inks, _INK)}):
         figure = figure_type(figsize=(_WIDTH * columns, sum(heights)), layout="constrained")

@@ -68,6 +68,7 @@ def _inertia_parameter(name: str, text: str) -> float:
     number = decimal(text)
     if number is None:
         raise InputError(f"--{name} {text!r} is none of {listed([*RULES, 'a number'])}.")
+    # all digits that are typed, for steppers of a type with more than a double has
     number = number if isinstance(number, float) else Rounded(number)
     if not math.isfinite(number) or number == 0:
         raise InputError(f"--{name} {text!r} is not usable; give a finite number other than 0.")

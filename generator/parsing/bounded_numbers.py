@@ -206,7 +206,8 @@ def _irrational_power(base: Value, e: sp.Rational) -> Value:
     interval = _interval_power(base.interval, e)
     operation = sp.Pow
     if base.exact.is_Add and interval is not None and e not in (0, 1):
-        # SymPy takes long to leave a power of a real sum unchanged.
+        # SymPy takes long to leave a power of a real sum unchanged; the powers 0 and 1, which it
+        # changes at once, would stay powers without evaluation
         operation = partial(sp.Pow, evaluate=False)
     return _irrational(bits, base.level + 1, interval, operation, base.exact, e)
 
