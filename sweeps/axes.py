@@ -11,7 +11,7 @@ import numpy as np
 
 from ..core.arrays import Array
 from ..core.errors import InputError
-from ..runtime.bindings.array_checks import as_positive_count
+from ..runtime.bindings.array_checks import as_numbers, as_positive_count, converted_to
 
 __all__ = ["SCHEME", "START", "Axis", "as_rows", "list_axis", "random_axis", "start_axis",
            "value_axis"]
@@ -144,11 +144,7 @@ def as_rows(name: str, values: Any, width: int | None = None) -> Array:
 
     The error names the argument by ``name``.
     """
-    try:
-        table = np.array(values, dtype=float)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise InputError(f"{name} = {_short(values)} is no table of numbers; give a row of them "
-                         "for each start.") from error
+    table: Array = converted_to(np.float64, as_numbers(name, values))
     if not np.isfinite(table).all():
         raise InputError(f"{name} = {_short(values)} is not finite; mend it.")
     if table.ndim != 2 or not table.size or (width is not None and table.shape[1] != width):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from typing import Any
 
 import numpy as np
@@ -52,6 +52,8 @@ def plan(
     step_name = "dtau" if binding.clocked else "dt"
     names = {*steppers[0].parameter_domains, step_name, SCHEME}
     varied = _varied_names(over, names)
+    _refuse_two_meanings(varied, {"dt": dt, "dtau": dtau, **parameter_values}, step_name,
+                         steppers[0].parameter_domains)
     axes, seed = _axes(over, names, start, parameter_values, varied, step_name)
     # a model may name dt, but has no Δτ
     if step_name not in varied or dt is not None or dtau is not None:
@@ -76,6 +78,22 @@ def _varied_names(over: Mapping[str, Any], names: set[str]) -> set[str]:
         if key not in names and isinstance(table, Mapping):
             varied |= {*table}
     return varied
+
+
+def _refuse_two_meanings(
+    varied: set[str], common: Mapping[str, Any], step_name: str, parameters: Collection[str]
+) -> None:
+    """Refuse what varies and is also given for all cells, and parameters named as step or scheme.
+
+    ``varied`` are the quantities that vary, ``common`` the numbers for all cells, None if left out.
+    """
+    for name in varied & {step_name, SCHEME} & {*parameters}:
+        raise InputError(f"{name!r} is a parameter of this system, and in a sweep the "
+                         f"{'scheme' if name == SCHEME else 'time step'}; rename the parameter.")
+    for name in varied:
+        if common.get(name) is not None:
+            raise InputError(f"{name} = {shown(common[name])} is given for all cells, and {name} "
+                             "varies along an axis; leave one of them out.")
 
 
 def _axes(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 from collections import Counter
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -18,7 +18,7 @@ import zarr
 
 from ..core.arguments import as_items, as_path, proposal, shown
 from ..core.arrays import Array
-from ..core.errors import InputError
+from ..core.errors import InputError, StorageError
 from ..core.manifest import Manifest
 from ..runtime.bindings.binding import REASONS
 from ..runtime.results.outputs import labels_of
@@ -329,12 +329,22 @@ def _files(root: Path) -> Iterable[Path]:
     return (Path(folder) / name for folder, _, names in os.walk(root) for name in names)
 
 
+def _tiles_in(study: Study, path: Path, name: str) -> Iterator[tuple[Tile, Array]]:
+    """Yield the tiles of a study with their values of a stored result; StorageError for damage."""
+    try:
+        array = array_of(open_group(path), name)
+        for tile in tiles_of(study):
+            yield tile, np.asarray(array[tile.slices])
+    except (KeyError, ValueError) as error:
+        raise StorageError(f"The store {str(path)!r} is damaged, its {name!r} cannot be read: "
+                           f"{error}. Remove the store, and repeat the sweep.") from error
+
+
 def count_statuses(study: Study, path: Path) -> dict[int, int]:
     """Return the number of cells with each status, reading the store tile by tile."""
-    array = array_of(open_group(path), STATUS)
     counts: Counter[int] = Counter()
-    for tile in tiles_of(study):
-        counts.update(count_of_each(np.asarray(array[tile.slices])))
+    for _, statuses in _tiles_in(study, path, STATUS):
+        counts.update(count_of_each(statuses))
     return dict(counts)
 
 
@@ -382,10 +392,9 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
 
     Keys: "least", "most", "least_at", "most_at"; None where all cells failed.
     """
-    array = array_of(open_group(path), name)
     ends: dict[str, tuple[float, tuple[int, ...]]] = {}
-    for tile in tiles_of(study):
-        tile_values = np.asarray(array[tile.slices], dtype=float)
+    for tile, stored_values in _tiles_in(study, path, name):
+        tile_values = stored_values.astype(float)
         if not np.isfinite(tile_values).any():
             continue
         for end, argument_of, better in (("least", np.nanargmin, np.less),

@@ -98,7 +98,7 @@ def sweep(
     scheme, stages, rep, real, frame
         As for ``gyrospark.stepper``, where no axis varies them.
     parameters : mapping, optional
-        Beside the model's own; γ and α that are not given are γ_m, another mean is
+        Of every cell, beside the model's own; γ and α that are not given are γ_m, another mean is
         ``gyrospark.gamma(inertia, "h")``.
     dt, steps, t_end : float, int, float
         Of every cell; ``t_end``, in seconds from the start at t = 0, in place of steps: a cell

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import ChainMap
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from fractions import Fraction
 from itertools import product
 from typing import TYPE_CHECKING, Any
 
@@ -30,6 +31,8 @@ __all__ = ["Study", "checked_study"]
 
 #: Quantities of a cell besides the stepper's parameters.
 _OWN = (SCHEME, "q", "p")
+#: Most steps of a cell to t_end: quotients of doubles are exact whole numbers up to here.
+_MOST_STEPS = 2**53
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,6 +142,9 @@ def checked_study(study: Study) -> Study:
                 raise InputError(f"{column!r} along the axis {axis.name!r} is no parameter that a "
                                  "sweep can vary, for the results have the states under this name; "
                                  f"give states as the axis {START!r}, or rename the parameter.")
+            if column == SCHEME and axis.name != SCHEME:
+                raise InputError(f"{SCHEME!r} is a column of the axis {axis.name!r}; schemes vary "
+                                 f"along an axis of their own, {SCHEME!r}.")
             _check_column(study, names, column, values)
     parameters = _checked_parameters(study)
     study = _with_counts(study)
@@ -181,7 +187,8 @@ def _checked_parameters(study: Study) -> dict[str, float]:
     first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
                           for name in axis.columns if name in domains}
     doubles = as_parameters(first_cell, domains, symmetries=stepper.symmetries)
-    warn_of_negative(doubles)
+    warn_of_negative(doubles | {name: values for axis in study.axes
+                                for name, values in axis.columns.items() if name in domains})
     _refuse_broken_frames(study, doubles)
     return {name: doubles[name] for name in fixed}
 
@@ -195,6 +202,11 @@ def _checked_end(study: Study) -> float | None:
     if len(away):
         raise InputError(f"t_end = {t_end} is not {'after' if away[0] > 0 else 'before'} the "
                          f"start, t = {study.t0:g}, where dt = {away[0]:g} leads.")
+    smallest = min(study.time_steps, key=abs)
+    # as fractions: the quotient may have no place in int64, nor in a double
+    if abs(Fraction(t_end) - Fraction(study.t0)) > _MOST_STEPS * abs(Fraction(float(smallest))):
+        raise InputError(f"t_end = {t_end} is more than {_MOST_STEPS} steps of dt = {smallest:g} "
+                         "away; give a longer step, or an earlier end.")
     return t_end
 
 

@@ -110,6 +110,15 @@ def test_a_store_in_other_tiles_is_not_resumed(tmp_path, monkeypatch):
         gs.sweep(TOP, **arguments, resume=True)
 
 
+def test_a_damaged_status_is_named_where_the_sweep_is_resumed(tmp_path):
+    arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5,
+                 "out": tmp_path / "a.zarr"}
+    gs.sweep(TOP, **arguments)
+    (tmp_path / "a.zarr/status/c/0").write_bytes(b"")
+    with pytest.raises(gs.errors.StorageError, match="'status'"):
+        gs.sweep(TOP, **arguments, resume=True)
+
+
 def test_sweep_of_another_version(tmp_path, monkeypatch):
     """It is told as what it is; one whose layout is the same is read."""
     path = tmp_path / "s.zarr"

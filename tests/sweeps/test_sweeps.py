@@ -300,7 +300,14 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"gamma": [1e-3]}, {"steps": None}, ["steps", "t_end"]),
     ({"gamma": [1e-3]}, {"t_end": 1.0}, ["steps", "t_end"]),
     ({"gamma": [1e-3]}, {"steps": None, "t_end": -1.0}, ["t_end = -1.0", "dt = 0.001"]),
-    ({"dt": [1e-3, -2e-3]}, {"steps": None, "t_end": 1.0}, ["t_end = 1.0", "dt = -0.002"]),
+    ({"dt": [1e-3, -2e-3]}, {"steps": None, "t_end": 1.0, "dt": None},
+     ["t_end = 1.0", "dt = -0.002"]),
+    ({"dt": [1e-300]}, {"steps": None, "t_end": 1e10, "dt": None}, ["t_end = 10000000000.0",
+                                                                    "dt = 1e-300"]),
+    ({"dt": [1e-3]}, {}, ["dt = 0.001", "axis"]),
+    ({"a": {"mgl": [0.3]}}, {"parameters": {"mgl": 0.5}}, ["mgl = 0.5", "axis"]),
+    ({"a": {"mgl": [0.3], "scheme": [0]}}, {}, ["'scheme'", "'a'"]),
+    ({"start": {"q": [["1", 0, 0, 0]], "p": [[0, 0, 0, 0]]}}, {}, ["q", "U"]),
     ({"gamma": [1e-3]}, {"steps": None, "t_end": "late"}, ["t_end", "late"]),
     ({"gamma": [1e-3]}, {"steps": None, "t_end": 1.0, "every": 2}, ["every needs"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0}, ["'duration'", "t_end"]),
@@ -319,6 +326,19 @@ def test_refusals_come_before_anything_is_computed(over, options, fragments, mon
     with pytest.raises(gs.InputError) as error:
         gs.sweep("fast-top", over, **choice)
     assert all(fragment in str(error.value) for fragment in fragments), str(error.value)
+
+
+def test_a_parameter_named_as_the_step_cannot_be_an_axis():
+    x, px, dt = sp.symbols("x px dt", real=True)  # one axis would be the step and the spring
+    model = gs.Model(gs.System((x,), (px,), (dt,), H=px**2/2 + dt*x**2/2, name="spring"),
+                     {"dt": 4.0}, [1.0], [0.0])
+    with pytest.raises(gs.InputError, match="'dt' is a parameter"):
+        gs.sweep(model, {"dt": [4.0, 9.0]}, scheme="IMS", steps=1)
+
+
+def test_every_negative_gamma_of_an_axis_is_warned_of():
+    with pytest.warns(gs.errors.InputWarning, match=r"gamma = -0\.002"):
+        gs.sweep(TOP, {"gamma": [1e-3, -2e-3]}, scheme="EMS", dt=1e-3, steps=1)
 
 
 def test_a_system_without_a_start_is_refused_with_the_cure():
