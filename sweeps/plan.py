@@ -52,7 +52,7 @@ def plan(
     step_name = "dtau" if binding.clocked else "dt"
     names = {*steppers[0].parameter_domains, step_name, SCHEME}
     varied = _varied_names(over, names)
-    _refuse_two_meanings(varied, {"dt": dt, "dtau": dtau, **parameter_values}, step_name,
+    _refuse_two_meanings(varied, {"dt": dt, "dtau": dtau}, step_name,
                          steppers[0].parameter_domains)
     axes, seed = _axes(over, names, start, parameter_values, varied, step_name)
     # a model may name dt, but has no Δτ
@@ -81,19 +81,21 @@ def _varied_names(over: Mapping[str, Any], names: set[str]) -> set[str]:
 
 
 def _refuse_two_meanings(
-    varied: set[str], common: Mapping[str, Any], step_name: str, parameters: Collection[str]
+    varied: set[str], common_steps: Mapping[str, Any], step_name: str, parameters: Collection[str]
 ) -> None:
-    """Refuse what varies and is also given for all cells, and parameters named as step or scheme.
+    """Refuse a step that varies and is also given for all cells, and parameters named as step or
+    scheme.
 
-    ``varied`` are the quantities that vary, ``common`` the numbers for all cells, None if left out.
+    ``varied`` are the quantities that vary, ``common_steps`` dt and dtau, None if left out. Numbers
+    of parameters are those of a model, which an axis replaces.
     """
     for name in varied & {step_name, SCHEME} & {*parameters}:
         raise InputError(f"{name!r} is a parameter of this system, and in a sweep the "
                          f"{'scheme' if name == SCHEME else 'time step'}; rename the parameter.")
-    for name in varied:
-        if common.get(name) is not None:
-            raise InputError(f"{name} = {shown(common[name])} is given for all cells, and {name} "
-                             "varies along an axis; leave one of them out.")
+    for name, step in common_steps.items():
+        if step is not None and name in varied:
+            raise InputError(f"{name} = {shown(step)} is given for all cells, and {name} varies "
+                             "along an axis; leave one of them out.")
 
 
 def _axes(

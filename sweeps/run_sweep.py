@@ -98,8 +98,8 @@ def sweep(
     scheme, stages, rep, real, frame
         As for ``gyrospark.stepper``, where no axis varies them.
     parameters : mapping, optional
-        Of every cell, beside the model's own; γ and α that are not given are γ_m, another mean is
-        ``gyrospark.gamma(inertia, "h")``.
+        Beside the model's own, and like these where no axis varies them; γ and α that are not
+        given are γ_m, another mean is ``gyrospark.gamma(inertia, "h")``.
     dt, steps, t_end : float, int, float
         Of every cell; ``t_end``, in seconds from the start at t = 0, in place of steps: a cell
         ends with the whole step that is nearest to it.

@@ -305,7 +305,6 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"dt": [1e-300]}, {"steps": None, "t_end": 1e10, "dt": None}, ["t_end = 10000000000.0",
                                                                     "dt = 1e-300"]),
     ({"dt": [1e-3]}, {}, ["dt = 0.001", "axis"]),
-    ({"a": {"mgl": [0.3]}}, {"parameters": {"mgl": 0.5}}, ["mgl = 0.5", "axis"]),
     ({"a": {"mgl": [0.3], "scheme": [0]}}, {}, ["'scheme'", "'a'"]),
     ({"start": {"q": [["1", 0, 0, 0]], "p": [[0, 0, 0, 0]]}}, {}, ["q", "U"]),
     ({"gamma": [1e-3]}, {"steps": None, "t_end": "late"}, ["t_end", "late"]),
