@@ -106,30 +106,11 @@ def _process(
     """Append the lines of a text, a line feed before each; ``names`` are the GS_ names so far."""
     branches: list[_Branch] = []
     directives, rest = text
-    for before_line, line, (name_test, name, keyword, condition, ending) in directives:
-        is_active = all(branch.is_active for branch in branches)
+    for directive in directives:
+        line, is_active = directive.line, all(branch.is_active for branch in branches)
         if is_active:
-            pieces.append(before_line)
-        if condition and (keyword == "if" or branches[-1].is_ours):
-            before = keyword == "elif" and branches.pop().has_been_active
-            # #elif stands in the branch above it, which need not be active
-            chosen = (keyword == "elif" or is_active) and not before and _value(condition, names)
-            branches.append(_Branch(chosen, chosen or before, is_ours=True))
-            continue
-        if name:
-            chosen = is_active and (name in names) == (name_test == "ifdef")
-            branches.append(_Branch(chosen, chosen, is_ours=True))
-            continue
-        if line.startswith("#if"):
-            branches.append(_Branch(True, has_been_active=True, is_ours=False))
-        elif ending and branches[-1].is_ours:
-            before = branches.pop().has_been_active
-            if ending == "else":
-                branches.append(_Branch(not before, has_been_active=True, is_ours=True))
-            continue
-        elif line.startswith("#endif"):
-            branches.pop()
-        if not is_active:
+            pieces.append(directive.before)
+        if _take_conditional(directive, branches, names, is_active) or not is_active:
             continue
         if match := _INCLUDE.match(line):
             _process(_header(match[1]), names, pieces)
@@ -143,6 +124,36 @@ def _process(
             pieces.append(f"\n{line}")
     assert not branches
     pieces.append(rest)
+
+
+def _take_conditional(
+    directive: _Directive, branches: list[_Branch], names: dict[str, int], is_active: bool
+) -> bool:
+    """Open or close a branch as a directive says; return whether it is of GS_ names, and left out.
+
+    ``is_active`` says whether the line stands in active branches alone.
+    """
+    name_test, name, keyword, condition, ending = directive.groups
+    if condition and (keyword == "if" or branches[-1].is_ours):
+        before = keyword == "elif" and branches.pop().has_been_active
+        # #elif stands in the branch above it, which need not be active
+        chosen = (keyword == "elif" or is_active) and not before and _value(condition, names)
+        branches.append(_Branch(chosen, chosen or before, is_ours=True))
+        return True
+    if name:
+        chosen = is_active and (name in names) == (name_test == "ifdef")
+        branches.append(_Branch(chosen, chosen, is_ours=True))
+        return True
+    if directive.line.startswith("#if"):
+        branches.append(_Branch(True, has_been_active=True, is_ours=False))
+    elif ending and branches[-1].is_ours:
+        before = branches.pop().has_been_active
+        if ending == "else":
+            branches.append(_Branch(not before, has_been_active=True, is_ours=True))
+        return True
+    elif directive.line.startswith("#endif"):
+        branches.pop()
+    return False
 
 
 @cache

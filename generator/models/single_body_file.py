@@ -74,12 +74,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     potential, torque, quantities, scales = _read_formulas(content, formulas, has_tensor)
     parameters, system_symbols, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
-    # with a tensor H contains the entries of J⁻¹, whose values are parameters, too
-    if has_tensor:
-        inertia_values = dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True))
-    else:
-        inertia_values = dict(zip(map(str, moments), cast("Moments", inertia), strict=True))
-    values |= weight | inertia_values
+    values |= weight | _inertia_values(inertia)
     system = body_system(
         name,
         cast("Rep", representation),
@@ -98,6 +93,13 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
                  rules={representation: body.text(representation)} if has_rule else {},
                  units={"mass": "kg"} if "mass" in values else {},
                  **run_length(content))
+
+
+def _inertia_values(inertia: Inertia) -> dict[str, float]:
+    """Return the parameters of the kinetic energy: three moments, or of a tensor J the J⁻¹ in H."""
+    if is_tensor(inertia):
+        return dict(zip(map(str, INVERSE), inverse_entries(inertia), strict=True))
+    return dict(zip(map(str, moments), cast("Moments", inertia), strict=True))
 
 
 def _read_formulas(content: TomlTable, formulas: Formulas, has_tensor: bool) -> _Formulas:

@@ -127,12 +127,7 @@ def equilibrium(
         For a system from a Lagrangian, with velocity constraints or constraints of t, for one that
         moves where p = 0, and where no equilibrium is reached.
     """
-    has_moving_constraint = any(
-        g.has(system.time) for g in system.constraints if system.time is not None)
-    if isinstance(system, LagrangianSystem) or system.velocity_count or has_moving_constraint:
-        raise InputError(f"System {system.name!r} has a Lagrangian, velocity constraints or "
-                         "constraints of time; static equilibria are found of systems with H(q, p) "
-                         "and g(q).")
+    _refuse_without_statics(system)
     statics, n = _Statics(system, parameters, t), system.n
     x = np.concatenate([np.asarray(q0, dtype=float), np.zeros(system.m)])
     if statics.moves(x):
@@ -167,6 +162,16 @@ def equilibrium(
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
                      f"{_ITERATIONS} iterations |H_q + g_qᵀλ − F| = {size:.3g}; fix or hinge what "
                      "moves freely, or begin nearer.")
+
+
+def _refuse_without_statics(system: System) -> None:
+    """Refuse a system whose equilibria are not those of an H(q, p) on g(q) = 0."""
+    has_moving_constraint = any(
+        g.has(system.time) for g in system.constraints if system.time is not None)
+    if isinstance(system, LagrangianSystem) or system.velocity_count or has_moving_constraint:
+        raise InputError(f"System {system.name!r} has a Lagrangian, velocity constraints or "
+                         "constraints of time; static equilibria are found of systems with H(q, p) "
+                         "and g(q).")
 
 
 def _implicit_step(

@@ -190,7 +190,7 @@ def fill_ensemble(
     computed: EnsembleStates, threads: int, stop: Callable[[], bool],
     report: Callable[[int], Any] | None = None,
 ) -> None:
-    """Integrate all batches, which fills their rows; each thread takes the next one in turn.
+    """Integrate all batches, which fills their rows.
 
     Where threads would cost more than they gain, the calling thread takes all batches. ``report``
     is called in it, with the sum of the steps of all runs so far.
@@ -198,16 +198,31 @@ def fill_ensemble(
     # no more threads than batches
     workers, first = min(threads, len(computed.reports)), computed.runs.first
     if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
-        def stop_and_report() -> bool:
-            """Report the steps so far, and return whether to stop."""
-            if report is not None:
-                report(computed.steps_done)
-            return stop()
+        _fill_here(computed, stop, report)
+    else:
+        _fill_on_threads(computed, workers, stop, report)
 
-        computed.fill(range(len(computed.reports)), stop_and_report)
+
+def _fill_here(
+    computed: EnsembleStates, stop: Callable[[], bool], report: Callable[[int], Any] | None
+) -> None:
+    """Integrate all batches on the calling thread; see ``fill_ensemble``."""
+    def stop_and_report() -> bool:
+        """Report the steps so far, and return whether to stop."""
         if report is not None:
             report(computed.steps_done)
-        return
+        return stop()
+
+    computed.fill(range(len(computed.reports)), stop_and_report)
+    if report is not None:
+        report(computed.steps_done)
+
+
+def _fill_on_threads(
+    computed: EnsembleStates, workers: int, stop: Callable[[], bool],
+    report: Callable[[int], Any] | None,
+) -> None:
+    """Integrate all batches on some threads, each of which takes the next one in turn."""
     batches, broken = SimpleQueue[int | None](), threading.Event()
     # after the batches one None for each thread, which ends it
     for batch in (*range(len(computed.reports)), *[None] * workers):
