@@ -96,7 +96,9 @@ def hits_of(
                     "derivatives; take another dt, or another t_end.")
             hits.setdefault(step, []).append(Hit(
                 times_in_step[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
-                crossings.p_before[i], crossings.p[i], crossings.impulse[i]))
+                crossings.p_before[i], crossings.p[i],
+                # in the type of the C, that of q: its products with arrays keep it
+                crossings.q.dtype.type(crossings.impulse[i])))
     for step, hits_of_step in hits.items():
         # |since|: Δt < 0 in a run backwards in time
         hits_of_step.sort(key=lambda hit: abs(hit.since))

@@ -273,7 +273,7 @@ def single_step(
             run.inputs.names, run.inputs.at(point.step).tolist(), strict=True))
     return SingleStep(stepper, replace(
         run, q=z[:n].copy(), p=z[n:].copy(), dt=point.tau, steps=1, every=1,
-        t0=run.t0 + point.step * run.dt, inputs=None, parameters=parameters))
+        t0=run.t0 + point.step * run.dt, inputs=None, parameters=parameters, hits=None))
 
 
 def tangent_at(
