@@ -62,7 +62,7 @@ def test_unusable_system_and_tableau_are_refused():
 
 def test_tableau_object_goes_with_any_named_system():
     """As the named scheme does; free_body is not silently taken for heavy_top."""
-    tableau = gs.tableau("G-L", 2)
+    tableau = gs.tableau(ROOT / "examples" / "tableaux" / "radau_plain_2.json")
     step = gs.stepper(tableau=tableau, system="free_body", rep="gamma")
     assert step.name.startswith("free_body_")
     assert set(step.parameter_domains) == {"I1", "I2", "I3", "gamma"}

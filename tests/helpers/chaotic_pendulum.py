@@ -9,10 +9,10 @@ import systems
 
 __all__ = ["PARAMETERS", "pendulum", "released"]
 
-PARAMETERS = {"g": 9.81, "l": 1.0}
+PARAMETERS = systems.case("two_rods").parameters
 
 
-def pendulum(scheme: str = "G-L", stages: int | None = 3, real: str = "double") -> gs.Stepper:
+def pendulum(scheme: str = "G-L", stages: int | None = 2, real: str = "double") -> gs.Stepper:
     """Return the stepper of two unit masses on rods of lengths 1 and l, with derivatives."""
     return systems.differentiable("two_rods", scheme, stages, real)
 

@@ -12,6 +12,29 @@ import sympy as sp
 import gyrospark as gs
 from stores import Interrupted, bits, ends_after, record
 
+#: A model file: a ball that is thrown from a tower and lands.
+BALL = """
+name = "ball"
+[system]
+coordinates = ["x", "y"]
+momenta = ["u", "v"]
+hamiltonian = "(u**2 + v**2)/2 + g*y"
+[parameters]
+g = 10
+h = 5
+[quantities]
+height = "y"
+[start]
+q = [0, "h"]
+p = ["3/2", 0]
+[run]
+dt = 0.03
+steps = 1000
+[events]
+half = "height = h/2 down"
+landing = "y=0 stop"
+"""
+
 
 def pendulum(real: str = "double", scheme: str = "G-L", stages: int | None = None):
     """Return its stepper: five stages for closed forms in double, two otherwise."""

@@ -25,7 +25,7 @@ class Example:
 
 def pendulum() -> Example:
     entry = systems.case("two_rods")
-    parameters = {"g": 9.81, "l": 0.8}
+    parameters = entry.parameters | {"l": 0.8}
 
     def by_hand(number):
         g, length = (number(parameters[name]) for name in "gl")

@@ -53,7 +53,8 @@ NAMES = {
     "forced": "time x y u v energy g_error f_error iterations multipliers0 multipliers1 "
               "multipliers2 work height drive",
     "two constraints": "time x1 y1 x2 y2 px1 py1 px2 py2 energy g_error f_error iterations "
-                       + " ".join(f"multipliers{i}_g{j}" for i in range(3) for j in range(2)),
+                       + " ".join(f"multipliers{i}_g{j}" for i in range(3) for j in range(2))
+                       + " gap held",
 }
 
 

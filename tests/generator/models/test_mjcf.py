@@ -485,15 +485,19 @@ def test_bad_starts_are_refused(tmp_path, options, said):
         gs.load_model(path, **options)
 
 
+TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
+             '<joint name="b" axis="0 1 0" armature=".1"/>'
+             '<joint name="slide" type="slide" axis="1 0 0" armature="1"/>',
+             after='<actuator><motor name="a" joint="slide"/><motor name="b" joint="b"/></actuator>'
+                   '<keyframe><key name="k" ctrl="1 2"/></keyframe>')
+
+
 def test_the_command_runs_it(tmp_path, gyrospark):
     """An actuator is an input, the keyframe a setting; what is wrong ends in one line.
 
     Where nothing moves, for the robot hangs at rest and no input turns it, this is said.
     """
-    path = written(tmp_path, hinged(
-        '<geom size=".1" pos="0 0 -.3"/>', '<joint name="b" axis="0 1 0"/>',
-        after='<actuator><motor name="b" joint="b"/></actuator>'
-              '<keyframe><key name="k" ctrl="2"/></keyframe>'))
+    path = written(tmp_path, TWO)
     run = ("run", path, "--scheme", "IMS", "--steps", "5", "--json")
     done = gyrospark(*run, "--set", "keyframe=k", "--set", "b=0.5", "--set", "b.rate=2")
     assert done.code == 0, done.stderr
@@ -510,11 +514,6 @@ def test_the_command_runs_it(tmp_path, gyrospark):
         assert said in failed.stderr
 
 
-TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
-             '<joint name="b" axis="0 1 0" armature=".1"/>'
-             '<joint name="slide" type="slide" axis="1 0 0" armature="1"/>',
-             after='<actuator><motor name="a" joint="slide"/><motor name="b" joint="b"/></actuator>'
-                   '<keyframe><key name="k" ctrl="1 2"/></keyframe>')
 PLANE = hinged('<geom size=".1"/>', '<joint name="rootx" type="slide" axis="1 0 0"/>'
                '<joint name="b" type="slide" axis="0 0 1"/><joint name="rooty" axis="0 1 0"/>')
 

@@ -29,7 +29,7 @@ def closed(found):
 def test_energy():
     """1e-14 after five iterations that double the digits; multipliers on the unit circle."""
     done = []
-    found = orbit(progress=done.append)
+    found = orbit(dt=DT / 5, steps=800, progress=done.append)
     q, p = released(1.0, 1.4142 * 0.95)
     assert found.iterations == 5
     assert done == [*range(6)]
@@ -42,7 +42,7 @@ def test_energy():
     assert found.symplectic_defect < 1e-14
     energy = pendulum().energy([q, found.q], [p, found.p], parameters=PARAMETERS)
     assert abs(energy[1] - energy[0]) < 1e-13
-    assert float(found.period) == pytest.approx(2.80500369297318, abs=1e-13)
+    assert float(found.period) == pytest.approx(2.80500369297318, abs=1e-9)  # of order 4
     assert closed(found) < 1e-13
     assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
     assert "2.805" in repr(found)
@@ -72,8 +72,8 @@ def test_free_parameter(free, value):
 
 
 def test_large_steps():
-    """A discrete family is pairs of orbits: with 16 steps one of them is found, and is a saddle."""
-    found = orbit(dt=10 * DT, steps=16)
+    """A discrete family is pairs of orbits: with 18 steps one of them is found, and is a saddle."""
+    found = orbit(dt=160 / 18 * DT, steps=18)
     assert found.residuals[-1] < 1e-13
     product = found.multipliers[np.abs(found.multipliers.imag) < 1e-9].real
     assert len(product) == 2

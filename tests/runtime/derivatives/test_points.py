@@ -7,10 +7,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-import sympy as sp
 
 import gyrospark as gs
 import systems
+from event_runs import BALL
+from gyrospark.generator.models.model_file import parse_model
 from gyrospark.generator.schemes import derivative_kernels
 from stores import record
 
@@ -164,7 +165,7 @@ def test_the_time_of_an_end_by_an_event_has_a_gradient():
         return run.q[-1, 0] * run.t[-1], {"q": [run.t[-1], 0.0], "t": run.q[-1, 0]}
 
     f = step.value_and_gradient(
-        loss, [0.1, 0.0], [1.0, 1.0], wrt=["start"], parameters={}, dt=0.03, steps=100,
+        loss, [0.1, 0.0], [1.0, 1.0], wrt=["start"], parameters={"g": 1.0}, dt=0.03, steps=100,
         events=gs.Event("y", level=-0.5, terminal=True))
     value, gradient = f(np.zeros(4))
     time = 1 + np.sqrt(2)
@@ -200,10 +201,7 @@ def test_events_in_a_moving_frame():
 @cache
 def thrown():
     """A body that is thrown: it touches its highest place. Its height costs too much to derive."""
-    x, y, v, w = sp.symbols("x y v w", real=True)
-    system = gs.System((x, y), (v, w), (), (v**2 + w**2) / 2 + y, [], name="thrown_high",
-                       quantities={"height": y})
-    step = gs.stepper("G-L", stages=1, system=system)
+    step = gs.stepper("G-L", 2, system=parse_model(BALL, "ball.toml"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivative_kernels, "_LARGEST_QUANTITIES", 0)
         step._derivative_binding()
@@ -215,7 +213,7 @@ def thrown():
 def test_events_without_derivatives_are_refused_by_name(event, tmp_path):
     """Those that only touch their level, and those of quantities that would cost too much."""
     step = thrown()
-    arguments = {"dt": 0.03, "steps": 50, "parameters": {}, "tangents": gs.Tangents()}
+    arguments = {"dt": 0.03, "steps": 50, "parameters": {"g": 1.0}, "tangents": gs.Tangents()}
     begin = [0.1, 0.0], [1.0, 1.0]
     run = step.integrate(*begin, **arguments, events=event)
     assert run.tangents.q.shape == (51, 2, 4)
@@ -230,7 +228,7 @@ def test_events_without_derivatives_are_refused_by_name(event, tmp_path):
 
 
 def test_a_file_keeps_the_tangents_of_events(tmp_path):
-    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={},
+    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={"g": 1.0},
                              events=[gs.Event("y", level=0.25), gs.Event("x", level=0.7)],
                              tangents=gs.Tangents())
     read = gs.load(run.save(tmp_path / "run.npz"))
@@ -243,7 +241,7 @@ def test_a_file_keeps_the_tangents_of_events(tmp_path):
 
 
 def test_unknown_events_are_refused():
-    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={},
+    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={"g": 1.0},
                              events=gs.Event("y", level=0.25), tangents=gs.Tangents())
     with pytest.raises(gs.InputError, match="x"):
         run.tangents.events["x"]
@@ -277,7 +275,7 @@ def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
 def test_points_of_a_section_move_along_it():
     step, z = thrown(), np.array([[0.1, 0.0], [0.2, 0.1]])
     section = gs.section(step, z, np.ones((2, 2)), event=gs.Event("y", level=0.3), dt=0.03,
-                         steps=80, parameters={}, tangents=gs.Tangents(np.eye(4)))
+                         steps=80, parameters={"g": 1.0}, tangents=gs.Tangents(np.eye(4)))
     assert len(section) == 4
     for one, y in zip(section.tangents, z[:, 1], strict=True):
         assert np.abs(one.q[:, 1]).max() < 1e-15

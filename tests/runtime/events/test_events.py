@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 import systems
-from event_runs import assert_same_events, pendulum, period, start
+from event_runs import BALL, assert_same_events, pendulum, period, start
 from gyrospark.commands import gyrospark
 from gyrospark.core.event import event_of_text
 from gyrospark.runtime.events import location
@@ -292,29 +292,6 @@ def test_a_file_keeps_events(tmp_path, real: str) -> None:
     read = gs.load(run.save(tmp_path / "run.npz")).events["side"]
     for name in ("t", "q", "p", "steps", "rising", "elapsed"):
         assert np.array_equal(getattr(read, name), getattr(run.events["side"], name)), name
-
-
-BALL = """
-name = "ball"
-[system]
-coordinates = ["x", "y"]
-momenta = ["u", "v"]
-hamiltonian = "(u**2 + v**2)/2 + g*y"
-[parameters]
-g = 10
-h = 5
-[quantities]
-height = "y"
-[start]
-q = [0, "h"]
-p = ["3/2", 0]
-[run]
-dt = 0.03
-steps = 1000
-[events]
-half = "height = h/2 down"
-landing = "y=0 stop"
-"""
 
 
 def test_a_model_file_has_events(tmp_path) -> None:

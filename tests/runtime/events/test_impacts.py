@@ -21,10 +21,12 @@ from stores import Interrupted, assert_same, ends_after, small_blocks
 
 EPS = 2.0**-52
 z, pz, t = sp.symbols("z pz t", real=True)
-m, g, c, width = sp.symbols("m g c width", positive=True)
+m, g, c = sp.symbols("m g c", positive=True)
 push, amplitude, omega = sp.symbols("push amplitude omega", real=True)
 #: The wall of ``dragged`` is at −sin(t)/10.
 WALL = {"amplitude": -0.1, "omega": 1.0}
+#: Of the double pendulum.
+RODS = systems.case("two_rods").parameters
 
 #: (α, β, α̇, β̇) of the double pendulum with a wall at t = 2: Taylor series in 40 digits.
 REFERENCES = {
@@ -42,14 +44,6 @@ def stepper(name: str, scheme: str = "G-L", stages: int | None = 2, **options) -
         made = gs.stepper(scheme, stages, system=SYSTEMS[name], **options)
         made._impact_binding()
     return made
-
-
-def _pendulum() -> gs.System:
-    q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("u1 v1 u2 v2", real=True)
-    (x1, y1, x2, y2), T = q, sum(u**2 for u in p) / 2
-    return gs.System(q, p, (g, width), T + g * (y1 + y2), [
-        x1**2 + y1**2 - 1, (x2 - x1)**2 + (y2 - y1)**2 - 1], name="pendulum_and_wall",
-        quantities={"gap": width - x2, "held": x1**2 + y1**2})
 
 
 def _hoisted() -> gs.System:
@@ -70,7 +64,7 @@ SYSTEMS = {
         (z,), (pz,), (m, g, c, amplitude, omega), pz**2 / (2 * m) + m * g * z,
         name="dragged_ball", forces=(push - c * pz,), time=t, inputs=(push,),
         quantities={"floor": z, "wall": z - amplitude * sp.sin(omega * t), "roof": 1 - z}),
-    "pendulum": _pendulum(), "cradle": _cradle(), "hoisted": _hoisted(),
+    "pendulum": systems.case("two_rods").system, "cradle": _cradle(), "hoisted": _hoisted(),
     "tilted": systems.case("tilted").system}
 
 
@@ -88,7 +82,7 @@ def swung(steps: int, *, scheme: str = "G-L", stages: int | None = 2, restitutio
     q = np.array([np.sin(a), -np.cos(a), np.sin(a) + np.sin(b), -np.cos(a) - np.cos(b)])
     return stepper("pendulum", scheme, stages).integrate(
         *((q, 0 * q) if start is None else start), dt=ahead * end / steps, steps=steps,
-        parameters={"g": 9.81, "width": 0.3}, events=gs.Impact("gap", restitution=restitution),
+        parameters=RODS, events=gs.Impact("gap", restitution=restitution),
         **options)
 
 
@@ -287,7 +281,7 @@ def test_the_way_back(scheme, stages, backwards):
     assert np.abs(back.p[-1]).max() < 1e-13
     # EMS leaves p along g_qᵀ to the round-off of g over Δt, which moves nothing.
     moving = stepper("pendulum", scheme, stages).project(
-        back.q[-1], back.p[-1], parameters={"g": 9.81, "width": 0.3})[1]
+        back.q[-1], back.p[-1], parameters=RODS)[1]
     assert np.abs(moving).max() < 1e-14
     assert back.report.constraint_max < 16 * EPS
     if scheme == "EMS":
@@ -454,7 +448,7 @@ def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
     assert len(run.impacts["gap"]) == 3
     for k, name in enumerate(made.names):
         def end(h, k=k, name=name):
-            values = {"g": 9.81, "width": 0.3, "dt": 0.02, "": start}
+            values = {**RODS, "dt": 0.02, "": start}
             values["" if name.startswith("start") else name] = (
                 start + h * made.start[:, k] if name.startswith("start") else values[name] + h)
             dt, z0 = values.pop("dt"), values.pop("")
@@ -473,7 +467,7 @@ def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
     along = np.einsum("ij,ijk", w["q"], made.q) + np.einsum("ij,ijk", w["p"], made.p)
     assert np.abs(gradient - along).max() < 1e-12 * np.abs(along).max()
     ensemble = pendulum.integrate_ensemble(
-        run.q[:1], run.p[:1], dt=0.02, steps=200, parameters={"g": 9.81, "width": 0.3},
+        run.q[:1], run.p[:1], dt=0.02, steps=200, parameters=RODS,
         events=gs.Impact("gap", restitution=0.7))
     of_member = ensemble.members[0].gradient(w, wrt=["start", "g", "width", "dt"])
     assert np.array_equal(of_member.vector(), gradient)
@@ -664,6 +658,14 @@ def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
     assert np.abs(later.q[-1] - whole.q[-1]).max() < 1e-14
 
 
+def relativistic():
+    """Return a run to a floor, of a particle on a curve."""
+    step, case = systems.stepper("relativistic"), systems.case("relativistic")
+    q, p = systems.start("relativistic", step)
+    return step.integrate(q, -p, dt=0.1, steps=40, parameters=case.parameters,
+                          events=gs.Impact("floor"))
+
+
 @pytest.mark.parametrize(("call", "words"), [
     (lambda: gs.Impact("floor", restitution=1.1), "1.1"),
     (lambda: gs.Impact("floor", restitution=None), "None"),
@@ -679,8 +681,7 @@ def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
         "m": 1, "g": 9.81}, events=gs.Impact("x")), "quantities"),
     (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
         "m": 1, "g": 9.81}, events=[gs.Impact("floor"), gs.Impact("floor")]), "floor"),
-    (lambda: systems.stepper("quartic").integrate(
-        [0.5], [-1.0], dt=0.1, steps=9, parameters={}, events=gs.Impact("floor")), "quadratic"),
+    (relativistic, "quadratic"),
     (lambda: dropped(100).at(1.5), "outside"),
     (lambda: dropped(100, tangents=gs.Tangents(), t_eval=[0.5]), "t_eval"),
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="none"), "impacts"),

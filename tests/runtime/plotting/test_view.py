@@ -220,7 +220,8 @@ def test_on_the_command_line(gyrospark, tmp_path):
     assert said.document["show"] == ["top.html"]
     page = (tmp_path / "top.html").read_text(encoding="utf-8")
     assert len(floats(scene_in(page)["t"])) == 21
-    said = gyrospark("run", ROOT / "examples/pendulum.toml", "--show", "p.html")
+    said = gyrospark("run", ROOT / "examples/pendulum.toml", "--scheme", "G-L",
+                     "--stages", "2", "--show", "p.html")
     assert said.code == 2
     assert "'pendulum'" in said.stderr
     assert not (tmp_path / "p.html").exists()

@@ -104,9 +104,10 @@ def test_of_several_bodies_the_fastest(gyrospark):
 
 def test_what_does_not_turn_has_none(gyrospark):
     """Points, and what a frame carries."""
-    points = gyrospark("run", "examples/pendulum.toml", "--steps", "5", "--dt", "1", "--json")
-    framed = gyrospark(*RUN, "--scheme", "G-L", "--stages", "2", "--frame", "start",
-                       "--dt", "2e-2")
+    scheme = "--scheme", "G-L", "--stages", "2"
+    points = gyrospark("run", "examples/pendulum.toml", *scheme, "--steps", "5", "--dt", "1",
+                       "--json")
+    framed = gyrospark(*RUN, *scheme, "--frame", "start", "--dt", "2e-2")
     for answer in (points, framed):
         assert "radians_per_step" not in answer.document
     assert framed.stderr == ""
