@@ -22,6 +22,7 @@ from itertools import combinations
 
 import sympy as sp
 
+from ..core.inertia import quaternion_product
 from ..generator.multibody.rigid_body import left_matrix, rotation_matrix
 from ..generator.splitting.kicks import space_matrix
 from ..generator.splitting.parts import Splitting
@@ -121,8 +122,8 @@ class _Flow:
 def _quaternion_rate(x: Sequence[sp.Expr], W: Sequence[sp.Expr], w: Sequence[sp.Expr]
              ) -> list[sp.Expr]:
     """Return ½ W x + ½ x w."""
-    return [(u + v) / 2 for u, v in zip(_product([0, *W], x), _product(x, [0, *w]),
-                                        strict=True)]
+    return [(u + v) / 2 for u, v in zip(
+        quaternion_product([0, *W], x), quaternion_product(x, [0, *w]), strict=True)]
 
 
 def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
@@ -133,13 +134,6 @@ def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
     momenta = dict(zip(p, 2 * space_matrix(q).T * sp.Matrix(l), strict=True))  # p = 2 Λ(q)ᵀ l
     rates = [x.xreplace(momenta) for x in (*q_rate, *l_rate)]
     return [*rates[:4], *(x - drag * y for x, y in zip(rates[4:], l, strict=True))]
-
-
-def _product(x: Sequence[sp.Expr], y: Sequence[sp.Expr]) -> list[sp.Expr]:
-    """Return the product of quaternions."""
-    x0, y0 = x[0], y[0]
-    v, w = sp.Matrix(x[1:]), sp.Matrix(y[1:])
-    return [x0 * y0 - v.dot(w), *(x0 * w + y0 * v + v.cross(w))]
 
 
 def _flows() -> Iterator[_Flow]:
@@ -155,17 +149,17 @@ def _flows() -> Iterator[_Flow]:
     W, w = [a * x for x in l], [(_RATE + c) * x for x in e]
     # C = cos(½ a t |l|), Z = sin(½ a t |l|)/|l|
     yield _Flow(
-        "sphere", "(exp(½ t a l) q, l)", sphere, W, zero, _product(left_quaternion, q), l,
+        "sphere", "(exp(½ t a l) q, l)", sphere, W, zero, quaternion_product(left_quaternion, q), l,
         (W, zero), {C: -half * a * l_squared * Z, Z: half * a * C}, {C: 1 - l_squared * Z**2})
     # D = cos(½ t (d (e·m) + c)), Y = sin(½ t (d (e·m) + c))
     yield _Flow(
         "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, zero, w,
-        _product(q, right_quaternion), l, (zero, [(rate + c) * x for x in e]),
+        quaternion_product(q, right_quaternion), l, (zero, [(rate + c) * x for x in e]),
         {D: -half * (rate + c) * Y, Y: half * (rate + c) * D}, unit | {D: 1 - Y**2})
     # s = (1 − e^(−kt))/k has ṡ = E = e^(−kt): both angles with s in place of t, but c t
     yield _Flow(
         "symmetric body with drag", "(exp(½ s a l) q exp(½ (s d (e·m) + c t) e), E l)",
-        sphere + axis, W, w, _product(_product(left_quaternion, q), right_quaternion),
+        sphere + axis, W, w, quaternion_product(left_quaternion, q, right_quaternion),
         [E * x for x in l], ([E * x for x in W], [(E * rate + c) * x for x in e]),
         {C: -half * a * E * l_squared * Z, Z: half * a * E * C, D: -half * (rate * E + c) * Y,
          Y: half * (rate * E + c) * D, E: -k * E},
@@ -175,7 +169,7 @@ def _flows() -> Iterator[_Flow]:
     velocity = [-x for x in omega]
     yield _Flow(
         "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), velocity, zero,
-        _product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, zero),
+        quaternion_product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, zero),
         {C: -half * omega_squared * Z, Z: half * C}, {C: 1 - omega_squared * Z**2},
         force=list(-sp.Matrix(omega).cross(sp.Matrix(l))))
 

@@ -25,8 +25,8 @@ from .warnings import warn
 __all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as_inertia",
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
            "inverse_entries", "is_number", "is_tensor", "moments_of", "quaternion_of_matrix",
-           "real_array", "refuse_impossible_inertias", "tensor_of_inverse", "unit_quaternions",
-           "warn_of_degrees"]
+           "quaternion_product", "real_array", "refuse_impossible_inertias", "tensor_of_inverse",
+           "unit_quaternions", "warn_of_degrees"]
 
 #: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
 #: entries, for editors and type checkers.
@@ -338,6 +338,21 @@ def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
     warn(f"The {label} {shown(values)} is read scalar first, a turn by {scalar_first:.0f}°. If its "
          f"scalar stands last, a turn by {scalar_last:.0f}°, write ({scalar_first_text}); else "
          "give it as a rotation, which has this unsaid.")
+
+
+def quaternion_product(x: Any, *factors: Any) -> list[Any]:
+    """Return Hamilton's product of quaternions from the left, scalar first: R(xy) = R(x) R(y).
+
+    Components are numbers, expressions or arrays of equal shape.
+    """
+    product = list(x)
+    for y in factors:
+        (x0, x1, x2, x3), (y0, y1, y2, y3) = product, y
+        product = [x0 * y0 - (x1 * y1 + x2 * y2 + x3 * y3),
+                   x0 * y1 + x1 * y0 + (x2 * y3 - x3 * y2),
+                   x0 * y2 + x2 * y0 + (x3 * y1 - x1 * y3),
+                   x0 * y3 + x3 * y0 + (x1 * y2 - x2 * y1)]
+    return product
 
 
 def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:

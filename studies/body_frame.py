@@ -17,7 +17,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["BodyFrameTop", "conjugate", "dot", "motion", "multiply", "over"]
+from ..core.inertia import quaternion_product
+
+__all__ = ["BodyFrameTop", "conjugate", "dot", "motion", "over"]
 
 Vector = list[Any]
 
@@ -44,18 +46,6 @@ class BodyFrameTop:
         l_rate[0] += self.mgl * G2
         l_rate[1] -= self.mgl * G1
         return l_rate, cross(self.vertical, omega)
-
-
-def multiply(a: Sequence[Any], b: Sequence[Any]) -> Vector:
-    """Return the quaternion product a∘b."""
-    a0, a1, a2, a3 = a
-    b0, b1, b2, b3 = b
-    return [
-        a0 * b0 - a1 * b1 - a2 * b2 - a3 * b3,
-        a0 * b1 + a1 * b0 + a2 * b3 - a3 * b2,
-        a0 * b2 - a1 * b3 + a2 * b0 + a3 * b1,
-        a0 * b3 + a1 * b2 - a2 * b1 + a3 * b0,
-    ]
 
 
 def conjugate(a: Sequence[Any]) -> Vector:
@@ -116,13 +106,13 @@ def motion(top: BodyFrameTop, order: int) -> tuple[list[Vector], list[Vector]]:
         l_rate, G_rate = cross(momentum, spin), cross(vertical, spin)
         l_rate[0] += top.mgl * G[1][n]
         l_rate[1] -= top.mgl * G[0][n]
-        x_rate = multiply(_at(n, x), [_Taylor([zero] * (n + 1), n), *spin])
+        x_rate = quaternion_product(_at(n, x), [_Taylor([zero] * (n + 1), n), *spin])
         # the factor 2 is the ½ of ẋ = ½ x∘Ω
         for vector, rate, factor in ((l, l_rate, 1), (G, G_rate, 1), (x, x_rate, 2)):
             for terms, coefficient in zip(vector, rate, strict=True):
                 terms.append(over(coefficient, factor * (n + 1)))
     zero_series = [zero] * (order + 1)
-    y = [multiply(_at(n, x), _at(n, [zero_series, *l])) for n in range(order + 1)]
+    y = [quaternion_product(_at(n, x), _at(n, [zero_series, *l])) for n in range(order + 1)]
     return (
         [[terms[n] for terms in x] for n in range(order + 1)],
         [[2 * coefficient for coefficient in row] for row in y],

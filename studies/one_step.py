@@ -20,8 +20,9 @@ from typing import Any
 import sympy as sp
 from sympy import QQ
 
+from ..core.inertia import quaternion_product
 from ..generator.tableaux.tableau import Tableau
-from .body_frame import BodyFrameTop, conjugate, dot, multiply, over
+from .body_frame import BodyFrameTop, conjugate, dot, over
 from .power_series import PowerSeries
 
 __all__ = ["energy_error"]
@@ -111,13 +112,13 @@ class _Step:
 
     def relative(self, q: Vector, p: Vector) -> Vector:
         """Return ιw/4 with w = q̄∘p and ι = (1/γ, 1/I₁, 1/I₂, 1/I₃)."""
-        radial, *vector = multiply(conjugate(q), p)
+        radial, *vector = quaternion_product(conjugate(q), p)
         inner = [x * over(j, 4) for x, j in zip(vector, self.top.inverse_inertia, strict=True)]
         return [(radial * QQ(1, 4)).shifted(gamma=-1), *inner]
 
     def velocity(self, q: Vector, p: Vector) -> Vector:
         """Return H_p = ¼ q∘(ιw)."""
-        return multiply(q, self.relative(q, p))
+        return quaternion_product(q, self.relative(q, p))
 
     def forces(self) -> list[Vector]:
         """Return the forces F_j = −T_q − V_q − 2 Q Λ of all stages, T_q = ¼ p ∘ conj(ι w).
@@ -128,7 +129,7 @@ class _Step:
         multipliers = [*self.Lambda, self.constant(0)]
         forces = []
         for q, p, multiplier in zip(self.Q, self.P, multipliers, strict=True):
-            T_q = multiply(p, conjugate(self.relative(q, p)))
+            T_q = quaternion_product(p, conjugate(self.relative(q, p)))
             V_q = self.gravity(q)
             forces.append([-a - b - 2 * c * multiplier
                            for a, b, c in zip(T_q, V_q, q, strict=True)])
@@ -137,7 +138,7 @@ class _Step:
     def gravity(self, q: Vector) -> Vector:
         """Return V_q = −2 mgl Γ∘q∘e₃."""
         G = [self.constant(v) for v in (0, *self.top.vertical)]
-        a, b, c, d = multiply(G, q)
+        a, b, c, d = quaternion_product(G, q)
         return [x * (-2 * self.top.mgl) for x in (-d, c, -b, a)]
 
     def energy_change(self) -> PowerSeries:
@@ -155,7 +156,7 @@ class _Step:
 
     def energy(self, q: Vector, p: Vector) -> PowerSeries:
         """Return ⅛ Σᵢ wᵢ²/Iᵢ + V with w = q̄∘p, i = 1..3; V = ½ qᵀV_q, as V is quadratic in q."""
-        w = multiply(conjugate(q), p)[1:]
+        w = quaternion_product(conjugate(q), p)[1:]
         energy: PowerSeries = dot(q, self.gravity(q)) * QQ(1, 2)
         for x, j in zip(w, self.top.inverse_inertia, strict=True):
             energy = energy + x * x * over(j, 8)

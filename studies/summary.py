@@ -85,7 +85,8 @@ def iterations_note(results: Iterable[Result]) -> str:
     return ("Table 8 and the later tables measure an iteration, not a scheme, and the paper "
             "describes neither its Jacobian nor its initial guess nor its search. Most cells are "
             "compared twice, with full Newton and with a reconstruction of the paper's "
-            "iteration; if the results differ the table gives the reason.")
+            "iteration; if the results differ the table gives the reason. Where the last bits "
+            "decide, another processor or compiler may count other iterations.")
 
 
 def unexplained(table: Table) -> list[Cell]:

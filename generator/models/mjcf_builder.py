@@ -18,9 +18,9 @@ import numpy as np
 
 from ...core.arguments import listed, proposal, shown
 from ...core.errors import InputError
-from ...core.inertia import quaternion_of_matrix
+from ...core.inertia import quaternion_of_matrix, quaternion_product
 from ..multibody.body import Body
-from ..multibody.initial_poses import clean, conjugate, optional_vector, product, rotation, unit
+from ..multibody.initial_poses import clean, conjugate, optional_vector, rotation, unit
 from ..multibody.multibody import Multibody
 from .mjcf_cables import MjcfCable
 from .mjcf_reader import (
@@ -247,9 +247,9 @@ class MjcfBuilder(RobotBuilder):
         for a, b in pairwise(numbers[name] for name in cable.bodies):
             body_b = self.robot.bodies[b]
             (q_a, start_a), (q_b, start_b) = (self._section_attitude(body) for body in (a, b))
-            _, *u = product(conjugate(q_a), q_b)
+            _, *u = quaternion_product(conjugate(q_a), q_b)
             # u and −u are one rotation: the rest strain has the sign of the start
-            sign = 1 if product(conjugate(start_a), start_b)[0] >= 0 else -1
+            sign = 1 if quaternion_product(conjugate(start_a), start_b)[0] >= 0 else -1
             rest_strain = np.zeros(3) if cable.is_flat else sign * clean(
                 np.array(quaternion_of_matrix(body_b.place.R)[1:]))
             h = self._number(f"{body_b.name}_spacing", float(np.linalg.norm(body_b.place.x)))
@@ -267,8 +267,8 @@ class MjcfBuilder(RobotBuilder):
         start = (self.builder._components.bodies[frame].q if isinstance(frame, Body)
                  else [1, 0, 0, 0])
         attitude = (frame.attitude if limb == body
-                    else product(frame.attitude, turn.tolist()))
-        return attitude, product(start, turn)
+                    else quaternion_product(frame.attitude, turn.tolist()))
+        return attitude, quaternion_product(start, turn)
 
     def _number(self, name: str, value: float) -> Any:
         """Return a parameter with a value, as a symbol; its name is made free."""

@@ -25,12 +25,12 @@ from ...core.inertia import (
     inertia_rows,
     inverse_entries,
     is_tensor,
+    quaternion_product,
     warn_of_degrees,
 )
 from ...core.registry import RULES
 from ...core.warnings import warn
 from ..multibody import initial_poses, rigid_body
-from ..multibody.initial_poses import product
 from ..multibody.model import Model, whole_array
 from ..multibody.rigid_body import INVERSE, Rep, body_system, left_matrix, moments, p, q
 from ..parsing.grammar import ANGLES, RATES
@@ -239,7 +239,7 @@ def from_euler(phi: float, theta: float, psi: float) -> list[float]:
     with mp.workdps(_DIGITS):
         (a, b), (c, d), (e, f) = ((mp.cos(x), mp.sin(x)) for x in
                                   (_mpf(angle) / 2 for angle in (phi, theta, psi)))
-        return _rounded(product(product([a, 0, 0, b], [c, d, 0, 0]), [e, 0, 0, f]))
+        return _rounded(quaternion_product([a, 0, 0, b], [c, d, 0, 0], [e, 0, 0, f]))
 
 
 def unit(quaternion: Sequence[float]) -> list[float]:

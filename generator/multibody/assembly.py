@@ -21,7 +21,7 @@ import sympy as sp
 
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.inertia import inverse_entries, moments_of
+from ...core.inertia import inverse_entries, moments_of, quaternion_product
 from ...core.projection import Projection, project_coordinates, project_momenta, report
 from ...core.warnings import warn
 from ..systems.body_layout import (
@@ -53,7 +53,6 @@ from .initial_poses import (
     RigidMotion,
     conjugate,
     in_range,
-    product,
     propagate_all,
     rotation,
 )
@@ -512,7 +511,8 @@ class Assembly:
                 poses[body] = replace(pose, x=x)
                 continue
             # the motion from the described pose to this one: r ↦ R(t) (r − x°) + x, t = q q̄°
-            turn = RigidMotion(np.array(product(attitude, conjugate(described.q))), np.zeros(3))
+            turn = RigidMotion(
+                np.array(quaternion_product(attitude, conjugate(described.q))), np.zeros(3))
             assert described.x is not None
             position = x if body.x else described.x
             motion = RigidMotion(turn.q, position - turn.direction(described.x))

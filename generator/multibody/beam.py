@@ -27,11 +27,11 @@ from numpy.typing import ArrayLike
 from ...core.arguments import shown, whole
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.inertia import real_array
+from ...core.inertia import quaternion_product, real_array
 from ..systems.body_layout import SectionLayout
 from ..systems.expression_arguments import as_expression
 from .body import Body, Frame, GeneralisedForce, Vector, cross, dot
-from .initial_poses import conjugate, finite, onto, positive, product, rotation, vector
+from .initial_poses import conjugate, finite, onto, positive, rotation, vector
 from .joints import (
     UNIT,
     Equation,
@@ -225,9 +225,9 @@ class BeamJoint(Joint):
 
     def strain(self, store: Store) -> tuple[sp.Expr, Vector]:
         """Return w and u of w + u = q̄_1 q_2, with the attitudes of the sections on both sides."""
-        q1, q2 = (product(frame.attitude, turn)
+        q1, q2 = (quaternion_product(frame.attitude, turn)
                   for frame, turn in zip(self.sides, self.turns(store), strict=True))
-        w, *u = product(conjugate(q1), q2)
+        w, *u = quaternion_product(conjugate(q1), q2)
         return w, (u[0], u[1], u[2])
 
     def stiffness_by_strain(self, store: Store) -> tuple[sp.Expr, Vector]:
@@ -413,19 +413,19 @@ def frames_along(
         if shortest[0] < 1e-6 or abs(angle) > math.pi / 2:
             raise InputError(f"Beam {name!r} turns back, or twists by more than 90°, at segment "
                              f"{max(k, 1)}; give more segments, or a smoother curve.")
-        q = _twist(np.array(product(shortest, frames[-1])), angle)
+        q = _twist(np.array(quaternion_product(shortest, frames[-1])), angle)
         frames.append(q / np.linalg.norm(q))
     return frames
 
 
 def _twist(q: Array, angle: float) -> Array:
     """Return the quaternion after a rotation by an angle about the section's third axis."""
-    return np.array(product(q, [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
+    return np.array(quaternion_product(q, [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]))
 
 
 def strain_between(a: Array, b: Array) -> Array:
     """Return u, (3,), of ā b = w + u for two unit quaternions; components at round-off are 0."""
-    u = np.array(product(conjugate(a), b)[1:])
+    u = np.array(quaternion_product(conjugate(a), b)[1:])
     return np.where(np.abs(u) <= _ROUNDING, 0.0, u)
 
 

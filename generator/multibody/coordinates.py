@@ -26,8 +26,9 @@ import numpy as np
 import sympy as sp
 
 from ...core.arrays import Array
+from ...core.inertia import quaternion_product
 from .body import Body, Frame, GeneralisedForce, Particle, Vector, cross, dot
-from .initial_poses import Pose, RigidMotion, conjugate, direction, product
+from .initial_poses import Pose, RigidMotion, conjugate, direction
 from .joints import (
     FRACTION,
     RATE_OF,
@@ -210,14 +211,15 @@ class BallFlywheel(Connection):
         """Yield the four constraints z − q̄_a q_b = 0."""
         (joint,) = self.joints
         assert isinstance(self.b, FlywheelBody)
-        relative_attitude = product(conjugate(joint.a.attitude), joint.b.attitude)
+        relative_attitude = quaternion_product(conjugate(joint.a.attitude), joint.b.attitude)
         for k, (z, e) in enumerate(zip(self.b.x, relative_attitude, strict=True)):
             yield Equation(f"{self.name}: {k}", z - e)
 
     def begin(self, poses: Poses) -> None:
         """Set z = q̄_a q_b, the relative attitude of the joint's bodies in the described pose."""
         (joint,) = self.joints
-        poses[self.b].x = np.array(product(conjugate(poses[joint.a].q), poses[joint.b].q))
+        poses[self.b].x = np.array(
+            quaternion_product(conjugate(poses[joint.a].q), poses[joint.b].q))
 
     def begin_rate(self, poses: Poses) -> None:
         """Set ż = ½ z (0, R_bᵀ(Ω_b − Ω_a)) at the start, by its joint."""
@@ -225,7 +227,7 @@ class BallFlywheel(Connection):
         a, b = poses[joint.a], poses[joint.b]
         assert a.spin is not None
         assert b.spin is not None
-        rate = product(poses[self.b].x, [0.0, *(b.R.T @ (b.spin - a.spin))])
+        rate = quaternion_product(poses[self.b].x, [0.0, *(b.R.T @ (b.spin - a.spin))])
         poses[self.b].v = np.array(rate) / 2
 
 
@@ -428,7 +430,7 @@ class Chain(Joint):
         point: list[sp.Expr] = list(on_a)
         attitude: Sequence[sp.Expr] = tuple(
             named_number(f"{self.name}_before{k}", x, store, UNIT) for k, x in enumerate(
-                direction(np.array(product(conjugate(a.q), b.q))).tolist()))
+                direction(np.array(quaternion_product(conjugate(a.q), b.q))).tolist()))
         for k, link in reversed([*enumerate(self.links, start=1)]):
             coordinate = link.coordinate
             displacement = coordinate.measure(coordinate.kind, poses, store) - named_number(
@@ -438,7 +440,7 @@ class Chain(Joint):
                 point = [x + displacement * y for x, y in zip(point, e, strict=True)]
                 continue
             half = displacement / 2
-            attitude = product((sp.cos(half), *(sp.sin(half) * x for x in e)), attitude)
+            attitude = quaternion_product((sp.cos(half), *(sp.sin(half) * x for x in e)), attitude)
             # a hinge through the point of b, which no joint behind it moved, does not move it
             if np.abs(link.at - np.asarray(self.at)).max() <= 1e-15 and point == list(on_a):
                 continue
@@ -446,7 +448,8 @@ class Chain(Joint):
             arm = difference((point[0], point[1], point[2]), c)
             point = [x + y for x, y in zip(c, _rotate(e, displacement, arm), strict=True)]
         # q̄_b q_a × the attitude is ±1 on the constraint: its vector part vanishes
-        _, *residual = product(conjugate(self.b.attitude), product(self.a.attitude, attitude))
+        _, *residual = quaternion_product(
+            conjugate(self.b.attitude), quaternion_product(self.a.attitude, attitude))
         for axis, e in zip("xyz", residual, strict=True):
             yield Equation(f"{self.name}: turn {axis}", e)
         for axis, x, y in zip("xyz", self.a.point(point), self.b.point(on_b), strict=True):

@@ -18,6 +18,7 @@ from ...core.inertia import (
     Inertia,
     inertia_matrix,
     quaternion_of_matrix,
+    quaternion_product,
     real_array,
     unit_quaternions,
 )
@@ -26,7 +27,7 @@ from .rigid_body import left_matrix, rotation_matrix
 __all__ = ["Attitude", "InitialState", "Pose", "RigidMotion", "attitude", "check_rep",
            "clean", "conjugate",
            "count", "direction", "finite", "in_range", "initial_state", "nonzero", "normals",
-           "onto", "optional_vector", "positive", "product", "propagate_all", "rotation", "unit",
+           "onto", "optional_vector", "positive", "propagate_all", "rotation", "unit",
            "vector"]
 
 #: Components smaller than this relative to the vector, or to its parts, are round-off: zero.
@@ -58,7 +59,7 @@ class RigidMotion:
 
     def __matmul__(self, first: RigidMotion) -> RigidMotion:
         """Return the motion that does ``first``, then this."""
-        return RigidMotion(np.array(product(self.q, first.q)), self.point(first.x))
+        return RigidMotion(np.array(quaternion_product(self.q, first.q)), self.point(first.x))
 
     def inverse(self) -> RigidMotion:
         """Return the inverse motion r ↦ R(q)ᵀ (r − x)."""
@@ -122,7 +123,7 @@ class Pose:
         # the translation is replaced by the one that leaves the origin where it is
         if is_held:
             motion = RigidMotion(motion.q, self.x - motion.direction(self.x))
-        q = np.array(product(motion.q, self.q))
+        q = np.array(quaternion_product(motion.q, self.q))
         spin = None if self.spin is None else motion.direction(self.spin)
         return Pose(q, rotation(q), motion.point(self.x), self.v, spin, motion)
 
@@ -318,14 +319,6 @@ def nonzero(label: str, value: Any) -> float:
         raise InputError(f"The {label} is 0, and the kinetic energy divides by it; give another "
                          "number.")
     return number
-
-
-def product(x: Any, y: Any) -> list[Any]:
-    """Return the product of two quaternions, scalar first: R(xy) = R(x) R(y)."""
-    (a, *u), (b, *v) = x, y
-    cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
-    return [a * b - sum(i * j for i, j in zip(u, v, strict=True)),
-            *(a * j + b * i + k for i, j, k in zip(u, v, cross, strict=True))]
 
 
 def conjugate(q: Any) -> list[Any]:

@@ -47,6 +47,7 @@ import sympy as sp
 
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.inertia import quaternion_product
 from ..symbolic.switching_functions import Max
 from ..systems.body_layout import ConstraintForce
 from .body import Body, Frame, GeneralisedForce, Vector, dot
@@ -57,7 +58,6 @@ from .initial_poses import (
     conjugate,
     direction,
     normals,
-    product,
 )
 
 __all__ = [
@@ -440,7 +440,8 @@ class Align(Connection):
             return dot(in_b, self.b.angular_velocity) - dot(in_a, self.a.angular_velocity)
         # the quaternion has half the angle, so that θ is smooth for |θ| < 2π
         *c, full_turns = self.zero(poses, store)
-        w, *v = product(conjugate(self.a.attitude), product(self.b.attitude, c))
+        w, *v = quaternion_product(
+            conjugate(self.a.attitude), quaternion_product(self.b.attitude, c))
         return full_turns + 2 * sp.atan2(dot(in_a, (v[0], v[1], v[2])), w)
 
     def generalised_forces(
@@ -467,7 +468,8 @@ class Align(Connection):
         # the quaternion has the angle but for full turns, which are a parameter of their own
         half = (self.angle - self._full_turns) / 2
         described_turn = [math.cos(half), *(math.sin(half) * (pose_a.R.T @ self.axis))]
-        c = direction(np.array(product(product(conjugate(pose_b.q), pose_a.q), described_turn)))
+        c = direction(np.array(
+            quaternion_product(conjugate(pose_b.q), pose_a.q, described_turn)))
         return (*(named_number(f"{self.name}_before{k}", x, store, UNIT)
                   for k, x in enumerate(c.tolist())),
                 named_number(f"{self.name}_turns", self._full_turns, store))

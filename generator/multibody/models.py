@@ -24,7 +24,7 @@ import sympy as sp
 from ...core.arguments import shown, whole
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.inertia import REPS, RepName, warn_of_degrees
+from ...core.inertia import REPS, RepName, quaternion_product, warn_of_degrees
 from ...core.registry import function_of
 from .body import Body, Frame
 from .initial_poses import finite, rotation
@@ -73,7 +73,7 @@ def satellite(
                                   "orbit, in orbit axes.")
     body = build.top(
         "a", mass=100.0, inertia=inertia, centre=(0, 0, 0), rep=rep,
-        quaternion=multiply(turn((1, 0, 0), 0.15), turn((0, 1, 0), 0.3)),
+        quaternion=quaternion_product(turn((1, 0, 0), 0.15), turn((0, 1, 0), 0.3)),
         angular_velocity=(0, rate, 2e-4),
     )
     n = build.parameter("n", rate, positive=True)
@@ -258,7 +258,8 @@ def build_chain(rods: int, rep: RepName = "gamma") -> Model:
     for i in range(rods):
         rod = build.body(
             f"b{i}", mass=0.2, inertia=(0.0017, 0.0015, 0.0002), rep=rep,
-            quaternion=multiply(turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
+            quaternion=quaternion_product(
+                turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
             angular_velocity=(0.2, -0.1, 5.0),
         )
         build.ball(f"j{i}", parent, rod, on_a=(0, 0, -0.15) if i else (0.0, 0.0, 0.0),
@@ -271,13 +272,6 @@ def turn(axis: tuple[float, float, float], angle: float) -> Array:
     """Return the unit quaternion of a rotation by an angle in rad about a unit axis."""
     half = angle / 2
     return np.array([math.cos(half), *(math.sin(half) * x for x in axis)])
-
-
-def multiply(x: Array, y: Array) -> Array:
-    """Return Hamilton's product x ∘ y: first y, then x."""
-    (x0, *xv), (y0, *yv) = x, y
-    return np.array([x0 * y0 - np.dot(xv, yv),
-                     *(x0 * np.array(yv) + y0 * np.array(xv) + np.cross(xv, yv))])
 
 
 def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) -> Body:

@@ -37,6 +37,7 @@ from ...core.inertia import (
     is_number,
     is_tensor,
     moments_of,
+    quaternion_product,
     real_array,
     warn_of_degrees,
 )
@@ -76,7 +77,6 @@ from .initial_poses import (
     onto,
     optional_vector,
     positive,
-    product,
     rotation,
     unit,
     vector,
@@ -607,7 +607,7 @@ class Multibody:
                            else self._components.bodies[holder].q)
         section = end.q
         if q is not None:
-            section = np.array(product(holder_attitude, conjugate(q) if ends[0] else q))
+            section = np.array(quaternion_product(holder_attitude, conjugate(q) if ends[0] else q))
             # q and −q are one attitude: the sign that is nearer to the start
             section = section * (1 if section @ end.q >= 0 else -1)
         q_segment = self._components.bodies[end.segment].q
@@ -615,7 +615,7 @@ class Multibody:
         rest_strain = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
                        beam.rest_strain(q_segment, end.q, 4))
         return BeamJoint(name, **pair, beam=beam, factor=4, rest=rest_strain,
-                         relative=product(conjugate(holder_attitude), section),
+                         relative=quaternion_product(conjugate(holder_attitude), section),
                          arc=0.0 if end.is_first else beam.spacing * len(beam.segments))
 
     def revolute(

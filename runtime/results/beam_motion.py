@@ -21,11 +21,12 @@ from ...core.arguments import choose
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
+from ...core.inertia import quaternion_product
 from ...core.manifest import SectionManifest
 from ..compilation.body_columns import JointAt, numbers
 from ..rigid_body.quaternion import left_matrix
 from .body_motion import turned
-from .joint_motion import multipliers_at_states, quaternion_product
+from .joint_motion import multipliers_at_states
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -160,8 +161,9 @@ class BeamMotion:
         """Return the attitudes of the section before and after in space, shape (N+1, 4) each."""
         # the ground, "", is not turned
         ground = np.broadcast_to([1.0, 0, 0, 0], (*self._run.q.shape[:-1], 4))
-        return [quaternion_product(
-                    self._run.body(name).attitude.astype(float) if name else ground, turn)
+        return [np.stack(quaternion_product(
+                    (self._run.body(name).attitude.astype(float) if name else ground).T, turn),
+                    axis=-1)
                 for name, turn in self._sides(joint)]
 
     def _strain(self, joint: JointAt) -> tuple[Array, Array]:

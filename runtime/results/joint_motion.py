@@ -13,6 +13,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
+from ...core.inertia import quaternion_product
 from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
 from ..rigid_body.quaternion import left_matrix
@@ -22,7 +23,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
-           "quaternion_product", "shortest_rotation"]
+           "shortest_rotation"]
 
 _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 #: Rad by which a rotation between two states may differ from one at a constant rate.
@@ -109,7 +110,7 @@ class JointMotion:
         """
         *c, turns = numbers(self._at.zero, self._run.parameters)
         q_a, q_b = self._attitudes()
-        x = quaternion_product(q_b, np.array(c))
+        x = np.stack(quaternion_product(q_b.T, c), axis=-1)
         # q̄_a x has the scalar q_a·x and the vector L(q_a) x
         w = (q_a * x).sum(1)
         v = (left_matrix(q_a) @ x[..., None])[..., 0] @ np.cross(n1, n2)
@@ -377,15 +378,6 @@ def _is_whole(trajectory: Trajectory) -> bool:
     dt, count = float(trajectory.dt), len(trajectory)
     return count == trajectory.report.steps + 1 and bool(
         (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
-
-
-def quaternion_product(q: Array, r: Array) -> Array:
-    """Return Hamilton's products q r of quaternions q, shape (..., 4), and one r, (4,)."""
-    w, u = r[0], r[1:]
-    scalar = q[..., :1] * w - q[..., 1:] @ u[:, None]
-    product: Array = np.concatenate(
-        [scalar, q[..., :1] * u + w * q[..., 1:] + np.cross(q[..., 1:], u)], axis=-1)
-    return product
 
 
 def shortest_rotation(a: Array, b: Array, normal: Array) -> Array:

@@ -17,7 +17,7 @@ from ...core.arguments import as_flag, choose
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
-from ...core.inertia import inertia_matrix
+from ...core.inertia import inertia_matrix, quaternion_product
 from ...core.manifest import Manifest
 from ..compilation.body_columns import BodyAt, JointAt, PlacedAt, numbers
 from .body_motion import FRAMES, BodyMotion, FrameName, PlacedMotion
@@ -157,7 +157,7 @@ class PresentJoint(_SingleState, JointMotion):
         q_a, q_b = map(self._quaternion_of, self.bodies)
         if zero:  # (w, v e) = q̄_a q_b c, θ = 2 atan2(v, w) + turns
             conjugate_a = [q_a[0], *map(operator.neg, q_a[1:])]
-            w, *v = product(conjugate_a, product(q_b, zero[:4]))
+            w, *v = quaternion_product(conjugate_a, quaternion_product(q_b, zero[:4]))
             return (zero[4] + 2 * math.atan2(dot(v, axis), w)) * unit
         # the angle of b's image of n₁ in the plane of n₁ and n₂, which a carries
         image = rotated(q_b, n1_in_b)
@@ -237,13 +237,6 @@ def rotated(q: Floats, v: Floats) -> list[float]:
     return [scale * x + along * q1 + 2 * q0 * (q2 * z - q3 * y),
             scale * y + along * q2 + 2 * q0 * (q3 * x - q1 * z),
             scale * z + along * q3 + 2 * q0 * (q1 * y - q2 * x)]
-
-
-def product(q: Floats, r: Floats) -> list[float]:
-    """Return Hamilton's product q ∘ r."""
-    (a, b, c, d), (w, x, y, z) = q, r
-    return [a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y,
-            a * y + c * w + d * x - b * z, a * z + d * w + b * y - c * x]
 
 
 def dot(v: Floats, w: Floats) -> float:

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.inertia import InertiaLike
+from ...core.inertia import InertiaLike, quaternion_product
 from ...core.records import dataclass
 from ..bindings.array_checks import as_numbers, as_real, converted_to
 from .quaternion import axis, euler_quaternion
@@ -145,7 +145,7 @@ class SteadyRotation(_PreciseMotion):
         half = self._speed * t / 2
         scale = self._mp.sin(half) / self._speed if self._speed else self._mp.mpf(0)
         turn = [self._mp.cos(half), *(scale * x for x in self._omega)]
-        return _product(self._q0, turn)
+        return quaternion_product(self._q0, turn)
 
 
 class FreeRotation(_PreciseMotion):
@@ -248,7 +248,7 @@ class FreeRotation(_PreciseMotion):
         q0 = [mp.mpf(x) for x in attitude]
         w0, x0, y0, z0 = self._relative_attitude(mp.mpf(0))
         # the inverse of a unit quaternion is its conjugate
-        self._to_space = _product(q0, [w0, -x0, -y0, -z0])
+        self._to_space = quaternion_product(q0, [w0, -x0, -y0, -z0])
 
     def precise_angular_velocity(self, t: Any) -> list[Any]:
         """Return Ω(t) in at least 30 digits, as mpmath numbers; t is one number."""
@@ -261,7 +261,7 @@ class FreeRotation(_PreciseMotion):
 
     def precise_attitude(self, t: Any) -> list[Any]:
         """Return q(t) in at least 30 digits, as mpmath numbers; t is one number."""
-        return _product(self._to_space, self._relative_attitude(t))
+        return quaternion_product(self._to_space, self._relative_attitude(t))
 
     def _relative_attitude(self, t: Any) -> list[Any]:
         """Return e(t): the body against axes whose third is the angular momentum's direction."""
@@ -404,18 +404,6 @@ def _number(mp: Any, value: Fraction) -> Any:
 def _root(mp: Any, value: Fraction | int) -> Any:
     """Return the square root of a fraction as a number of mpmath."""
     return mp.sqrt(_number(mp, Fraction(value)))
-
-
-def _product(x: Sequence[Any], y: Sequence[Any]) -> list[Any]:
-    """Return Hamilton's product x ∘ y, so that R(x ∘ y) = R(x) R(y)."""
-    x0, x1, x2, x3 = x
-    y0, y1, y2, y3 = y
-    return [
-        x0 * y0 - x1 * y1 - x2 * y2 - x3 * y3,
-        x0 * y1 + x1 * y0 + x2 * y3 - x3 * y2,
-        x0 * y2 - x1 * y3 + x2 * y0 + x3 * y1,
-        x0 * y3 + x1 * y2 - x2 * y1 + x3 * y0,
-    ]
 
 
 def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:

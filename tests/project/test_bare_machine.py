@@ -242,7 +242,7 @@ def full(tmp_path_factory):
 
 @pytest.mark.slow  # installs the wheel
 def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
-    assert megabytes(bare.bin.parent) < 200
+    assert megabytes(bare.bin.parent) < 250  # SciPy, NumPy and SymPy 200 of them
     code = "from importlib.metadata import distributions\nfor d in distributions(): print(d.name)"
     listed = call([bare.bin / "python", "-c", code], PYTHONPATH=None)
     there = set(listed.stdout.lower().split())

@@ -33,6 +33,7 @@ from gyrospark.studies.summary import (
     failing,
     iterations_note,
     requirements,
+    unexpected,
     unexplained,
 )
 from gyrospark.studies.verdict import compare_value, same_digits, units_between
@@ -424,9 +425,17 @@ def test_committed_summary_is_what_is_computed(name, engine):
 
 @pytest.mark.slow
 def test_whole_committed_summary_is_what_is_computed():
-    committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
-    computed = study_registry.compute(study_registry.chosen("all"), Engine())
-    assert page(computed) == committed
+    """Counts of steps that stagnate are of one processor: of their tables, claims are compared."""
+    results = study_registry.compute(study_registry.chosen("all"), Engine())
+    _, *committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8").split("\n## ")
+    _, *computed = page(results).split("\n## ")
+    assert [text.partition("\n")[0] for text in computed] == [
+        text.partition("\n")[0] for text in committed]
+    _, *sections = zip(computed, committed, strict=True)
+    exact = [pair for pair in sections if not any("last bits decide" in text for text in pair)]
+    assert 0 < len(sections) - len(exact) <= 6  # Tables 9 to 14
+    assert [ours for ours, _ in exact] == [theirs for _, theirs in exact]
+    assert unexpected(results) == []
 
 
 def test_summary_has_no_digits_of_round_off(quick_results):
