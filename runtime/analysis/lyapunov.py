@@ -273,7 +273,8 @@ class Benettin:
         """
         form_before = self.unit.T @ self.frame.J @ self.unit
         self.frame = self._frame(step, q, p)
-        c = self.frame.coordinates(self.V)
+        with np.errstate(all="ignore"):  # numbers that are not finite are refused
+            c = self.frame.coordinates(self.V)
         if not np.isfinite(c).all():
             raise InputError(f"Directions are not finite after {step:,} steps; give an every below "
                              f"{self.run.every}, or a smaller dt.")
@@ -314,7 +315,12 @@ class Benettin:
         # the state after the last step has the inputs of that step
         run = self.run.at_step(min(step, self.run.steps - 1))
         t = self.run.t0 + step * self.run.dt
-        return UnitaryFrame(self.binding, run.parameters, t, q, p)
+        try:
+            with np.errstate(all="ignore"):
+                return UnitaryFrame(self.binding, run.parameters, t, q, p)
+        except np.linalg.LinAlgError as error:
+            raise InputError(f"The metric of the state after {step:,} steps is not finite: its "
+                             "energy is no double; take other units, or fewer steps.") from error
 
     def _directions(self) -> Array:
         """Return the orthonormal directions (δq, δp) of now, shape (2 n, count)."""

@@ -27,6 +27,9 @@ __all__ = ["UnitaryFrame", "canonical_form", "isotropic_flag", "tangent_projecti
 
 #: Least eigenvalue of H_pp in parts of the largest: coordinates without inertia have finite length.
 _LEAST = 1e-12
+#: Least kinetic energy of the differences that give H_pp, in parts of H: eight bits of it are lost.
+#: The momenta grow by a power of two until it is reached, and are left where H is linear in them.
+_SHARE, _LARGER, _MOST_SCALES = 2.0**-8, 2.0**10, 64
 
 
 class UnitaryFrame:
@@ -41,7 +44,10 @@ class UnitaryFrame:
     def __init__(
         self, binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array
     ) -> None:
-        """Compute the maps c ↔ (dq, dp) and J = |W|^-½ W |W|^-½ of the module."""
+        """Compute the maps c ↔ (dq, dp) and J = |W|^-½ W |W|^-½ of the module.
+
+        Raises LinAlgError where they are not finite.
+        """
         n = binding.n
         constraint_rows, projection = tangent_projection(
             binding, binding.own.parameters(parameters, t), q, p)
@@ -65,6 +71,8 @@ class UnitaryFrame:
         self.J = inverse @ W @ inverse
         self._to = root @ basis.T @ to_unit @ projection
         self._from = from_unit @ basis @ inverse
+        if not all(np.isfinite(matrix).all() for matrix in (self.J, self._to, self._from)):
+            raise np.linalg.LinAlgError("The metric of the state is not finite.")
 
     def coordinates(self, directions: Array) -> Array:
         """Return c of directions (rows q and p, a column each), projected onto the space."""
@@ -137,18 +145,28 @@ def _inverse_mass(
     """Return H_pp, shape (n, n), by second differences: exact to rounding for H quadratic in p.
 
         H_ij = (H(p + e_i + e_j) − H(p + e_i) − H(p + e_j) + H(p)) / s²,   |e_i| = s
+
+    s is the size of p, and larger near rest.
     """
     primal, n = binding.primal, binding.n
-    p_scale = float(np.abs(p.astype(float)).max(initial=0.0)) or 1.0
+    p_scale = float(np.abs(p.astype(float)).max(initial=0.0))
+    p_scale = p_scale if p_scale**2 else 1.0
     # rows: p; p + e_i for each i; p + e_i + e_j for each pair
     momentum_changes = [np.zeros(n), *np.eye(n)]
     index_pairs = [(i, j) for i in range(n) for j in range(i + 1)]
     momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in index_pairs]
-    momenta = primal.converted(np.array(momentum_changes) * p_scale) + p
-    H = primal.hamiltonian(primal.parameters(parameters, t),
-                           np.repeat(q[None], len(momenta), axis=0), momenta)
-    H = (H - H[0]).astype(float)  # in the stepper's own type: the digits cancel here
     inverse_mass = np.zeros((n, n))
-    for (i, j), energy in zip(index_pairs, H[n + 1 :], strict=True):
-        inverse_mass[i, j] = inverse_mass[j, i] = (energy - H[i + 1] - H[j + 1]) / p_scale**2
+    for _ in range(_MOST_SCALES):
+        momenta = primal.converted(np.array(momentum_changes) * p_scale) + p
+        H = primal.hamiltonian(primal.parameters(parameters, t),
+                               np.repeat(q[None], len(momenta), axis=0), momenta)
+        # in the stepper's own type: the digits cancel here
+        differences = (H - H[0]).astype(float)
+        for (i, j), energy in zip(index_pairs, differences[n + 1 :], strict=True):
+            inverse_mass[i, j] = inverse_mass[j, i] = (
+                energy - differences[i + 1] - differences[j + 1]) / p_scale**2
+        # near rest the kinetic energy drowns in the round-off of the potential one
+        if not np.abs(inverse_mass).max() * p_scale**2 < _SHARE * np.abs(H).max():
+            break
+        p_scale *= _LARGER
     return inverse_mass

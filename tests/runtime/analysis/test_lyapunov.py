@@ -47,10 +47,10 @@ def test_saddle_with_a_pair_of_zeros():
     assert np.abs(slopes[[0, 3]] - [1, -1]).max() < 1e-7
 
 
-def test_small_oscillations():
+def test_oscillator():
     """Periods are equal, so that directions do not even grow linearly."""
-    found = gs.lyapunov(systems.differentiable("pendulum"), [1e-4, -np.sqrt(1 - 1e-8)], [0.0, 0.0],
-                        dt=0.05, steps=4000, every=50, parameters={"g": 2.0, "l": 1.0})
+    found = gs.lyapunov(systems.differentiable("oscillator"), [1.0], [0.0], dt=0.05, steps=4000,
+                        every=50, parameters={"k": 2.0})
     assert np.abs(found.exponents).max() < 5e-3
     assert abs(found.megno) < 0.1
     assert found.symplectic_defect < 1e-13
@@ -151,6 +151,20 @@ def test_too_few_decompositions():
     with pytest.warns(gs.errors.InputWarning, match="every"):
         by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE, dt=0.1, steps=400,
                  every=200)
+
+
+def test_a_start_near_rest_has_the_metric_of_one_at_rest():
+    """A kinetic energy of 1e-18 J has no digit beside a potential one of 1 J."""
+    at_rest, near_rest = (
+        by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE | {"p": [p, 0.0]},
+                 dt=0.01, steps=200, every=10) for p in (0.0, 1e-9))
+    assert abs(near_rest.ftle - at_rest.ftle) < 1e-7  # the motion moves by 1e-8
+
+
+def test_a_state_without_a_finite_energy_is_refused():
+    with pytest.raises(gs.InputError, match="not finite"):
+        gs.lyapunov(systems.differentiable("oscillator"), [1e200], [0.0], dt=0.05, steps=100,
+                    parameters={"k": 2.0})
 
 
 @pytest.mark.parametrize(("change", "word"), [
