@@ -80,6 +80,10 @@ def fit(
     # the columns of the table are those of the observation
     observed = _names(observe)
     names = observation_of(step, observed).names
+    for name in names:
+        if names.count(name) > 1:  # the same samples twice would make the deviations too small
+            raise InputError(f"--observe {observe!r} has the column {name!r} {names.count(name)} "
+                             "times; name it once.")
     times, rows = _read(data, names)
     state = start_of(step, start, t0)
     outcome = fitted(

@@ -241,11 +241,15 @@ def refuse_names(
 # ---------------------------------------------------------------- writing
 
 
-def check_out(out: Path) -> None:
+def check_out(out: Path, suffix: str) -> None:
     """Refuse an output path that exists and is no unchanged artefact, before anything is derived.
 
-    Raises InputError for files that gyrospark did not write, or that were changed since.
+    ``suffix`` is the ending of the artefact's file, "" where it is a folder. Raises InputError for
+    another ending, for files that gyrospark did not write, or that were changed since.
     """
+    if suffix and out.suffix != suffix:  # programs know such files by their ending
+        raise InputError(f"--out {str(out)!r} does not end in {suffix}, as this artefact does; "
+                         f"write {str(out.with_suffix(suffix))!r}.")
     if not out.parent.is_dir() or not os.access(out.parent, os.W_OK):
         raise InputError(f"--out {str(out)!r}: the folder {str(out.parent)!r} is not there or "
                          "cannot be written; make it or choose another.")

@@ -124,7 +124,7 @@ def build(
     # arguments are checked before anything is derived, which takes seconds
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
-        check_out(path)
+        check_out(path, chosen_target.suffix)
     model = None if isinstance(system, (str, Problem)) else system
     with log_stages(f"building {chosen_target.name}", 2, progress) as end_stage:
         files_and_defaults = [text_of(spec, model) for spec in specs]
@@ -133,11 +133,13 @@ def build(
         _, model_defaults = files_and_defaults[0]
         defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
         options = _options(steppers[0], defaults, dt, start, parameters, steppers)
-        if start is not None:
+        # other parameters of the constraints than the model's leave its start off them
+        if start is not None or not {*(parameters or ())}.isdisjoint(
+                steppers[0].manifest.system.start_parameters):
             _refuse_off_constraints(specs[0], model, options)
         if path is None:
             path = Path(f"{steppers[0].name}{chosen_target.suffix}")
-            check_out(path)
+            check_out(path, chosen_target.suffix)
         built = _write(chosen_target, platform_names, path, options)
         end_stage()
         return built
@@ -287,7 +289,7 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
 
 
 def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
-    """Refuse a start of the caller's off the constraints: steps do not project it."""
+    """Refuse a start off the constraints at the artefact's parameters: steps do not project it."""
     # of a file, a name, or the caller's own
     if spec.model is not None:
         model = load_model(spec.model)
@@ -300,8 +302,9 @@ def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
     # by how much projecting the start moves it
     distance = max(projection.q_moved, projection.p_moved)
     if distance > _OFF * size:
-        raise InputError(f"start is not on the constraints of {spec.model or spec.system}: it is "
-                         f"{distance:.2g} from them; give gs.consistent(...).q and .p.")
+        raise InputError(f"The start is not on the constraints of {spec.model or spec.system} at "
+                         f"these parameters: it is {distance:.2g} from them; give gs.consistent("
+                         "...).q and .p, or change the model itself (--set of a model file).")
 
 
 def _pair(start: Any) -> tuple[Any, Any]:
@@ -316,20 +319,25 @@ def _parameter_values(
 ) -> dict[str, float]:
     """Return the value of every member of the parameters' struct: the caller's, else the model's.
 
-    γ and α are means of the moments where neither names them.
+    γ and α are means of the moments where neither names them; a rule that searches one by runs is
+    refused.
     """
     domains = manifest.system.parameters
+    if parameters is not None and not isinstance(parameters, Mapping):
+        raise InputError(f"parameters = {shown(parameters)} is not a dict; give "
+                         f"{', '.join(domains)}.")
     defaults: dict[str, Any] = {}
     if model is not None:
         means: dict[str, Any] = {}
         for name, inertia in model.bodies.items():
             rule = model.rules.get(name, "m")
-            # a search needs runs, which an artefact does not make: the mean of the moments then
-            means[name] = Rule(rule if rule in MEANS else "m", inertia)
+            if rule not in MEANS and name in domains and name not in {
+                    **model.parameters, **(parameters or {})}:
+                raise InputError(f"{name} = {rule!r} is chosen for the motion of a run, which an "
+                                 f"artefact does not make; give {name} a number or a mean, such as "
+                                 f"--parameter {name}=m.")
+            means[name] = Rule(rule, inertia)
         defaults = {name: x for name, x in {**means, **model.parameters}.items() if name in domains}
-    if parameters is not None and not isinstance(parameters, Mapping):
-        raise InputError(f"parameters = {shown(parameters)} is not a dict; give "
-                         f"{', '.join(domains)}.")
     values = as_parameters({**defaults, **(parameters or {})}, domains,
                            bodies=built_inertias(manifest.system))
     return {field: float(values.get(field, 0.0)) for field in parameter_fields(manifest)}

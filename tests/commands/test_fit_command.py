@@ -27,6 +27,7 @@ def test_a_wrong_call_is_answered_in_one_line(gyrospark, table, tmp_path):
 
     refused(fit("--free", "gg"), "'gg'", "mean g?")
     refused(fit("--observe", "x,z"), "'z'", "px")
+    refused(fit("--observe", "q,x"), "'x'", "2 times")
     refused(fit("--dt", "0.03"), "whole number")
     refused(fit("--sigma", "much"), "--sigma")
     refused(fit(file=tmp_path / "none.csv"), "none.csv", "be read")

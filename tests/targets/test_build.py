@@ -171,6 +171,10 @@ def plain():
     ({"start": ([1.0, 0, 0, 0], [1.0, 1, 1, 1])}, "constraints.*consistent"),
     ({"dt": 0}, "dt"),
     ({"out": ""}, "out"),
+    ({"target": "fmu3", "out": "stepper.txt"}, r"stepper\.txt.*stepper\.fmu"),
+    # the model's start is on the rod of the model's own length
+    ({"system": ROOT / "examples" / "pendulum.toml", "parameters": {"l": 2.0}},
+     r"pendulum.*1\.5 from"),
     ({"colour": "red"}, "colour"),
     ({"scheme": "RK4"}, "RK4"),
     ({"system": None}, "None"),
@@ -181,6 +185,16 @@ def test_what_cannot_be_built_is_refused(built, tmp_path, change, said):
     with pytest.raises(gs.InputError, match=said):
         built(**{"target": "cpp"} | change)
     assert [*tmp_path.iterdir()] == []
+
+
+def test_a_gamma_that_runs_search_is_refused(built, tmp_path):
+    path = tmp_path / "searched.toml"
+    path.write_text((ROOT / "examples" / "damped_top.toml").read_text().replace(
+        "[body]\n", '[body]\ngamma = "auto"\n'))
+    choice = {"system": path, "scheme": None, "stages": None}
+    with pytest.raises(gs.InputError, match="gamma = 'auto'"):
+        built("cpp", parameters=None, **choice)
+    assert built("cpp", parameters={"gamma": 2e-3}, **choice).options.parameters["gamma"] == 2e-3
 
 
 def test_systems_that_profile_control_does_not_take_are_refused(built):
