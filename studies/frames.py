@@ -110,7 +110,7 @@ def _ems_claim(engine: Engine) -> Claim:
     energy = run.energy() - sum(omega_J)
     # the terms of H − ΣωJ may cancel; round-off is relative to each of them
     size = abs(run.energy()[0]) + sum(abs(term[0]) for term in omega_J)
-    floor = float(np.finfo(float).eps) * case.steps * size
+    floor = float(np.finfo(float).eps * case.steps * size)
     mean_energy_error = float(abs(energy - energy[0]).mean())
     H = engine.mean(case, "H")
     measured = "round-off" if mean_energy_error <= floor else f"{mean_energy_error:.1e}"

@@ -15,6 +15,8 @@ import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import numpy as np
+
 from .._version import __version__
 from .drawing import draw
 from .study_result import Cell, Claim, Figure, Finding, Result, Table
@@ -72,12 +74,14 @@ def json_text(document: Any) -> str:
 def _finite(value: Any) -> Any:
     """Return a document with None for infinite numbers and NaN, which JSON does not have.
 
-    Subclasses of float, NumPy's among them, become plain floats.
+    Subclasses of float, NumPy's among them, become plain floats, and NumPy's booleans Python's.
     """
     if isinstance(value, dict):
         return {key: _finite(entry) for key, entry in value.items()}
     if isinstance(value, (list, tuple)):
         return [_finite(entry) for entry in value]
+    if isinstance(value, np.bool_):
+        return bool(value)
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     return value

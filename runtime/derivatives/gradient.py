@@ -29,6 +29,7 @@ from ..bindings.array_checks import as_numbers, as_real
 from ..bindings.run_memory import DEFAULT_MEMORY, RunState
 from ..integration.run_arguments import RunArguments
 from ..results.joint_motion import cotangents_of_multipliers, multipliers_at_states
+from ..results.outputs import full_states
 from .binding import KeptSteps
 from .frame import FrameMotion
 from .kept_steps import (
@@ -664,7 +665,7 @@ def _reversed(
                     frame=bool(stepper.symmetries) and "a co-moving frame")
     if end is None:
         trajectory = stepper._run(replace(run, every=max(run.steps, 1)))
-        end = trajectory.q[-1], trajectory.p[-1]
+        end = _last_state(trajectory)
     # ``state`` is the state after ``remaining`` steps of the run
     binding, state, remaining = stepper._derivative_binding(), end, run.steps
     while remaining:
@@ -674,7 +675,7 @@ def _reversed(
         reverse_run = stepper._run(replace(
             run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,
             t0=run.t0 + remaining * run.dt))
-        state = reverse_run.q[-1], reverse_run.p[-1]
+        state = _last_state(reverse_run)
         remaining -= count
         forward = binding.begin(replace(run, q=state[0].copy(), p=state[1].copy(), steps=count,
                                         t0=run.t0 + remaining * run.dt))
@@ -684,6 +685,12 @@ def _reversed(
         yield replace(steps, first=remaining)
     _refuse_mismatch(state, (run.q, run.p), "running backwards does not lead to the start; give "
                      "memory=\"256 MB\", and the steps are kept")
+
+
+def _last_state(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return the last q and p, in scaled time with t and its momentum."""
+    q, p = full_states(trajectory)
+    return q[-1], p[-1]
 
 
 def value_of(loss: Callable[..., Any], run: Trajectory) -> tuple[Any, Mapping[str, Any]]:

@@ -41,23 +41,24 @@ def integers_of(name: str, files: dict[str, str], folder: Path) -> dict[str, lis
         f'    {{ {root} x; printf("{kind} {path} %zu %zu %zu\\n", offsetof({root}, {path}), '
         f'sizeof x.{path}, sizeof x.{_first(path, structs, root)}); }}'
         for kind, root, path in found)
+    # the fast path is at the next multiple of 64 bytes behind the beginning of its memory
+    if roots["fast"] in structs:
+        lines += (f'\n    printf("start - %zu 0 0\\n", (offsetof({name}_work, memory) + 63) '
+                  '& ~(size_t)63);')
     (folder / "probe.c").write_text(
         f'{work}\n#include <stdio.h>\n#include "{name}.c"\nint main(void)\n{{\n{lines}\n'
         "    return 0;\n}\n", encoding="utf-8")
     _run([*command, *flags, "-w", "-O0", "probe.c", "-lm", "-o", "probe"], folder)
     places: dict[str, list[Place]] = {kind: [] for kind in roots}
+    start = 0
     for line in _run(["./probe"], folder).splitlines():
         kind, path, *numbers = line.split()
-        places[kind].append(Place(path, *map(int, numbers)))
-    if places["fast"]:  # at the next multiple of 64 bytes behind the beginning of its memory
-        (folder / "where.c").write_text(
-            f'{work}\n#include <stdio.h>\n#include "{name}.c"\nint main(void)\n{{\n    printf('
-            f'"%zu", (offsetof({name}_work, memory) + 63) & ~(size_t)63);\n    return 0;\n}}\n',
-            encoding="utf-8")
-        _run([*command, *flags, "-w", "-O0", "where.c", "-lm", "-o", "where"], folder)
-        start = int(_run(["./where"], folder))
-        places["fast"] = [Place(one.path, one.offset + start, one.size, one.item)
-                          for one in places["fast"]]
+        if kind == "start":
+            start = int(numbers[0])
+        else:
+            places[kind].append(Place(path, *map(int, numbers)))
+    places["fast"] = [Place(one.path, one.offset + start, one.size, one.item)
+                      for one in places["fast"]]
     return places
 
 

@@ -10,6 +10,7 @@ import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 
+import numpy as np
 import pytest
 from click.testing import CliRunner
 
@@ -297,8 +298,10 @@ def test_json_holds_the_contract(quick_results):
 
 def test_json_has_no_nan():
     table = Table(4, "t", "a", [Cell("r", "c", 1.0, math.nan, "differs", "n")],
-                  [Claim("s", "f", "w", False)])
-    assert json.loads(as_json([table]))["results"]["table-4"]["cells"][0]["ours"] is None
+                  [Claim("s", "f", "w", np.float64(2.0) < 1)])
+    result = json.loads(as_json([table]))["results"]["table-4"]
+    assert result["cells"][0]["ours"] is None
+    assert result["claims"][0]["holds"] is False
     assert [claim for _, claim in failing([table])] == table.claims
 
 

@@ -47,10 +47,10 @@ def test_saddle_with_a_pair_of_zeros():
     assert np.abs(slopes[[0, 3]] - [1, -1]).max() < 1e-7
 
 
-def test_oscillator():
+def test_small_oscillations():
     """Periods are equal, so that directions do not even grow linearly."""
-    found = gs.lyapunov(systems.differentiable("oscillator"), [1.0], [0.0], dt=0.05, steps=4000,
-                        every=50, parameters={"k": 2.0})
+    found = gs.lyapunov(systems.differentiable("pendulum"), [1e-4, -np.sqrt(1 - 1e-8)], [0.0, 0.0],
+                        dt=0.05, steps=4000, every=50, parameters={"g": 2.0, "l": 1.0})
     assert np.abs(found.exponents).max() < 5e-3
     assert abs(found.megno) < 0.1
     assert found.symplectic_defect < 1e-13

@@ -147,8 +147,8 @@ def test_runs_of_other_systems(run):
 
 
 def test_multipliers_of_systems_without_constraints():
-    step = systems.differentiable("oscillator")
-    arguments = {"dt": 0.1, "steps": 2, "parameters": {"k": 4.0}}
+    step = systems.differentiable("driven_oscillator")
+    arguments = {"dt": 0.1, "steps": 2, "parameters": systems.case("driven_oscillator").parameters}
     with refused("multipliers.*constraints"):
         step.integrate([1.0], [0.0], **arguments).gradient({"multipliers": [1.0]})
     with refused("multipliers.*constraints"):
