@@ -14,6 +14,7 @@ from calls import TOP
 from gyrospark.core.warnings import capture_warnings, warn
 from gyrospark.generator.models.model_file import parse_model
 from gyrospark.runtime.integration.run_arguments import warn_of_negative
+from processes import ROOT
 
 BODY = """
 name = "said"
@@ -188,16 +189,17 @@ def test_remarks_are_heard_by_the_thread_that_listens():
 
 def test_the_command_line_says_it_in_a_line_and_keeps_json(gyrospark, tmp_path):
     """Also when the file is known from an earlier run and is not read anew."""
-    path = tmp_path / "said.toml"
-    path.write_text(changed("euler = [0.1, 0.2, 0.3]", "euler = [30, 45, 90]"), encoding="utf-8")
+    path, known = tmp_path / "said.toml", ROOT / "examples" / "pendulum.toml"
+    path.write_text(known.read_text(encoding="utf-8").replace(
+        "[parameters]", "[parameters]\nlength = 3"), encoding="utf-8")
     for _ in range(2):
-        answer = gyrospark("run", path, "--scheme", "IMS", "--json")
+        answer = gyrospark("run", path, "--scheme", "IMS", "--steps", "3", "--json")
         assert answer.code == 0
         assert answer.document["steps"] == 3
         assert answer.stderr.count("\n") == 1
         assert answer.stderr.startswith("gyrospark: warning: ")
         assert "said.toml'" in answer.stderr
-        assert '"45 deg"' in answer.stderr
+        assert "[parameters] length" in answer.stderr
 
 
 def test_the_command_line_says_it_of_gamma(gyrospark):

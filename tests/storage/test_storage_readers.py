@@ -109,15 +109,6 @@ for real in ("double", "long-double"):
         assert_same_bytes(tmp_path / "1" / f"{real}.zarr", tmp_path / "2" / f"{real}.zarr")
 
 
-def test_import_without_storage(tmp_path):
-    """``import gyrospark`` and a run in memory need neither Zarr nor xarray."""
-    python(FAST_TOP + """
-import sys
-gs.stepper("G-L", stages=2).integrate(top.q0, top.p0, dt=1e-3, steps=3, parameters=parameters)
-assert not {"zarr", "xarray", "dask", "filelock"} & set(sys.modules), sys.modules.keys()
-""", cwd=tmp_path)
-
-
 def test_slices_have_the_most_iterations_of_their_steps(tmp_path, monkeypatch):
     small_blocks(monkeypatch, 8)
     step = systems.stepper("pendulum")
