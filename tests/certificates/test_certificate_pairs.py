@@ -155,10 +155,10 @@ def test_models(name: str) -> None:
 @pytest.mark.parametrize("part", ["q", "p"])
 def test_starts_off_the_constraints_are_moved_there(part: str) -> None:
     """By 1e-12 without a word, by more with one."""
-    case, step = systems.case("spherical_pendulum"), systems.stepper("spherical_pendulum")
-    q, p = step.project(case.q, case.p, parameters=case.parameters)
+    case, step = systems.case("pendulum"), systems.stepper("pendulum")
+    q, p = step.project(case.q, [0.5, 1.0], parameters=case.parameters)
     for size in (SIZES[2], 1e-3):
-        (q if part == "q" else p)[2] += size
+        (q if part == "q" else p)[1] += size
         model = gs.Model(case.system, case.parameters, q, p, dt=0.02, steps=10)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

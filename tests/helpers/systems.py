@@ -200,11 +200,6 @@ def _pendulum_motion(time: float) -> Array:
         return np.array([float(mpmath.sin(angle)), -float(mpmath.cos(angle))])
 
 
-def _spherical_pendulum() -> Case:
-    return _plane("spherical_pendulum", (0.6, 0.0, -0.8), (0.0, 1.1, 0.0), {"g": 9.81},
-                  (u**2 + v**2 + w**2) / 2 + g * z, x**2 + y**2 + z**2 - 1)
-
-
 def _ellipse() -> Case:
     """A quartic potential: neither H nor g is quadratic with a constant Hessian."""
     return _plane("ellipse", (0.9, 0.7), (0.5, 0.4), {"m": 1.1, "k": 7.0, "g": 2.0, "l": 1.4},
@@ -483,7 +478,6 @@ _CASES: dict[str, Callable[[], Case]] = {
     "henon_heiles": _henon_heiles,
     "polar": _polar,
     "pendulum": _pendulum,
-    "spherical_pendulum": _spherical_pendulum,
     "ellipse": _ellipse,
     "breathing": _breathing,
     "relativistic": _relativistic,

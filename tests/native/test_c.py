@@ -42,7 +42,7 @@ def test_no_warning(name, spec, tmp_path):
     write(files_of(spec), tmp_path)
     more = ["-Wmissing-prototypes", "-Wstrict-prototypes", "-Wundef", "-Wvla", "-Wcast-qual"]
     only = ["-c", "-o", "kernel.o"] if name == "zig" else ["-fsyntax-only"]
-    for std in ("c11", "c17") if spec in SOME else ("c11",):
+    for std in ("c11", "c17") if spec == SOME[0] else ("c11",):
         run([*command, *STRICT, *more, f"-std={std}", *only, f"{spec.name}.c"], tmp_path)
 
 
