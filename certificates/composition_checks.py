@@ -47,7 +47,7 @@ def check_composition(composition: Composition) -> list[Condition]:
         base = COMPOSITIONS[composition.base]
         lines += _conditions(base, f"{base.name}: ")
     return [*lines, _order_in_letters(composition), _symplectic(composition),
-            *_measured(composition)]
+            *_measure_order(composition)]
 
 
 def _exact(composition: Composition) -> Iterator[Condition]:
@@ -96,7 +96,7 @@ def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]
         box = conditions.enclose()
         distance = None if box is None else max(
             _size_of(exact - stored)
-            for exact, stored in zip(box, _stored(conditions), strict=True))
+            for exact, stored in zip(box, _enclose_unknowns(conditions), strict=True))
         yield Condition(
             f"{name}exact solution", "Krawczyk's operator on the box of 1e-40",
             "none is proved" if distance is None else
@@ -105,7 +105,7 @@ def _conditions(composition: Composition, name: str = "") -> Iterator[Condition]
             required=True)
 
 
-def _stored(conditions: OrderConditions) -> list[Any]:
+def _enclose_unknowns(conditions: OrderConditions) -> list[Any]:
     """Return enclosures of the stored unknowns of a composition, which are rational numbers."""
     with intervals() as interval:
         return [interval(value) for value in conditions.unknowns]
@@ -225,7 +225,7 @@ def force_gradient_residuals() -> tuple[sp.Expr, ...]:
                         - bracket(f, VTV)) for f in (*q, *p)))
 
 
-def _measured(composition: Composition) -> Iterator[Condition]:
+def _measure_order(composition: Composition) -> Iterator[Condition]:
     """Yield the slopes on a small problem, and the error constant."""
     measured_orders = [(composition.order, False, "order, measured")]
     if len(composition.orders) > 1:  # a higher order in the terms with one kick, of small V

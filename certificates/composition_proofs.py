@@ -164,7 +164,7 @@ class OrderConditions:
         parts = factors_of([*self.words, *(word[::-1] for word in self.words)])
         zero = as_number(Fraction(0))
         left_products = multiply_flows(series, parts, as_number)
-        right_products = [_reversed(series_product)
+        right_products = [_reverse(series_product)
                           for series_product in left_products]  # the composition is a palindrome
         residual = [left_products[-1].get(word, zero) - as_number(target(word))
                     for word in self.words]
@@ -249,7 +249,7 @@ def _dot(u: Sequence[Any], v: Sequence[Any]) -> Any:
     return sum((a * b for a, b in zip(u, v, strict=True)), start=mp.iv.mpf(0))
 
 
-def _reversed(series: Series) -> Series:
+def _reverse(series: Series) -> Series:
     """Return the series of a product with its factors in reverse order: every word is reversed."""
     return {word[::-1]: value for word, value in series.items()}
 

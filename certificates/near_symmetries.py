@@ -210,7 +210,7 @@ class RandomPoints:
         q1, v0 = np.concatenate([q, ones]), np.concatenate([speed, zeros])
         conditions = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", force, q1)]
         conditions += [np.einsum("ik,jk->kij", row, q1) for row in G]
-        return np.asarray(span @ _null_space(np.concatenate([_scaled(condition) @ span
+        return np.asarray(span @ _null_space(np.concatenate([_normalise_rows(condition) @ span
                                                              for condition in conditions])))
 
 
@@ -231,7 +231,7 @@ def _relative(terms: Floats) -> float:
     return float(np.max(rates, initial=0))
 
 
-def _scaled(conditions: Floats) -> Floats:
+def _normalise_rows(conditions: Floats) -> Floats:
     """Return one row of length 1 for each condition; conditions that are 0 or not finite have none.
 
     ``conditions`` has the shape (points, n, n + 1): a matrix becomes a row of n (n + 1) numbers.

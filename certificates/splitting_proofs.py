@@ -299,7 +299,7 @@ def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
     Where bodies were taken as symmetric, both hold where the conditions do.
     """
     ring, system = _Ring(splitting), splitting.system
-    solution = _solved(splitting.conditions)
+    solution = _solve_linear(splitting.conditions)
     H = [x.xreplace(solution) for x in sp.Add.make_args(system.H)]
     parts = [y for _, x in hamiltonians(splitting) for y in sp.Add.make_args(x.xreplace(solution))]
     terms = [*H, *(-x for x in parts)]
@@ -329,7 +329,7 @@ def _by_momenta(
     return list(groups.values())
 
 
-def _solved(conditions: Sequence[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
+def _solve_linear(conditions: Sequence[sp.Expr]) -> dict[sp.Symbol, sp.Expr]:
     """Return symbol → its solution, for conditions e = 0 that are linear in a symbol.
 
     Each condition is solved for one symbol, the last one by name, with earlier solutions inserted.
@@ -367,7 +367,7 @@ def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:
     the forces; a composition then conserves J whatever its order and its step.
     """
     ring, system = _Ring(splitting), splitting.system
-    conditions = _solved(splitting.conditions)
+    conditions = _solve_linear(splitting.conditions)
     power = sp.Add(*(derivative(J, y) * F for y, F in zip(system.p, system.forces, strict=False)))
     parts = [x.xreplace(conditions) for _, x in hamiltonians(splitting)]
     return ring.vanishes(power) and all(ring.keeps(J, x) for x in (*system.constraints, *parts))

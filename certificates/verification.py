@@ -74,8 +74,8 @@ def verify_stepper(spec: Spec) -> Verification:
             *([] if refusal_of_velocity_rows(generated.tableau) else
               velocity_conditions(generated.tableau, velocity_matrix(generated.tableau))),
             *(energy_conditions(generated.tableau) if spec.energy else []),
-            _measured(generated.tableau),
-            _compiled(generated, generated.tableau, spec.real),
+            _check_order(generated.tableau),
+            _check_coefficients(generated, generated.tableau, spec.real),
             *_scaled_coefficients(generated.tableau, spec.real),
         ]
     return Verification(generated.source.name,
@@ -97,7 +97,7 @@ def verify_composition(composition: Composition) -> Verification:
                         check_composition(composition))
 
 
-def _measured(tableau: Tableau) -> Condition:
+def _check_order(tableau: Tableau) -> Condition:
     """Return the condition that the order measured on a constrained test problem is at least the
     proved one, and within 0.2 of a whole number."""
     name, equation = "order, measured", "log2 of the local error's ratio for h, h/2, less 1"
@@ -118,7 +118,7 @@ def _measured(tableau: Tableau) -> Condition:
     )
 
 
-def _compiled(generated: Generated, tableau: Tableau, real_name: RealName) -> Condition:
+def _check_coefficients(generated: Generated, tableau: Tableau, real_name: RealName) -> Condition:
     """Return the condition that each coefficient in the compiled module is the exact one, correctly
     rounded to the stepper's type."""
     stepper = Stepper(generated.source.name, generated.source.files())

@@ -104,7 +104,7 @@ def write_stepper(
     is_named = spec.tableau is None and spec.model is None and spec.system not in MODELS
     with log_task(f"making {spec.model or spec.name}"):  # the summary says how long it took
         if is_named and not derivatives:
-            files = _cached(spec)
+            files = _load_or_derive(spec)
             written_files = complete(files) if standalone else files
         else:
             source = _generate(spec, allow_invalid, derivatives).source
@@ -215,7 +215,7 @@ def write_files(files: dict[str, str], out: Path) -> None:
         ) from error
 
 
-def _cached(spec: Spec) -> dict[str, str]:
+def _load_or_derive(spec: Spec) -> dict[str, str]:
     """Return the files of a named stepper, name → text, derived once and cached.
 
     Their C includes the engine's headers, which are not part of the cached text.

@@ -39,10 +39,10 @@ def explain_arguments(cls: Class) -> Class:
                 continue
             shown_name = base.__name__ if name == "__init__" else name
             if isinstance(member, FunctionType):
-                setattr(base, name, _explained(member, shown_name, bound=True))
+                setattr(base, name, _explain(member, shown_name, bound=True))
             elif isinstance(member, (classmethod, staticmethod)):
                 kind = type(member)
-                setattr(base, name, kind(_explained(
+                setattr(base, name, kind(_explain(
                     member.__func__, shown_name, bound=kind is classmethod)))
         if base.__name__ in FORMER_MEMBERS:
             _refuse_former_members(base)
@@ -73,7 +73,7 @@ def explain_names(module: ModuleType, names: Iterable[str]) -> None:
     for name in names:
         member = vars(module).get(name)
         if isinstance(member, FunctionType):
-            explained = _explained(member, name, bound=False)
+            explained = _explain(member, name, bound=False)
             setattr(module, name, explained)
             setattr(sys.modules[member.__module__], name, explained)  # where pickle looks for it
         elif isinstance(member, type) and not issubclass(member, BaseException):
@@ -101,7 +101,7 @@ def explain_module(module: ModuleType) -> ModuleType:
     return module
 
 
-def _explained(function: Any, shown: str, *, bound: bool) -> Any:
+def _explain(function: Any, shown: str, *, bound: bool) -> Any:
     """Return a function that refuses wrong arguments by a sentence.
 
     The sentence calls it ``shown``; ``bound`` says that its first argument is self or cls.

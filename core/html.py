@@ -23,7 +23,7 @@ class Raw(str):
     __slots__ = ()
 
 
-def _escaped(content: object) -> str:
+def _escape(content: object) -> str:
     """Return a text with HTML's signs escaped; ``Raw`` as it is."""
     return content if isinstance(content, Raw) else html.escape(str(content))
 
@@ -39,7 +39,7 @@ def table(rows: Iterable[Sequence[object]], heads: Sequence[object] = ()) -> Raw
         """Return a row of the table in HTML."""
         # A corner without a text is no head of its column: screen readers would announce it.
         tags = [tag if cell else "td" for cell in cells] if tag == "th" else [tag] * len(cells)
-        cells_html = "".join(f'<{tag} style="text-align:left">{_escaped(cell)}</{tag}>'
+        cells_html = "".join(f'<{tag} style="text-align:left">{_escape(cell)}</{tag}>'
                              for tag, cell in zip(tags, cells, strict=True))
         return f"<tr>{cells_html}</tr>"
 

@@ -115,7 +115,7 @@ def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:
         raise InputError(f"The {label} {shown(inertia)} is not symmetric, as inertia tensors are; "
                          "give both products of inertia of a pair of axes one value, −∫xy dm.")
     # entries keep their types, such as mpmath's, unless round-off makes the mean of two of them
-    rows = [[_kept(x) for x in row] for row in inertia]
+    rows = [[_keep_digits(x) for x in row] for row in inertia]
     if not (np.tril(tensor, -1).any() or np.triu(tensor, 1).any()):
         return as_moments([rows[i][i] for i in range(3)], label)
     tensor = tensor / 2 + tensor.T / 2  # the sum of two of them may overflow
@@ -149,11 +149,11 @@ def as_moments(inertia: Any, label: str = "inertia", *, zeros: int = 0) -> Momen
             where = "" if label == "inertia" else f", in the {label}"
             raise InputError(f"The moment I{axis} = {moment!r} kg m² must be finite and above 0"
                              f"{where}.")
-    I1, I2, I3 = (_kept(moment) for moment in inertia)
+    I1, I2, I3 = (_keep_digits(moment) for moment in inertia)
     return I1, I2, I3
 
 
-def _kept(value: Any) -> float:
+def _keep_digits(value: Any) -> float:
     """Return a number unchanged if a double would lose digits of it, else as a float."""
     return cast("float", value) if isinstance(knowing(value), Rounded) else float(value)
 

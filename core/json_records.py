@@ -40,7 +40,7 @@ class UnfitError(InputError):
 
 def as_json(record: Any) -> dict[str, Any]:
     """Return a record as JSON has it: dicts and lists, fields in their order."""
-    return {field.name: _encoded(getattr(record, field.name))
+    return {field.name: _encode(getattr(record, field.name))
             for field in fields(record) if _is_written(field, record)}
 
 
@@ -53,12 +53,12 @@ def from_json(cls: type[Record], content: Any) -> Record:
     return decode(content)
 
 
-def _encoded(value: Any) -> Any:
+def _encode(value: Any) -> Any:
     """Return a value as JSON has it: tuples as lists, records as objects."""
     if isinstance(value, tuple):
-        return [_encoded(item) for item in value]
+        return [_encode(item) for item in value]
     if isinstance(value, Mapping):
-        return {key: _encoded(item) for key, item in value.items()}
+        return {key: _encode(item) for key, item in value.items()}
     return as_json(value) if is_dataclass(value) else value
 
 

@@ -171,7 +171,7 @@ class SystemManifest:
     hidden: tuple[str, ...]
     start_parameters: tuple[str, ...]
     constraint_names: tuple[str, ...] = field(
-        default=(), metadata={"implied": lambda system: _numbered(system)})
+        default=(), metadata={"implied": lambda system: _default_names(system)})
     velocity_constraints: VelocityConstraintsManifest | None = None
     rigid_body: bool
     bodies: Mapping[str, BodyManifest] = field(default_factory=FrozenDict)
@@ -189,7 +189,7 @@ class SystemManifest:
 
     def __post_init__(self) -> None:
         if not self.constraint_names:
-            object.__setattr__(self, "constraint_names", _numbered(self))
+            object.__setattr__(self, "constraint_names", _default_names(self))
 
     @property
     def event_quantities(self) -> tuple[str, ...]:
@@ -375,6 +375,6 @@ def _is_usable(symmetry: SymmetryManifest, parameters: set[str], n: int) -> bool
     return symmetry.name in parameters and has_matrix and has_conditions
 
 
-def _numbered(system: SystemManifest) -> tuple[str, ...]:
+def _default_names(system: SystemManifest) -> tuple[str, ...]:
     """Return g0, g1, …: the names of constraints that nobody named."""
     return tuple(f"g{i}" for i in range(len(system.constraints)))

@@ -113,22 +113,22 @@ class Projection:
 
     def __repr__(self) -> str:
         return (f"<Projection of {len(self.q)} coordinates onto {len(self.before)} constraints: "
-                f"{_moved('q', self.q_moved, self.q_name)}, "
-                f"{_moved('p', self.p_moved, self.p_name)}>")
+                f"{_move_of('q', self.q_moved, self.q_name)}, "
+                f"{_move_of('p', self.p_moved, self.p_name)}>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the moves, and each constraint before and after."""
         rows = [(name, *(f"{column[name]:.1e}" if name in column else "" for column in (
             self.before, self.after, self.hidden_before, self.hidden_after)))
             for name in self.hidden_before]
-        moves = [[_moved("q", self.q_moved, self.q_name)],
-                 [_moved("p", self.p_moved, self.p_name)]]
+        moves = [[_move_of("q", self.q_moved, self.q_name)],
+                 [_move_of("p", self.p_moved, self.p_name)]]
         return card("Projection", table(moves), table(
             rows, ("constraint", "|g| before", "after", "|g_q H_p| before", "after")))
 
     def __str__(self) -> str:
         """Return the largest moves, and a line for each constraint before and after."""
-        lines = [_moved("q", self.q_moved, self.q_name), _moved("p", self.p_moved, self.p_name)]
+        lines = [_move_of("q", self.q_moved, self.q_name), _move_of("p", self.p_moved, self.p_name)]
         width = max(map(len, self.hidden_before), default=0)
         lines += [
             f"  {name:{width}s}  |g| {self.before[name]:.1e} -> {self.after[name]:.1e}   "
@@ -295,7 +295,7 @@ def _has_independent_rows(G: csr_array) -> bool:
     sizes = np.sqrt(square.diagonal())
     if not np.isfinite(sizes).all() or not sizes.all():
         return False
-    square = _scaled(square, 1 / sizes)
+    square = _scale(square, 1 / sizes)
     try:
         _factor(square, 1e-10 * _norm_1(square))
     except np.linalg.LinAlgError:
@@ -312,7 +312,7 @@ def solve_sparse(W: csr_array, defect: Array) -> Array:
     from scipy.linalg import cho_solve_banded
 
     scale = 1 / np.sqrt(np.maximum(np.abs(W.diagonal()), np.finfo(float).tiny))
-    scaled = _scaled(W, scale)
+    scaled = _scale(W, scale)
     # positive definite by more than its round-off, or it raises; the factor itself is not used
     _factor(scaled, EPS * _norm_1(scaled))
     x: Array = cho_solve_banded((_factor(scaled), True), scale * defect)
@@ -320,7 +320,7 @@ def solve_sparse(W: csr_array, defect: Array) -> Array:
     return x
 
 
-def _scaled(A: csr_array, scale: Array) -> csr_array:
+def _scale(A: csr_array, scale: Array) -> csr_array:
     """Return D A D with D = diag(scale): rows and columns of A scaled alike."""
     from scipy.sparse import diags_array
 
@@ -394,12 +394,12 @@ def _singular(system: Constrained, G: Array) -> str:
         return "The constraints have no finite gradient here; start elsewhere."
     flat = [name for name, row in zip(names, G, strict=True) if not row.any()]
     if flat:
-        return f"The gradient of {_listed(flat)} vanishes here; start elsewhere."
+        return f"The gradient of {_quote(flat)} vanishes here; start elsewhere."
     involved, left_out = dependent_rows(G)
     if not involved:
         return "G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p."
-    return (f"The constraints depend on each other here: {_listed(names[i] for i in involved)}; "
-            f"leave out {_listed(names[i] for i in left_out)} if others say the same, or start "
+    return (f"The constraints depend on each other here: {_quote(names[i] for i in involved)}; "
+            f"leave out {_quote(names[i] for i in left_out)} if others say the same, or start "
             "elsewhere: where parts lie in a line, turn one of them a little.")
 
 
@@ -408,7 +408,7 @@ def _names(system: Any) -> list[str]:
     return [*system.constraint_names, *system.velocity_constraint_names]
 
 
-def _listed(names: Any) -> str:
+def _quote(names: Any) -> str:
     """Return names in quotes, with commas."""
     return ", ".join(repr(name) for name in names)
 
@@ -435,7 +435,7 @@ def _furthest(change: Array, names: Sequence[str]) -> tuple[float, str]:
     return float(sizes[index]), names[index]
 
 
-def _moved(letter: str, size: float, name: str) -> str:
+def _move_of(letter: str, size: float, name: str) -> str:
     """Return how far q or p was moved, as a clause; ``name`` is the entry that moved most, ""
     for none."""
     return f"{letter} moved by up to {size:.3e} ({name})" if name else f"{letter} not moved"

@@ -57,7 +57,7 @@ class HasStart(Protocol):
         """Where it starts."""
 
 
-def _copied(name: str, value: Any) -> Any:
+def _copy(name: str, value: Any) -> Any:
     """Return a copy of numbers, of whatever array type they are.
 
     Raises InputError for an iterator, which can be read once, and for a value that has no copies.
@@ -110,7 +110,7 @@ class Start:
     ) -> None:
         """Copy the numbers, which are checked by the steps that take them."""
         # arrays that the caller changes later do not change the start
-        self.q, self.p, self.t = (_copied(*pair) for pair in (("q", q), ("p", p), ("t", t)))
+        self.q, self.p, self.t = (_copy(*pair) for pair in (("q", q), ("p", p), ("t", t)))
         self.parameters: Mapping[str, Number] = FrozenDict(
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
         self.inputs: Mapping[str, Number] = FrozenDict(

@@ -141,15 +141,15 @@ class _Function(casadi.Callback):
         return "reverse" in self._derivatives
 
     def get_jacobian(self, *arguments: Any) -> Any:
-        return self._derived("jacobian", *arguments)
+        return self._keep_derivative("jacobian", *arguments)
 
     def get_forward(self, count: int, *arguments: Any) -> Any:
-        return self._derived("forward", *arguments, count)
+        return self._keep_derivative("forward", *arguments, count)
 
     def get_reverse(self, count: int, *arguments: Any) -> Any:
-        return self._derived("reverse", *arguments, count)
+        return self._keep_derivative("reverse", *arguments, count)
 
-    def _derived(
+    def _keep_derivative(
         self, kind: str, name: str, ins: list[str], outs: list[str], options: Any, *count: int
     ) -> Any:
         """Make a derivative of a kind, and keep it alive."""
@@ -157,7 +157,7 @@ class _Function(casadi.Callback):
         return self._made[-1]
 
 
-def _named(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, tuple[int, int]]:
+def _name_shapes(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, tuple[int, int]]:
     """Return the shapes by the names that CasADi gives."""
     return dict(zip(names, shapes, strict=True))
 
@@ -168,13 +168,13 @@ def _value(flow: DiscreteFlow, has_second: bool) -> Any:
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
         """Return the function x, z ↦ F'(x), one row per entry of F."""
-        return _Function(name, _named(ins, [x, z]), _named(outs, [(z[0], x[0])]),
+        return _Function(name, _name_shapes(ins, [x, z]), _name_shapes(outs, [(z[0], x[0])]),
                          lambda x, z: (flow.jacobian(x.T)[0],))
 
     def forward(name: str, ins: list[str], outs: list[str], count: int) -> Any:
         """Return the function x, z, dx ↦ F'(x) dx for ``count`` directions, the columns of dx."""
         return _Function(
-            name, _named(ins, [x, z, (x[0], count)]), _named(outs, [(z[0], count)]),
+            name, _name_shapes(ins, [x, z, (x[0], count)]), _name_shapes(outs, [(z[0], count)]),
             lambda x, z, dx: (flow.tangent(x.T, dx.T[None])[0].T,))
 
     def reverse(name: str, ins: list[str], outs: list[str], count: int) -> Any:
@@ -202,8 +202,8 @@ def _reverse(
                 ": IPOPT does without them by hessian_approximation=\"limited-memory\"")
         width = flow.size * count
         return _Function(
-            name, _named(ins, [*shapes, (flow.size, count)]),
-            _named(outs, [(width, height * columns) for height, columns in shapes]), second)
+            name, _name_shapes(ins, [*shapes, (flow.size, count)]),
+            _name_shapes(outs, [(width, height * columns) for height, columns in shapes]), second)
 
     def second(x: Array, z: Array, w: Array, nominal: Array) -> tuple[Array, ...]:
         """Return the Jacobian of F'(x)ᵀ w by x, by z (0) and by w, side by side in columns.
@@ -220,5 +220,5 @@ def _reverse(
                         unit)[0].T for cotangent in w.T])
         return by_x, np.zeros((len(by_x), len(z))), np.kron(np.eye(count), first_order)
 
-    return _Function(name, _named(ins, shapes), _named(outs, [(flow.size, count)]),
+    return _Function(name, _name_shapes(ins, shapes), _name_shapes(outs, [(flow.size, count)]),
                      lambda x, z, w: (flow.adjoint(x.T, w.T[None])[0].T,), {"jacobian": jacobian})

@@ -152,7 +152,7 @@ class DiscreteFlow:
         """
         run = self._run(x)
         start = np.concatenate([run.q, run.p, x[2 * self.n :]])
-        projected = self._projected(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
+        projected = self._project(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
         directions = np.concatenate([projected.T[:, self._fixed_rows],
                                      dx[:, self._fixed_rows.size :]], axis=1)
         # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h
@@ -228,7 +228,7 @@ class DiscreteFlow:
         refuse_singular_mass(binding, stepper.manifest, run)
         if not stepper.m:
             return run
-        q, p = stepper._projected(run.q, run.p, binding.parameters(run.parameters, run.t0))
+        q, p = stepper._project(run.q, run.p, binding.parameters(run.parameters, run.t0))
         if not stepper.manifest.scheme.keeps_momentum_constraint:
             p = run.p  # of IMS and EMS f oscillates at their truncation error
         # a consistent start keeps its bits, so that F is that of ``integrate``
@@ -258,7 +258,7 @@ class DiscreteFlow:
         stored_run, space = self._stored_run(run)
         fixed_count, count = self._fixed_rows.size, len(dx)
         input_directions = dx[:, fixed_count:].reshape(count, self.steps, -1)
-        dz = self._projected(space, dx[:, :fixed_count])
+        dz = self._project(space, dx[:, :fixed_count])
         tangents = dz[: 2 * self.n].copy()
         no_entries = binding.own.new(0)
         for steps in pieces(self.stepper, run, stored_run):
@@ -329,7 +329,7 @@ class DiscreteFlow:
         parameters = second.own.parameters(run.parameters, run.t0)
         fixed_count, size = self._fixed_rows.size, 2 * self.n
         input_directions = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)
-        start_directions = self._projected(space, dx[:, :fixed_count])
+        start_directions = self._project(space, dx[:, :fixed_count])
         no_stored_states = np.zeros((1, size)), np.zeros((1, size))  # their cotangents and slopes
         derivatives = np.zeros((len(w), self.size))
         for j, cotangent in enumerate(w):
@@ -377,7 +377,7 @@ class DiscreteFlow:
 
     # ------------------------------------------------------------ the derivative of the projection
 
-    def _projected(self, space: TangentSpace, dx: Array) -> Array:
+    def _project(self, space: TangentSpace, dx: Array) -> Array:
         """Return directions of the start, projected, as columns with the rows of compiled code.
 
         ``dx`` has a row for each direction: the entries of x without inputs.

@@ -71,7 +71,7 @@ def _double(component: Any) -> Any:
 # ---------------------------------------------------------------- functions of torch.autograd
 
 
-def _computed(function: Any, *tensors: Any) -> Any:
+def _call_numpy(function: Any, *tensors: Any) -> Any:
     """Return a function of NumPy arrays, evaluated on tensors, as a tensor that autograd does
     not record."""
     return torch.from_numpy(function(*(tensor.detach().numpy() for tensor in tensors)))
@@ -117,7 +117,7 @@ class _Value(_Batched):
     @staticmethod
     def forward(x: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         """Return F(x)."""
-        return _computed(flow.value, x)
+        return _call_numpy(flow.value, x)
 
     @staticmethod
     def backward(ctx: Any, w: Any) -> Any:
@@ -134,7 +134,7 @@ class _Value(_Batched):
         return _Tangent.apply(x, dx[:, None], ctx.flow, ctx.has_second)[:, 0]
 
 
-def _transposed(ctx: Any, transposed_function: Any, cotangent: Any) -> Any:
+def _transpose(ctx: Any, transposed_function: Any, cotangent: Any) -> Any:
     """Return the cotangents of x, v, flow and has_second: only v has one.
 
     F'(x) v and F'(x)ᵀ v are linear in v, so that it is the transposed function of ``cotangent``.
@@ -169,12 +169,12 @@ class _Tangent(_Batched):
     @staticmethod
     def forward(x: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         """Return F'(x) dx."""
-        return _computed(flow.tangent, x, dx)
+        return _call_numpy(flow.tangent, x, dx)
 
     @staticmethod
     def backward(ctx: Any, w: Any) -> Any:
         """Return the cotangent of dx, F'(x)ᵀ w."""
-        return _transposed(ctx, _Adjoint, w)
+        return _transpose(ctx, _Adjoint, w)
 
     @staticmethod
     def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
@@ -188,12 +188,12 @@ class _Adjoint(_Batched):
     @staticmethod
     def forward(x: Any, w: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         """Return F'(x)ᵀ w."""
-        return _computed(flow.adjoint, x, w)
+        return _call_numpy(flow.adjoint, x, w)
 
     @staticmethod
     def backward(ctx: Any, dv: Any) -> Any:
         """Return the cotangent of w, F'(x) dv."""
-        return _transposed(ctx, _Tangent, dv)
+        return _transpose(ctx, _Tangent, dv)
 
     @staticmethod
     def jvp(ctx: Any, dx: Any, dv: Any, *_: Any) -> Any:
@@ -207,7 +207,7 @@ class _SecondTangent(_Batched):
     @staticmethod
     def forward(x: Any, v: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         """Return the derivative of F'(x) v by x along dx."""
-        return _computed(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
+        return _call_numpy(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
 
 
 class _SecondAdjoint(_Batched):
@@ -216,4 +216,4 @@ class _SecondAdjoint(_Batched):
     @staticmethod
     def forward(x: Any, w: Any, dx: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         """Return the derivative of F'(x)ᵀ w by x along dx."""
-        return _computed(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)
+        return _call_numpy(lambda *xs: flow.second(flow.adjoint, *xs), x, w, dx)

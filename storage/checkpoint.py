@@ -99,14 +99,14 @@ def pack(binding: Binding, state: CheckpointState) -> Array:
     binding.clear_padding(run.record, run.work)
     counters = np.array([state.most, state.status], dtype="<i8")
     arrays = [counters, as_bytes(run.q), as_bytes(run.p), binding.image(run.record),
-              binding.image(run.work), *_packed(binding, state.event_progress)]
+              binding.image(run.work), *_pack(binding, state.event_progress)]
     body = np.concatenate([np.ascontiguousarray(array).view(np.uint8).reshape(-1)
                            for array in arrays])
     digest = np.frombuffer(hashlib.sha256(body.data).digest(), dtype=np.uint8)
     return np.concatenate([digest, body])
 
 
-def _packed(binding: Binding, event_progress: EventProgress | None) -> list[Array]:
+def _pack(binding: Binding, event_progress: EventProgress | None) -> list[Array]:
     """Return event progress as arrays whose length is constant for a run.
 
     Up to ``TAIL`` states before the checkpoint are stored, filled up with 0, and their number
@@ -173,7 +173,7 @@ class _PackedFields:
 
 
 def _unpacked_progress(binding: Binding, fields: _PackedFields, events: Events) -> EventProgress:
-    """Return event progress, the inverse of ``_packed``; ValueError for an unsound integer."""
+    """Return event progress, the inverse of ``_pack``; ValueError for an unsound integer."""
     event_count = len(events)
     # of each event its crossings so far, then whether a turning is bracketed already
     state_count, *counters = fields.integers(1 + 2 * event_count)

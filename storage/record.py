@@ -82,9 +82,9 @@ def record(
         refuse_unusable(stepper, run, impacts)
         events = with_restitutions(impacts, run.parameters)
     refuse_unusable_names(events, "arrays of a store")
-    warned = stepper._warned(run)
+    warned = stepper._warn(run)
     with writer_lock(path):
-        group = _opened(stepper, run, events, path, resume)
+        group = _open(stepper, run, events, path, resume)
         if group.attrs["status"] == RUNNING:
             with log_progress(f"recording {stepper.name}", run.steps, progress) as report:
                 Recorder(stepper, run, events, path, group).run_to_end(report)
@@ -156,7 +156,7 @@ def _stored_arguments(stepper: Stepper, about: Mapping[str, Any], steps: int) ->
     n, q0, p0 = stepper.n, [number(x) for x in about["q0"]], [number(x) for x in about["p0"]]
     # in scaled time t and −H are behind the coordinates and momenta
     t0 = q0[n] if q0[n:] else number(about["t0"])
-    run = stepper._resolved(stepper._run_arguments(
+    run = stepper._resolve(stepper._run_arguments(
         StartNumbers(q0[:n], p0[:n], parameters, t0), dt=number(about["dt"]), steps=steps,
         every=about["every"],
         solver=Solver(about["solver"], tolerance, about["max_iterations"]), scaled=True))
@@ -164,7 +164,7 @@ def _stored_arguments(stepper: Stepper, about: Mapping[str, Any], steps: int) ->
     return run
 
 
-def _opened(
+def _open(
     stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], path: Path,
     resume: bool,
 ) -> zarr.Group:

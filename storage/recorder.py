@@ -109,8 +109,8 @@ class Recorder:
         first_row = stored_states // self.block * self.block
         block_rows = self._read(first_row, stored_states - first_row)
         if checkpoint.ended_by is not None:
-            self.end = self._stored("tau" if self.binding.clocked else "time",
-                                    self.fields[0].wide, stored_states - 1, 1)
+            self.end = self._rows("tau" if self.binding.clocked else "time",
+                                        self.fields[0].wide, stored_states - 1, 1)
         block_rows.iterations[stored_states - first_row] = checkpoint.most
         return checkpoint, first_row, block_rows
 
@@ -146,7 +146,7 @@ class Recorder:
                 refuse_missing_blocks(self.path, self.group, 0, count, names_of(fields))
                 if count:
                     elapsed = next(field for field in fields if field.name.endswith("_elapsed"))
-                    self._latest[name] = self._stored(elapsed.name, elapsed.wide, count - 1, 1)[0]
+                    self._latest[name] = self._rows(elapsed.name, elapsed.wide, count - 1, 1)[0]
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
             EventStore(self.group, self.manifest, self._asked).grow(
@@ -195,24 +195,24 @@ class Recorder:
         block_rows, multiplier_columns = self._empty(), []
         for stored_field in self.fields:
             if stored_field.name in ("multipliers", "reactions"):
-                columns = self._stored(stored_field.name, stored_field.wide, first_row, count)
+                columns = self._rows(stored_field.name, stored_field.wide, first_row, count)
                 multiplier_columns.append(columns.reshape(count, int(np.prod(columns.shape[1:]))))
             elif stored_field.name in ("q", "p"):  # without t and e of scaled time
-                getattr(block_rows, stored_field.name)[:count, : self.binding.shown] = self._stored(
+                getattr(block_rows, stored_field.name)[:count, : self.binding.shown] = self._rows(
                     stored_field.name, stored_field.wide, first_row, count)
             elif self.binding.clocked and stored_field.name in ("time", "time_momentum"):
                 hidden = block_rows.q if stored_field.name == "time" else block_rows.p
-                hidden[:count, -1] = self._stored(
+                hidden[:count, -1] = self._rows(
                     stored_field.name, stored_field.wide, first_row, count)
             elif (target := getattr(block_rows, stored_field.name, None)) is not None:
-                target[:count] = self._stored(
+                target[:count] = self._rows(
                     stored_field.name, stored_field.wide, first_row, count
                 ).reshape(count, *target.shape[1:])
         if multiplier_columns:  # side by side, as ``flat_multipliers`` has them
             block_rows.multipliers[:count] = np.concatenate(multiplier_columns, axis=1)
         return block_rows
 
-    def _stored(self, name: str, wide: bool, first: int, count: int) -> Any:
+    def _rows(self, name: str, wide: bool, first: int, count: int) -> Any:
         """Return ``count`` rows of an array in the store from ``first`` on, wide ones with all
         digits."""
         array = array_of(self.group, wide_name(name) if wide else name)
@@ -233,9 +233,9 @@ class Recorder:
                     and not interrupts.requested):
                 self._take_last_part(writer)
         if interrupts.requested and self.state.status <= 0:
-            raise self._stopped(interrupts)
+            raise self._stop_exception(interrupts)
 
-    def _stopped(self, interrupts: Interrupts) -> Stopped:
+    def _stop_exception(self, interrupts: Interrupts) -> Stopped:
         """Return the exception after a signal, whose message says whether steps remain."""
         state, run = self.state, self.run
         remaining = run.steps - state.steps + bool(run.rest and not self.last_part)

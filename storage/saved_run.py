@@ -49,7 +49,7 @@ def save_store(run: Trajectory, path: Path) -> Path:
     cure = "Nothing is saved: free some space, or choose another place."
     with storage_errors(path, cure), created_atomically(path) as fresh:
         create(fresh, fields, len(run), 1, _attributes(run),
-               fields_of_events(run.manifest, _asked(run)))
+               fields_of_events(run.manifest, _event_attributes(run)))
         group = open_group(fresh, write=True)
         block = array_of(group, "time").chunks[0]
         for field in fields:  # block by block; numbers wider than a double also as their bytes
@@ -63,7 +63,7 @@ def save_store(run: Trajectory, path: Path) -> Path:
                     Chunk(array_of(group, name), (i, *inner_position),
                           stored_array[begin : begin + block])
                     for i, begin in enumerate(range(0, len(run), block))])
-        events = EventStore(group, run.manifest, _asked(run))
+        events = EventStore(group, run.manifest, _event_attributes(run))
         grown = events.grow({name: len(x) for name, x in run.events.items()})
         write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events | run.impacts))
         consolidate(fresh, grown)
@@ -79,11 +79,11 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
         "events": {name: len(crossings) for name, crossings in run.events.items()},
         "run": {**about["run"], "format": FORMAT, "gyrospark": __version__,
                 "stepper": run.manifest.name, "t0": digits_of(run.t[0]), "rows": len(run),
-                **({"events": _asked(run)} if run.events else {})},
+                **({"events": _event_attributes(run)} if run.events else {})},
     }
 
 
-def _asked(run: Trajectory) -> dict[str, dict[str, Any]]:
+def _event_attributes(run: Trajectory) -> dict[str, dict[str, Any]]:
     """Return the events of a run as JSON, name → attributes: an impact has a restitution, here
     None."""
     laws = impacts_as_json(run._laws, run.parameters)

@@ -68,7 +68,7 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     if run["format"] != FORMAT:
         raise written_by(path, writer, f"its format is {run['format']}, and {FORMAT} is known here")
     for complaint in _complaints(about, run, group):  # the first one is reported
-        raise (_damaged(path, complaint) if writer in (None, __version__) else
+        raise (_damage(path, complaint) if writer in (None, __version__) else
                written_by(path, writer, complaint))
     return about
 
@@ -89,7 +89,7 @@ def _complaints(
         yield from _check_arrays(about, group)
 
 
-def _damaged(path: Path, complaint: str) -> InputError:
+def _damage(path: Path, complaint: str) -> InputError:
     """Return the error for a store with a fault, which completes "The store ... is damaged"."""
     return InputError(f"The store {str(path)!r} is damaged: {complaint}; {_CURE}")
 
@@ -285,12 +285,12 @@ def refuse_other_arrays(
             if name not in (*about["arrays"], CHECKPOINT):
                 raise written_by(path, about["run"].get("gyrospark"),
                                  f"it has no array {name!r}") from None
-            raise _damaged(path, f"array {name!r} is missing or cannot be read") from None
+            raise _damage(path, f"array {name!r} is missing or cannot be read") from None
         if name in growing:
             lengths = set(array.shape[:1])
         if (array.shape[:1] not in {(length,) for length in lengths}
                 or (array.shape[1:], array.chunks, array.dtype) != (row_shape, chunks, dtype)):
-            raise _damaged(path, f"array {name!r} has not the form of this run's")
+            raise _damage(path, f"array {name!r} has not the form of this run's")
 
 
 def refuse_missing_blocks(
@@ -307,8 +307,8 @@ def refuse_missing_blocks(
         for block_index in range(first_row // block, -(-states // block)):
             key = array.metadata.encode_chunk_key((block_index, *inner_index))
             if not (path / name / key).is_file():
-                raise _damaged(path,
-                               f"rows {block_index * block} and on of array {name!r} are missing")
+                raise _damage(path,
+                              f"rows {block_index * block} and on of array {name!r} are missing")
 
 
 def stored_values(

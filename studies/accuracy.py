@@ -76,7 +76,7 @@ def table_5(engine: Engine) -> Table:
     Our copy of the paper lost the printed numbers, so that the conclusions of its text are checked.
     """
     cells = [
-        _unprinted(engine, TOP.case(method, "alpha", rule), quantity, rule)
+        _cell_without_print(engine, TOP.case(method, "alpha", rule), quantity, rule)
         for quantity, rule in TABLE_5 for method in COLUMNS
     ]
     return Table(
@@ -121,7 +121,7 @@ def _cone_about(engine: Engine, setting: Setting) -> str:
             f"paper (erratum 18). {_CONE_ABOUT}")
 
 
-def _unprinted(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
+def _cell_without_print(engine: Engine, case: Case, quantity: Quantity, rule: str) -> Cell:
     """Return our mean error of a case as a cell without a printed number, which our copy lost.
 
     ``rule`` names the value of γ or α in the row; the note says "round-off" below the floor.

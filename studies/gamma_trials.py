@@ -120,14 +120,14 @@ class Trial:
     @cached_property
     def for_motion(self) -> Tuned:
         """The choice by default."""
-        return self._tuned("motion", {})
+        return self._tune("motion", {})
 
     @cached_property
     def for_energy(self) -> Tuned:
         """The choice for the energy by pilot runs as long as the paper's tables."""
-        return self._tuned("energy", {"pilot_steps": self.body.steps})
+        return self._tune("energy", {"pilot_steps": self.body.steps})
 
-    def _tuned(self, aim: Aim, options: dict[str, Any]) -> Tuned:
+    def _tune(self, aim: Aim, options: dict[str, Any]) -> Tuned:
         """Return the γ that ``gs.tune`` chooses for the body with this method."""
         return tune(stepper(self.scheme, self.stages), self.body.problem, dt=self.body.dt,
                     gamma="auto", aim=aim, **options)

@@ -102,15 +102,15 @@ def _conserved_claim(engine: Engine, setting: Setting, method: str) -> Claim:
                                if _keeps(engine, case, quantity)})
     # conserved by a type: for both values of γ, or of α
     gamma, alpha = set.intersection(*conserved["gamma"]), set.intersection(*conserved["alpha"])
-    measured_text = f"γ-type {_listed(gamma)}; α-type {_listed(alpha)}"
+    measured_text = f"γ-type {_list_in_order(gamma)}; α-type {_list_in_order(alpha)}"
     return Claim(
         f"{method} conserves exactly, for any γ and α", measured_text,
-        f"{_listed(CONSERVED[method])} at least",
+        f"{_list_in_order(CONSERVED[method])} at least",
         CONSERVED[method] <= gamma and CONSERVED[method] <= alpha,
     )
 
 
-def _listed(quantities: set[Quantity]) -> str:
+def _list_in_order(quantities: set[Quantity]) -> str:
     """Return e.g. "l₃, g", in the order of the table's rows, or "nothing"."""
     return ", ".join(_NAMES[c] for c in _QUANTITIES if c in quantities) or "nothing"
 

@@ -107,7 +107,7 @@ def table_14(engine: Engine) -> Table:
     """Return Table 14: 5-LIIIA-B, with the claim on Tables 12-14 together."""
     table = _lobatto(engine, 14)
     counted = [cell for number in (12, 13, 14)
-               for cell in _counted(number, _lobatto_cells(_lobatto_counts(engine, number)))]
+               for cell in _claimed_cells(number, _lobatto_cells(_lobatto_counts(engine, number)))]
     table.claims.append(_share_claim(counted))
     return table
 
@@ -177,7 +177,7 @@ def _lobatto(engine: Engine, table: int) -> Table:
         "exact Jacobian, full Newton. Columns \"inexact\": d(L(q)ᵀ)·u dropped from H_pq and H_qp; "
         "this is inferred.",
         cells,
-        [_near_claim("inexact Jacobian, Δt ≤ 0.01", _counted(table, cells), None),
+        [_near_claim("inexact Jacobian, Δt ≤ 0.01", _claimed_cells(table, cells), None),
          _types_alike(counts, _SPARK), _inexact_favours_gamma(counts)],
     )
 
@@ -256,7 +256,7 @@ def _is_near(cell: Cell) -> bool:
     return cell.verdict == "agrees" or cell.note == "within one iteration"
 
 
-def _counted(table: int, cells: list[Cell]) -> list[Cell]:
+def _claimed_cells(table: int, cells: list[Cell]) -> list[Cell]:
     """Return the cells that claims count: inexact Jacobian, Δt ≤ 0.01, no copied rows.
 
     Table 12 prints two rows of Table 11 again (erratum 19); ``STEPS[0]`` is Δt = 0.02.

@@ -220,10 +220,10 @@ def _parity_holds(s: int, top: BodyFrameTop) -> bool:
     """Return whether X_s and Y_s of a symbolic top have the parity of ``parity_claim``."""
     law = energy_law(s, top)
     sign = (-1) ** s
-    return bool(_reversed(law.Y) == sign * law.Y and _reversed(law.X) == -sign * law.X)
+    return bool(_reverse_signs(law.Y) == sign * law.Y and _reverse_signs(law.X) == -sign * law.X)
 
 
-def _reversed(f: Any) -> Any:
+def _reverse_signs(f: Any) -> Any:
     """Return f(−l₂, −Γ₂): terms odd in l₂ and Γ₂ (generators 1 and 4) change their sign."""
     return f.ring.from_dict({powers: -a if (powers[1] + powers[4]) % 2 else a
                              for powers, a in f.items()})

@@ -31,10 +31,10 @@ def reference_axis(problem: Problem, trajectory: Trajectory) -> tuple[NDArray[An
         # the closed form starts at t = 0 with the problem's initial state
         elapsed = (trajectory.t - trajectory.t[0]).astype(float)
         return problem.exact.axis(elapsed), "closed form"
-    return _integrated(problem, trajectory).axis(), "8-stage Gauss-Lobatto reference"
+    return _integrate(problem, trajectory).axis(), "8-stage Gauss-Lobatto reference"
 
 
-def _integrated(problem: Problem, trajectory: Trajectory) -> Trajectory:
+def _integrate(problem: Problem, trajectory: Trajectory) -> Trajectory:
     """Return the motion by 8-stage G-L, with the trajectory's times and a divisor of its Δt.
 
     The body rotates by at most ``_ANGLE`` in a step of the reference.

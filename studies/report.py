@@ -176,7 +176,7 @@ def _numbers(table: Table, *, complete: bool) -> str:
     rows = [["ours (paper)" if complete else "ours", *columns]]
     for row in dict.fromkeys(cell.row for cell in table.cells):
         cells = [cell_at.get((row, column)) for column in columns]
-        rows.append([row, *(_compared(cell, scientific) if complete else _number(cell)
+        rows.append([row, *(_compare(cell, scientific) if complete else _number(cell)
                             for cell in cells)])
     return _grid(rows)
 
@@ -188,7 +188,7 @@ def _number(cell: Cell | None) -> str:
     return cell.note if cell.note in (ROUND_OFF, CONSERVED_EXACTLY) else shown(cell.ours)
 
 
-def _compared(cell: Cell | None, scientific: bool) -> str:
+def _compare(cell: Cell | None, scientific: bool) -> str:
     """Return ours, the printed number and the verdict's mark, e.g. "2.355e-06 (2.35e-06) ✓"."""
     if cell is None:
         return ""

@@ -55,7 +55,7 @@ def value_axis(name: str, values: Any) -> Axis:
     if name == SCHEME:
         return _scheme_axis(values)
     if isinstance(values, Mapping):
-        return Axis(name, {name: _spaced(name, values)})
+        return Axis(name, {name: _space(name, values)})
     return Axis(name, {name: _numbers(name, values)})
 
 
@@ -162,7 +162,7 @@ def _count(name: str, count: Any) -> int:
     return value_count
 
 
-def _spaced(name: str, table: Mapping[str, Any]) -> Array:
+def _space(name: str, table: Mapping[str, Any]) -> Array:
     """Return ``count`` numbers from low to high, equally spaced, or their logarithms."""
     count = _count(name, table.get("count"))
     low, high, spacing = _range(name, {k: v for k, v in table.items() if k != "count"})

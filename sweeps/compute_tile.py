@@ -216,8 +216,8 @@ def _project_starts(
         for rows in group_rows[:, None] if study.varied("q") else [group_rows]:
             first_row = rows[0]
             try:
-                projected_start = stepper._projected(q[first_row], p[first_row],
-                                                     _struct(stepper, structs[first_row]))
+                projected_start = stepper._project(q[first_row], p[first_row],
+                                                   _struct(stepper, structs[first_row]))
             except GyrosparkError:
                 continue
             for state, projected in zip((q, p), projected_start, strict=True):

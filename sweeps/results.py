@@ -223,8 +223,8 @@ class MemorySink:
                             f.attributes) for f in self._fields}
         coordinates = {}
         for name, (along, numbers, coordinate_attributes) in _coordinates(self._study).items():
-            coordinates[name] = along, _labelled(name, numbers, coordinate_attributes)
-        return _named(xarray.Dataset(results, coordinates, attributes))
+            coordinates[name] = along, _labels(name, numbers, coordinate_attributes)
+        return _rename_dimensions(xarray.Dataset(results, coordinates, attributes))
 
 
 class StoreSink:
@@ -294,13 +294,13 @@ def _coordinates(study: Study) -> dict[str, tuple[list[str], Array, dict[str, An
     return coordinates
 
 
-def _labelled(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> Array:
+def _labels(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> Array:
     """Return the values along an axis for readers: of schemes their names, which stores have as
     numbers."""
     return scheme_numbers if name != SCHEME else np.array(attributes["labels"])[scheme_numbers]
 
 
-def _named(dataset: xarray.Dataset) -> xarray.Dataset:
+def _rename_dimensions(dataset: xarray.Dataset) -> xarray.Dataset:
     """Return a result with the system's names along its dimensions, such as ``coordinate``."""
     system = Manifest.from_json(next(iter(dataset.attrs["manifests"].values()))).system
     with_labels: xarray.Dataset = dataset.assign_coords({
@@ -374,10 +374,10 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
         dataset: xarray.Dataset = xarray.open_zarr(root)
         if SCHEME in dataset:  # numbers of schemes in the store, names for readers
             scheme = dataset[SCHEME]
-            dataset = dataset.assign_coords({SCHEME: (scheme.dims, _labelled(
+            dataset = dataset.assign_coords({SCHEME: (scheme.dims, _labels(
                 SCHEME, np.asarray(scheme), scheme.attrs))})
         axes = [name for name in dataset.variables if name not in names]
-        return _named(dataset.set_coords(axes)[names])
+        return _rename_dimensions(dataset.set_coords(axes)[names])
     except InputError:
         raise
     except PermissionError as error:

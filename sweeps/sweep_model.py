@@ -48,7 +48,7 @@ def resolve(
     if isinstance(model, NamedModel):
         model, settings = model
     if isinstance(model, (str, Path)) and not is_model_file(str(model)):
-        model, rep = _named(str(model), settings, rep)
+        model, rep = _look_up(str(model), settings, rep)
     elif settings:
         raise InputError("Settings belong to problems and models with names; change the model "
                          "itself.")
@@ -56,7 +56,7 @@ def resolve(
     return [stepper for stepper, _ in steppers_and_starts], steppers_and_starts[0][1]
 
 
-def _named(
+def _look_up(
     name: str, settings: Mapping[str, Any], rep: str | None
 ) -> tuple[Any, str | None]:
     """Return the problem or model of a name with its settings, and ``rep`` for a problem."""

@@ -118,7 +118,7 @@ def build(
     for name in chosen_target.needs:
         require(name, f"Target {chosen_target.name}")
     type_ = choose("floating-point type", chosen_target.real if real is None else real, _REALS)
-    system = _resolved(system, rep)
+    system = _resolve_system(system, rep)
     specs = [_spec(*scheme_arguments, rep, type_, system)
              for scheme_arguments in _schemes(chosen_target, scheme, stages, order, composition)]
     # arguments are checked before anything is derived, which takes seconds
@@ -222,7 +222,7 @@ def _spec(
                         ).with_profile("control")
 
 
-def _resolved(system: Any, rep: Any) -> Any:
+def _resolve_system(system: Any, rep: Any) -> Any:
     """Return the ``system`` of ``build`` as a Problem, the name of a model, a path, a Model or a
     System."""
     if isinstance(system, (str, Path)):

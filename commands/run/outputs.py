@@ -87,12 +87,12 @@ def events_of(
     """Return {"events": ...}, the model's own and those of --event; {} without --event."""
     if not texts:
         return {}
-    events = [*model_events, *map(_named, texts)]
+    events = [*model_events, *map(_parse_event, texts)]
     names = step.manifest.system.event_quantities
     return {"events": as_impacts(events, names) or as_events(events, names)}
 
 
-def _named(text: str) -> Event:
+def _parse_event(text: str) -> Event:
     """Return the event that "height=0 down" says, or with a name "landing: height=0 down"."""
     name, colon, condition = text.partition(":")
     return event_of_text(condition, name.strip()) if colon else event_of_text(text)
@@ -108,7 +108,7 @@ def integrate_to(
 ) -> RunOutcome:
     """Integrate and write the states; an error comes with all states before it."""
     if out is not None and _is_store(out):
-        return _stored(step, start, out, arguments, resume=resume)
+        return _integrate_into_store(step, start, out, arguments, resume=resume)
     return _in_memory(step, start, out, arguments)
 
 
@@ -162,7 +162,7 @@ def _with_location(
     return Stopped(f"{ended_at(steps_done, steps)} {location}", stopped.signal)
 
 
-def _stored(
+def _integrate_into_store(
     step: Stepper, start: Start, store: Path, arguments: dict[str, Any], *, resume: bool,
 ) -> RunOutcome:
     """Integrate into a store, or resume it; return the outcome with the error that ended the run.
@@ -177,8 +177,8 @@ def _stored(
     try:
         span = Span(*(arguments.get(name) for name in Span._fields))
         other_arguments = {name: arguments[name] for name in arguments.keys() - {*Span._fields}}
-        recording = step._recorded(step._integration(start, None, span, **other_arguments), store,
-                                   resume=resume)
+        recording = step._record(step._integration(start, None, span, **other_arguments), store,
+                                 resume=resume)
     except (StepFailed, Stopped) as error:
         trouble, recording = error, open_recording(store)
     assert isinstance(recording, Recording)

@@ -73,7 +73,7 @@ def result_of(
         "parameters": {name: float(x) for name, x in trajectory.parameters.items()},
         "steps": report.steps,
         "dt": float(trajectory.dt),
-        **(_adapted(trajectory, end - float(t0)) if clocked else {}),
+        **(_scaled_steps(trajectory, end - float(t0)) if clocked else {}),
         "t_end": end,
         "q": list(report.q),
         "p": list(report.p),
@@ -296,7 +296,7 @@ def _error_lines(result: dict[str, Any]) -> list[str]:
     return lines
 
 
-def _adapted(trajectory: Trajectory, duration: float) -> dict[str, float]:
+def _scaled_steps(trajectory: Trajectory, duration: float) -> dict[str, float]:
     """Return Δτ, and the mean, the least and the largest Δt, of a run in scaled time."""
     report = trajectory.report
     return {"dtau": float(trajectory.dt), "dt": duration / max(report.steps, 1),

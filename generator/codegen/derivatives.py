@@ -101,7 +101,7 @@ def derivatives_of(
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     templates = [] if elements is None else element_derivatives(derived, elements)
     step = _step_kernels(derived, columns, has_templates=bool(templates))
-    kernels, lanes = _emitted(derived, step, None if templates else iteration)
+    kernels, lanes = _emit_kernels(derived, step, None if templates else iteration)
     states = _state_kernels(derived)
     # functions of one state are in the user's parameters, not in constants of a run
     kernels += [emit_kernel(kernel, Constants(system.parameters), real,
@@ -137,7 +137,7 @@ def derivatives_of(
     )
 
 
-def _emitted(
+def _emit_kernels(
     derived: Derived, step: _Kernels, iteration: LaneIteration | None
 ) -> tuple[list[EmittedKernel], list[EmittedKernel]]:
     """Return the C of the kernels of a step's derivatives: on numbers, and on lanes.

@@ -52,21 +52,21 @@ def composed_operations(
     dense_products = Counter(mul=n**3, add=n**3)
     velocity = factor + solve
     gradient = velocity + counts["generalised_force"]
-    hessian = factor + _repeated(column, 2 * n) + dense_products
+    hessian = factor + _multiply_counts(column, 2 * n) + dense_products
     composed = {"velocity": velocity, "force": solve + counts["generalised_force"],
                 "gradient": gradient, "hessian": hessian,
                 "mean_velocity": velocity, "mean_force": gradient, "mean_gradient": gradient,
                 "mean_jacobian": hessian}
     if "mean_generalised_force" in counts:  # EMS: the velocities of both ends
-        both_velocities = _repeated(velocity, 2)
-        by_both_states = _repeated(counts["mean_generalised_force_derivative"], 2)
-        columns = _repeated(counts["force_derivative"] + by_both_states + solve, n)
+        both_velocities = _multiply_counts(velocity, 2)
+        by_both_states = _multiply_counts(counts["mean_generalised_force_derivative"], 2)
+        columns = _multiply_counts(counts["force_derivative"] + by_both_states + solve, n)
         force = both_velocities + counts["mean_generalised_force"]
         composed |= {"mean_velocity": both_velocities, "mean_force": force, "mean_gradient": force,
                      "mean_jacobian": both_velocities + columns + dense_products}
     return {name: dict(count) for name, count in composed.items()}
 
 
-def _repeated(operations: Counter[str], count: int) -> Counter[str]:
+def _multiply_counts(operations: Counter[str], count: int) -> Counter[str]:
     """Return the operations of ``count`` repetitions."""
     return Counter({name: count * n for name, n in operations.items()})

@@ -39,7 +39,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     scheme, real = derived.implicit, derived.real
     _refuse(scheme, real, derived.profile)
     system = FastSystem(scheme.system)
-    emitted = _emitted(derived, system)
+    emitted = _emit_kernels(derived, system)
     # A constant W⁻¹ and its correction are constants of a run; H and F are not evaluated here.
     unused = {"hamiltonian", "applied_force", "schur_inverse", "correction"}
     if not derived.is_spark:  # IMS and EMS do not project momenta
@@ -69,7 +69,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     )
 
 
-def _emitted(derived: Derived, system: FastSystem) -> dict[str, EmittedKernel]:
+def _emit_kernels(derived: Derived, system: FastSystem) -> dict[str, EmittedKernel]:
     """Return name → C of the kernels of an iteration, for the C type ``real``."""
     scheme = derived.implicit
     kernels = (system.spark_kernels(separate=True) if isinstance(scheme, SparkScheme)

@@ -79,7 +79,7 @@ def statements_of(kernel: Kernel) -> Statements:
     targets = entries(kernel)
     if not kernel.factors:
         temporaries, outputs = _name_recurring([e for _, e in targets])
-        return Statements(temporaries, _paired(targets, outputs))
+        return Statements(temporaries, _replace_outputs(targets, outputs))
     shared, outputs = _replace_shared([e for _, e in targets])
     expressions = [*shared.values(), *outputs]
     # whole trees are compared to sort arguments, which takes too long in deep ones
@@ -91,10 +91,10 @@ def statements_of(kernel: Kernel) -> Statements:
         temporaries = _sort_definitions(temporaries, dict(zip(shared, bodies, strict=True)))
         temporaries, outputs = _drop_unused(temporaries, outputs)
     temporaries, outputs = _name_bases(temporaries, outputs)
-    return Statements(temporaries, _paired(targets, outputs))
+    return Statements(temporaries, _replace_outputs(targets, outputs))
 
 
-def _paired(
+def _replace_outputs(
     targets: list[tuple[str, sp.Expr]], reduced: list[sp.Expr]
 ) -> list[tuple[str, sp.Expr]]:
     """Return the output entries with reduced expressions in place of their own."""

@@ -93,10 +93,10 @@ def parse_formula(
         With the position and the cure, for whatever is no formula, or one too large to derive a
         stepper from.
     """
-    return _parsed(text, names, exponents, {})
+    return _parse_formula(text, names, exponents, {})
 
 
-def _parsed(
+def _parse_formula(
     text: str, names: Mapping[str, sp.Expr], exponents: frozenset[sp.Symbol],
     units: Mapping[str, str],
 ) -> sp.Expr:
@@ -126,7 +126,7 @@ def parse_number(
     no finite number.
     """
     names = {name: as_rational(value) for name, value in values.items()}
-    number = exact(_parsed(text, names, frozenset(), units))
+    number = exact(_parse_formula(text, names, frozenset(), units))
     return Rounded(number) if isinstance(number, Fraction) else math.nan
 
 

@@ -260,17 +260,17 @@ class _Reader:
     @cached_property
     def _body_names(self) -> list[str]:
         """The names of all bodies, the world first; those without a name are numbered."""
-        return _numbered([self.m.body(k).name for k in range(self.m.nbody)], "body", 0)
+        return _fill_names([self.m.body(k).name for k in range(self.m.nbody)], "body", 0)
 
     @cached_property
     def _tendon_names(self) -> list[str]:
         """The names of all tendons; those without a name are tendon1, tendon2, …."""
-        return _numbered([self.m.tendon(k).name for k in range(self.m.ntendon)], "tendon", 1)
+        return _fill_names([self.m.tendon(k).name for k in range(self.m.ntendon)], "tendon", 1)
 
     @cached_property
     def _actuator_names(self) -> list[str]:
         """The names of all actuators; those without a name are u1, u2, …."""
-        return _numbered([self.m.actuator(k).name for k in range(self.m.nactuator)], "u", 1)
+        return _fill_names([self.m.actuator(k).name for k in range(self.m.nactuator)], "u", 1)
 
     # ------------------------------------------------------------ bodies
 
@@ -466,7 +466,7 @@ class _Reader:
             np.array(m.key_ctrl[k]), moved_mocap))
 
 
-def _numbered(names: Sequence[str], kind: str, first: int) -> list[str]:
+def _fill_names(names: Sequence[str], kind: str, first: int) -> list[str]:
     """Return names of which empty ones are replaced by the kind and a number."""
     return _unique(names, [f"{kind}{number}" for number in range(first, first + len(names))])
 

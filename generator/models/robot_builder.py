@@ -161,10 +161,10 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
             values[name] = _joint_values(key, robot.joints[name], value)
         # offsets belong to angles alone: rates follow by the ratio
         for name in leaders:
-            values[name] = _followed(leaders, name, values, key == "angles")
+            values[name] = _evaluate_follower(leaders, name, values, key == "angles")
 
 
-def _followed(
+def _evaluate_follower(
     leaders: Mapping[str, Follower], name: str, values: Mapping[str, Floats], is_angle: bool
 ) -> Floats:
     """Return the coordinate or rate of a joint, by its leader's: c = ratio · c_leader + offset.
@@ -174,7 +174,7 @@ def _followed(
     if name not in leaders:
         return values[name]
     follower = leaders[name]
-    leader = _followed(leaders, follower.leader, values, is_angle)
+    leader = _evaluate_follower(leaders, follower.leader, values, is_angle)
     value: Floats = follower.ratio * leader + (follower.offset if is_angle else 0.0)
     return value
 

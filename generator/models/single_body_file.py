@@ -239,7 +239,7 @@ def from_euler(phi: float, theta: float, psi: float) -> list[float]:
     with mp.workdps(_DIGITS):
         (a, b), (c, d), (e, f) = ((mp.cos(x), mp.sin(x)) for x in
                                   (_mpf(angle) / 2 for angle in (phi, theta, psi)))
-        return _rounded(quaternion_product([a, 0, 0, b], [c, d, 0, 0], [e, 0, 0, f]))
+        return _round_to_doubles(quaternion_product([a, 0, 0, b], [c, d, 0, 0], [e, 0, 0, f]))
 
 
 def unit(quaternion: Sequence[float]) -> list[float]:
@@ -247,7 +247,7 @@ def unit(quaternion: Sequence[float]) -> list[float]:
     with mp.workdps(_DIGITS):
         q = [_mpf(x) for x in quaternion]
         size = mp.sqrt(sum(x * x for x in q))
-        return _rounded([x / size for x in q])
+        return _round_to_doubles([x / size for x in q])
 
 
 def _mpf(value: float) -> Any:
@@ -257,7 +257,7 @@ def _mpf(value: float) -> Any:
     return mp.mpf(number.numerator) / number.denominator
 
 
-def _rounded(values: Sequence[Any]) -> list[float]:
+def _round_to_doubles(values: Sequence[Any]) -> list[float]:
     """Round numbers of mpmath to doubles that keep the exact value."""
     return [Rounded(x) for x in map(exact, values) if isinstance(x, Fraction)]
 
@@ -268,5 +268,5 @@ def momentum(q: Sequence[float], omega: Sequence[float], inertia: Inertia) -> li
         l = [sum(_mpf(I) * _mpf(x) for I, x in zip(row, omega, strict=True))  # noqa: E741
              for row in inertia_rows(inertia)]
         columns = left_matrix([_mpf(x) for x in q]).T.tolist()
-        return _rounded([2 * sum(mp.mpf(a) * b for a, b in zip(column, l, strict=True))
-                         for column in columns])
+        return _round_to_doubles([2 * sum(mp.mpf(a) * b for a, b in zip(column, l, strict=True))
+                                  for column in columns])

@@ -91,13 +91,13 @@ class BeamEnd(Frame):
 
     def point(self, r: Sequence[object] = (0, 0, 0)) -> Vector:
         """Return the position in space of a point in the axes of the segment, from the end."""
-        return self.segment.point(self._shifted(r))
+        return self.segment.point(self._from_segment_origin(r))
 
     def point_velocity(self, r: Sequence[object] = (0, 0, 0)) -> Vector:
         """Return the velocity in space of a point in the axes of the segment, from the end."""
-        return self.segment.point_velocity(self._shifted(r))
+        return self.segment.point_velocity(self._from_segment_origin(r))
 
-    def _shifted(self, r: Sequence[object]) -> list[Any]:
+    def _from_segment_origin(self, r: Sequence[object]) -> list[Any]:
         """Return a point, given from the end, from the origin of the segment."""
         return [as_expression(x) + d for x, d in zip(r, self.on.tolist(), strict=True)]
 

@@ -139,7 +139,7 @@ def close_loops(
     offsets = _offsets(targets, sines, cosines, q)
     if max(map(abs, offsets)) <= size:
         return q
-    nearest = _listed(targets, offsets)
+    nearest = _list_nearest(targets, offsets)
     # numbers typed with few digits are moved to the nearest consistent ones with a warning: a
     # travel by a part of itself, an angle by a part of a radian
     allowed = [max(size, TYPED * (abs(e.value) if e.cosine is None else 1)) for e in targets]
@@ -177,7 +177,7 @@ def _offsets(
             for e, sine in zip(targets, sines.g(q).tolist(), strict=True)]
 
 
-def _listed(targets: Sequence[StartValue], offsets: Sequence[float]) -> str:
+def _list_nearest(targets: Sequence[StartValue], offsets: Sequence[float]) -> str:
     """Return the nearest possible value of each target beside the given one, as text."""
     return ", ".join(f"{e.measure} of {e.joint!r} {e.value + d:.9g} (given {e.value:.9g})"
                      for e, d in zip(targets, offsets, strict=True))
@@ -199,7 +199,7 @@ def warn_of_moved_joints(
     missed_targets = [(target, offset) for target, offset in zip(targets, offsets, strict=True)
                       if abs(offset) > ROUNDING * max(float(np.abs(q).max()), 1.0)]
     if missed_targets:
-        warn(f"The loops move the start: {_listed(*zip(*missed_targets, strict=True))}.")
+        warn(f"The loops move the start: {_list_nearest(*zip(*missed_targets, strict=True))}.")
 
 
 def _with_targets(link: Connection) -> Connection:
@@ -355,11 +355,11 @@ class Velocities:
         return np.concatenate([np.linalg.lstsq(block, p[rows], rcond=None)[0]
                                for rows, _, block, _ in self._blocks])
 
-    def _scaled(self, u: Array) -> Array:
+    def _scale(self, u: Array) -> Array:
         """Return S u."""
         return np.concatenate([root @ u[columns] for _, columns, _, root in self._blocks])
 
-    def _unscaled(self, y: Array) -> Array:
+    def _unscale(self, y: Array) -> Array:
         """Return S⁻¹ y, for each column of y."""
         return np.concatenate([np.linalg.inv(root) @ y[columns]
                                for _, columns, _, root in self._blocks])
@@ -422,14 +422,14 @@ class Velocities:
         targets = self.list_targets(links)
         projected = project_momenta(numbers, q, p)
         R, d = self._scaled_targets(targets)
-        y = self._scaled(self.u)
+        y = self._scale(self.u)
         scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
         # usually the projected momenta have the given velocities already
-        shift = self._scaled(self._velocities(projected - self._momenta(self.u)))
+        shift = self._scale(self._velocities(projected - self._momenta(self.u)))
         if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
             return projected
-        solution = self._constrained(numbers, q, R, d)
-        u = self._unscaled(solution)
+        solution = self._fit_on_constraints(numbers, q, R, d)
+        u = self._unscale(solution)
         self._refuse_missed(targets, u, R @ solution - d, d, scale)
         return self._momenta(u)
 
@@ -445,16 +445,16 @@ class Velocities:
         d = np.concatenate([np.zeros(0), *(target.value for target in targets)])
         return R / sizes[:, None], d / sizes
 
-    def _constrained(self, numbers: NumericSystem, q: Array, R: Array, d: Array) -> Array:
+    def _fit_on_constraints(self, numbers: NumericSystem, q: Array, R: Array, d: Array) -> Array:
         """Return the y = S u on the constraints with the least |R y − d|, nearest to y₀ = S u₀.
 
         Gauss-Newton steps, each from y₀: one is enough if H_p is linear in p.
         """
-        y = solution = self._scaled(self.u)
+        y = solution = self._scale(self.u)
         G = as_dense(numbers.rows(q))
-        momenta_by_y = self._momenta(self._unscaled(np.eye(len(y))))
+        momenta_by_y = self._momenta(self._unscale(np.eye(len(y))))
         for _ in range(_VELOCITY_STEPS):
-            momenta = self._momenta(self._unscaled(solution))
+            momenta = self._momenta(self._unscale(solution))
             rates = numbers.H_pp_times(q, momenta, momenta_by_y)
             # the constraints' rates f are A (y − solution) more at y; rows get the length 1
             A, terms = G @ rates, np.abs(G) @ np.abs(rates)

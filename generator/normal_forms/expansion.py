@@ -87,7 +87,7 @@ class NormalForm:
             sums = {base for m in terms for base, n in m if is_below(base, n)}
             undivided = terms
             for base in sorted(sums, key=base_key):
-                terms = self._divided(terms, base)
+                terms = self._divide_by_sum(terms, base)
             if terms == undivided:
                 return terms
 
@@ -199,7 +199,7 @@ class NormalForm:
 
     # ------------------------------------------------------------ division
 
-    def _divided(self, terms: Terms, base: sp.Expr) -> Terms:
+    def _divide_by_sum(self, terms: Terms, base: sp.Expr) -> Terms:
         """Return the terms after division by the sum b = ``base``, wherever it is a denominator.
 
         With b = a l + r and its leading monomial l: l bⁿ = (bⁿ⁺¹ − r bⁿ)/a for n < 0.

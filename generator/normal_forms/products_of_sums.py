@@ -382,7 +382,7 @@ class _PowerSplitter:
             power_of = {pair: self._power_of(constants, n, pair, by_power)
                         for pair, by_power in mixed[constants, n].items()}
             # pairs with a variable in common share its pure power: all of them, or none
-            for group in _connected(power_of):
+            for group in _group_by_base(power_of):
                 powers = {pair: power for pair in group if (power := power_of[pair])}
                 if len(powers) == len(group):
                     self._take_group(constants, n, powers)
@@ -471,7 +471,7 @@ def smaller(*numbers: Number) -> Number:
     return min(numbers, key=lambda a: Fraction(max(a, -a)))
 
 
-def _connected(pairs: Iterable[Pair]) -> list[list[Pair]]:
+def _group_by_base(pairs: Iterable[Pair]) -> list[list[Pair]]:
     """Return groups of pairs; pairs with a common base are in one group."""
     ordered = sorted(pairs, key=lambda pair: tuple(map(base_key, pair)))
     index_of: dict[sp.Expr, int] = {}

@@ -50,7 +50,7 @@ def read_text(path: Path, max_bytes: int) -> str:
         ) from None
     if len(content) > max_bytes:  # the file has grown, or has the size 0, as in /proc
         raise UnusableFileError(f"it has more than {max_bytes} bytes; write shorter entries.")
-    return _decoded(content)
+    return _decode(content)
 
 
 def _cure_of_path(path: Path) -> str:
@@ -61,7 +61,7 @@ def _cure_of_path(path: Path) -> str:
     return "correct the path"
 
 
-def _decoded(content: bytes) -> str:
+def _decode(content: bytes) -> str:
     """Return the text of UTF-8 without a byte order mark; raises ``UnusableFileError``."""
     try:
         return content.decode("utf-8-sig")

@@ -75,12 +75,12 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
     # rates and axes of rotations are functions of the constants alone
     of_constants = [name for name in ("flow_rates", "axis_directions", "space_rates")
                     if name in kernels]
-    return [_transposed(kick, {**kick.inputs, **constants}, with_value=True),
-            _transposed(free_motion, {**free_motion.inputs, **constants}),
-            *(_transposed(kernels[name], constants) for name in of_constants)]
+    return [_transpose(kick, {**kick.inputs, **constants}, with_value=True),
+            _transpose(free_motion, {**free_motion.inputs, **constants}),
+            *(_transpose(kernels[name], constants) for name in of_constants)]
 
 
-def _transposed(
+def _transpose(
     kernel: Kernel, variables: Mapping[str, Sequence[sp.Symbol]], *, with_value: bool = False
 ) -> Kernel:
     """Return the kernel of Σ w ∂(output)/∂x for each x of ``variables``: reverse differentiation.

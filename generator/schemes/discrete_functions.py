@@ -370,14 +370,14 @@ def extreme(
     mean = Where(sp.Abs(w.mean), sp.Abs(w.half), (u.mean + v.mean + sign * sp.Abs(w.half)) / 2,
                  function(u.mean, v.mean))
     zero = sp.Integer(0)
-    slope = {i: _weighted(u_share, u.slope.get(i, zero)) + _weighted(v_share, v.slope.get(i, zero))
+    slope = {i: _weight(u_share, u.slope.get(i, zero)) + _weight(v_share, v.slope.get(i, zero))
              for i in sorted(u.slope.keys() | v.slope.keys())}
-    change = _weighted(u_share, u.change) + _weighted(v_share, v.change)
+    change = _weight(u_share, u.change) + _weight(v_share, v.change)
     difference = DiscreteDifference(share(mean), slope, u.steps, share(change))
     return difference.with_ends(*(function(*ends) for ends in zip(u.ends, v.ends, strict=True)))
 
 
-def _weighted(weight: sp.Expr, e: sp.Expr) -> sp.Expr:
+def _weight(weight: sp.Expr, e: sp.Expr) -> sp.Expr:
     """Return weight · e; 0 for the weight 0, even if e is infinite or NaN."""
     return weight * e if _is_finite(e) else Where(sp.Integer(0), weight, weight * e, sp.Integer(0))
 
@@ -424,7 +424,7 @@ def piecewise(
     for piece, (low, high) in zip(pieces.parts, limits, strict=True):
         if pieces.symbol not in piece.free_symbols:
             continue
-        clamped = _clamped(s, low, high)
+        clamped = _clamp(s, low, high)
         slope = differentiate(piece, {pieces.symbol: clamped}, clamped.steps).slope[0]
         fraction = clamped.slope[0]  # Δc_i/Δs, the fraction of the step within the piece
         factor += slope if _is_finite(slope) else Where(zero, fraction, slope, zero)
@@ -435,7 +435,7 @@ def piecewise(
     return s.apply((end_values[0] + end_values[1]) / 2, factor).with_ends(*end_values)
 
 
-def _clamped(
+def _clamp(
     s: DiscreteDifference, low: sp.Expr | None, high: sp.Expr | None
 ) -> DiscreteDifference:
     """Return c = max(min(s, high), low), with its slope Δc/Δs; None stands for no limit."""

@@ -146,20 +146,20 @@ class SplittingScheme:
         no_axis = [[sp.S.Zero] * 3]
         kernels = [
             Kernel("flow_rates", "rates of rotations, and k of drags, of a run", {}, {
-                "sphere": self._hoisted([body.a for body in self.splitting.bodies]),
-                "axis_rate": self._hoisted([axis.d for _, axis in self.axes]),
-                "axis_offset": self._hoisted([axis.c for _, axis in self.axes]),
-                "further_rate": self._hoisted([axis.d for _, axis in self.further]),
-                "further_offset": self._hoisted([axis.c for _, axis in self.further]),
-                "drag": self._hoisted(self.drag)}),
+                "sphere": self._hoist([body.a for body in self.splitting.bodies]),
+                "axis_rate": self._hoist([axis.d for _, axis in self.axes]),
+                "axis_offset": self._hoist([axis.c for _, axis in self.axes]),
+                "further_rate": self._hoist([axis.d for _, axis in self.further]),
+                "further_offset": self._hoist([axis.c for _, axis in self.further]),
+                "drag": self._hoist(self.drag)}),
             Kernel("axis_directions", "unit vectors of the axes of rotations, in body axes", {}, {
-                "axis": [self._hoisted(axis.axis) for _, axis in self.axes] or no_axis,
-                "further_axis": [self._hoisted(axis.axis) for _, axis in self.further]
+                "axis": [self._hoist(axis.axis) for _, axis in self.axes] or no_axis,
+                "further_axis": [self._hoist(axis.axis) for _, axis in self.further]
                 or no_axis}),
         ]
         if self.splitting.space:
             kernels.append(Kernel("space_rates", "angular velocities of axes of space", {}, {
-                "omega": [self._hoisted(space.omega) for space in self.splitting.space]}))
+                "omega": [self._hoist(space.omega) for space in self.splitting.space]}))
         return kernels
 
     def state_kernels(self) -> list[Kernel]:
@@ -173,15 +173,15 @@ class SplittingScheme:
         kernels = [
             self._kick_kernel(),
             Kernel("free_velocity", "M^-1 p and the velocity at p = 0 of points",
-                   {"y": self.momenta}, {"velocity": self._hoisted(velocity),
-                                         "offset": self._hoisted(offset)})]
+                   {"y": self.momenta}, {"velocity": self._hoist(velocity),
+                                         "offset": self._hoist(offset)})]
         if work and self.system.forces:
-            power, = self._hoisted([self._power()])
+            power, = self._hoist([self._power()])
             kernels.append(Kernel("force_power", "power of forces and of explicit time in a kick",
                                   state | time, {"power": power}))
         if work and self.has_drag:
             # drags act in free motions, whose energy without them would be constant
-            T, power = self._hoisted([self._kinetic(further=False), self._drag_power()])
+            T, power = self._hoist([self._kinetic(further=False), self._drag_power()])
             kernels.append(Kernel("drift_energy", "the part of H that free motions conserve", state,
                                   {"T": T}))
             kernels.append(Kernel("drag_power", "power of drags on the rest of T", state,
@@ -206,7 +206,7 @@ class SplittingScheme:
                     for e, i in zip(rate, self.kicked, strict=True)]
         return Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
                       self._state | {"t": [_TIME], "gradient": [weight]},
-                      {"rate": self._hoisted(rate)})
+                      {"rate": self._hoist(rate)})
 
     def _point_velocity(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
         """Return M⁻¹ p and v of each coordinate of points."""
@@ -219,7 +219,7 @@ class SplittingScheme:
         return list(velocities.values()), [translation.velocity.get(i, sp.S.Zero)
                                            for i in self.free]
 
-    def _hoisted(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
+    def _hoist(self, expressions: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return expressions in constants of the run; [0] if empty, as C has no empty arrays."""
         clock = self.splitting.system.time
         return [self.constants.since_start(e).xreplace({clock: _TIME})

@@ -76,13 +76,13 @@ def shortened(
         return list(expressions)
     quotient = Quotient(unit_quaternions(quaternions))
     try:
-        shorter = [_factored(quotient.expression(e)) for e in expressions]
+        shorter = [_factor(quotient.expression(e)) for e in expressions]
     except TooLongError:
         return list(expressions)
     return min((list(expressions), shorter), key=lambda row: _operations(row, symbols))
 
 
-def _factored(e: sp.Expr) -> sp.Expr:
+def _factor(e: sp.Expr) -> sp.Expr:
     """Return a sum in its shortest form; a long sum unchanged: factoring would take seconds."""
     return shortest(e) if len(sp.Add.make_args(e)) <= _MAX_TERMS else e
 

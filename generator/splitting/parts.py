@@ -223,7 +223,7 @@ class KickTemplate:
         """The kick of the term: a torque for each slot, a force for each local coordinate."""
         torques = [space_torque(q, [-derivative(self.V, x) for x in q]) for q in self.bodies]
         forces = [-derivative(self.V, x) for x in self.coordinates]
-        return _shortened(torques, forces, self.bodies)
+        return _shorten(torques, forces, self.bodies)
 
     @cached_property
     def rates(self) -> tuple[tuple[sp.Symbol, ...], ...]:
@@ -242,8 +242,8 @@ class KickTemplate:
         return _slope(self.kick, self.bodies, self.coordinates, self.rates[:-1], self.rates[-1])
 
 
-def _shortened(torques: Sequence[Vector], forces: Sequence[sp.Expr],
-               quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
+def _shorten(torques: Sequence[Vector], forces: Sequence[sp.Expr],
+             quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
     """Return a kick of all torques and forces, in a form with fewer operations on |q| = 1."""
     # all together, as torques and forces share subexpressions
     components = iter(shortened([*(e for N in torques for e in N), *forces], quaternions))
@@ -264,7 +264,7 @@ def _slope(
     speeds = dict(zip(points, velocities, strict=True))
     torques = [[-2 * e for e in derivatives_along(N, rates, speeds)] for N in kick.torques]
     forces = [-2 * e for e in derivatives_along(kick.forces, rates, speeds)]
-    return _shortened([(x, y, z) for x, y, z in torques], forces, quaternions)
+    return _shorten([(x, y, z) for x, y, z in torques], forces, quaternions)
 
 
 def _angular_velocity(body: BodyFlow, q: Sequence[sp.Symbol], N: Vector) -> list[sp.Expr]:

@@ -46,7 +46,7 @@ class Quotient:
         Raises TooLongError if it takes too many products.
         """
         with self._form.allowed(_MAX_PRODUCTS):
-            return self._reduced(self._form(e))
+            return self._reduce(self._form(e))
 
     def expression(self, e: sp.Expr) -> sp.Expr:
         """Return the normal form; TooLongError as for ``terms``."""
@@ -61,9 +61,9 @@ class Quotient:
 
     def _argument(self, e: sp.Expr) -> sp.Expr:
         """Return the normal form of an argument, a radicand or a denominator."""
-        return e if e.is_Symbol or e.is_Rational else expression_of(self._reduced(self._form(e)))
+        return e if e.is_Symbol or e.is_Rational else expression_of(self._reduce(self._form(e)))
 
-    def _reduced(self, terms: Terms) -> Terms:
+    def _reduce(self, terms: Terms) -> Terms:
         """Return the terms with xⁿ, n > 1, replaced by x^(n mod 2) e^(n div 2)."""
         reduced: Terms = {}
         stack = list(terms.items())

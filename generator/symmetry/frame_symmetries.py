@@ -423,7 +423,7 @@ def _linear_factor(e: sp.Expr) -> sp.Expr | None:
     """Return a factor of a polynomial that may vanish and is linear in a symbol, or None."""
     for factor, _ in sp.factor_list(e)[1]:
         if not factor.is_nonzero and _solvable(factor) is not None:
-            return _signed(factor)
+            return _normalise_sign(factor)
     return None
 
 
@@ -440,7 +440,7 @@ def _solvable(e: sp.Expr) -> sp.Symbol | None:
     return None
 
 
-def _signed(e: sp.Expr) -> sp.Expr:
+def _normalise_sign(e: sp.Expr) -> sp.Expr:
     """Return ±e, with the sign that makes the coefficient of the first symbol positive."""
     first = min(e.free_symbols, key=str)
     return -e if sp.diff(e, first).is_negative else e

@@ -103,7 +103,7 @@ class SymmetrySpace:
         q = [*(residues[s] for s in self._q), ones]
         v = [*(residues[e] for e in self._velocity), zeros]
         p, rate = [residues[s] for s in self._p], [residues[e] for e in self._minus_p_rate]
-        return self._combined(prime, lambda i, j: (p[i] * v[j] - rate[i] * q[j]) % prime, count)
+        return self._combine(prime, lambda i, j: (p[i] * v[j] - rate[i] * q[j]) % prime, count)
 
     def _constraint_rows(self, k: int, prime: int, count: int) -> Residue:
         """Return the rows of g_q (A q + a) = C g of constraint k, after C is eliminated.
@@ -120,7 +120,7 @@ class SymmetrySpace:
         residues = self._points(prime, [*related, *self._G[k]], count, self._q)
         q = [*(residues[s] for s in self._q), np.ones(count, dtype=np.int64)]
         G = [residues[e] for e in self._G[k]]
-        rows = self._combined(prime, lambda i, j: G[i] * q[j] % prime, count)
+        rows = self._combine(prime, lambda i, j: G[i] * q[j] % prime, count)
         # columns g_k, then fields: eliminating the first ones removes the unknown C
         system = np.column_stack([*(residues[g] for g in related), rows])
         rows, pivots = reduced(system, prime, len(related))
@@ -134,7 +134,7 @@ class SymmetrySpace:
         symbols = [*states, *self._other_symbols]
         return Residues(prime, symbols, expressions, count, constants, count)
 
-    def _combined(
+    def _combine(
         self, prime: int, term: Callable[[int, int], Residue], count: int
     ) -> Residue:
         """Return Σ_ij w_ij term(i, j) modulo the prime, shape (count, number of fields)."""

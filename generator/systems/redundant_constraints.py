@@ -74,8 +74,8 @@ class Redundancy:
             return f"The {len(self.constraints)} constraints of {self.model!r} are independent."
         verb = "is" if len(self.left_out) == 1 else "are"
         return (f"{len(self.left_out)} of the {len(self.constraints)} constraints of "
-                f"{self.model!r} {verb} redundant: the others imply {_quoted(self.left_out)}. "
-                f"These depend on each other: {_quoted(self.involved)}.")
+                f"{self.model!r} {verb} redundant: the others imply {_quote(self.left_out)}. "
+                f"These depend on each other: {_quote(self.involved)}.")
 
     def refuse(self, cure: str = "") -> None:
         """Refuse redundant constraints; ``cure`` tells a caller how to drop them.
@@ -83,7 +83,7 @@ class Redundancy:
         Raises InputError with the names of all that take part, and of a smallest set to leave out.
         """
         if self.left_out:
-            raise InputError(f"{self} Leave out {_quoted(self.left_out)}; the motion stays the "
+            raise InputError(f"{self} Leave out {_quote(self.left_out)}; the motion stays the "
                              f"same{cure}.")
 
 
@@ -114,7 +114,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
         G = as_dense(G)
         infinite = [i for i, row in enumerate(G) if not np.isfinite(row).all()]
         raise InputError(
-            f"The constraints {_listed(names, infinite)} of {owner!r} have no finite gradient at "
+            f"The constraints {_names_of(names, infinite)} of {owner!r} have no finite gradient at "
             "the start; start elsewhere, or in other units."
         )
     involved, left_out = dependent_rows(G)
@@ -122,16 +122,16 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
         return Redundancy(owner, tuple(names))
     if point is None or _contradict(constraints, point, left_out):
         raise InputError(
-            f"The constraints {_listed(names, involved)} of {owner!r} contradict each other near "
+            f"The constraints {_names_of(names, involved)} of {owner!r} contradict each other near "
             "the start: no state near it meets them all. Check their points, axes and lengths, "
             "turn parts that lie in a line a little, or leave out "
-            f"{_listed(names, left_out)}."
+            f"{_names_of(names, left_out)}."
         )
     # dependent here and independent nearby: a dead centre, not a superfluous constraint
     if _is_singular(constraints, point, len(left_out)):
         raise InputError(
             f"{owner!r} starts in a singular position, where its constraints "
-            f"{_listed(names, involved)} depend on each other although they do not elsewhere; "
+            f"{_names_of(names, involved)} depend on each other although they do not elsewhere; "
             "start in another position."
         )
     return Redundancy.of(owner, names, involved, left_out)
@@ -165,7 +165,7 @@ def refuse_redundant_anywhere(system: System) -> None:
         Redundancy.of(system.name, names, *on_manifold[-1]).refuse()
     if all(involved for involved, _ in off_manifold):
         raise InputError(
-            f"The constraints {_listed(names, off_manifold[-1][0])} of {system.name!r} depend on "
+            f"The constraints {_names_of(names, off_manifold[-1][0])} of {system.name!r} depend on "
             "each other everywhere, and no state was found that meets them all: they contradict "
             "each other.")
 
@@ -360,11 +360,11 @@ def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
     return values
 
 
-def _listed(names: Sequence[str], rows: Sequence[int]) -> str:
+def _names_of(names: Sequence[str], rows: Sequence[int]) -> str:
     """Return the names of constraints, given by their row numbers, as text."""
-    return _quoted([names[i] for i in rows])
+    return _quote([names[i] for i in rows])
 
 
-def _quoted(names: Sequence[str]) -> str:
+def _quote(names: Sequence[str]) -> str:
     """Return names in quotes, separated by commas."""
     return ", ".join(map(repr, names))

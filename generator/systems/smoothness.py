@@ -200,11 +200,11 @@ class Switching:
     @property
     def named(self) -> str:
         """The zeros of all w, as text."""
-        return _listed(self.switches)
+        return _describe(self.switches)
 
     def named_jumps(self, *, discrete: bool) -> str:
         """The zeros at which forces jump, as text."""
-        return _listed(self.jumps_of_forces(discrete=discrete))
+        return _describe(self.jumps_of_forces(discrete=discrete))
 
     def manifest_fields(self, order: int, *, discrete: bool) -> dict[str, Any]:
         """Return the fields of the manifest about switches; {} without any.
@@ -216,7 +216,7 @@ class Switching:
             return {}
         remarks = [f"order {order} holds for steps that do not cross {self.named}"]
         if self.jumps_of_H:
-            remarks.append(f"H jumps at {_listed(self.jumps_of_H)}: no step feels a force there")
+            remarks.append(f"H jumps at {_describe(self.jumps_of_H)}: no step feels a force there")
         jumps = self.named_jumps(discrete=discrete)
         if not jumps:
             return {"remarks": remarks}
@@ -232,7 +232,7 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
     switches: g = 0 is no manifold then for 0 < s < 1.
     """
     if switches := switches_of(system.constraints):
-        raise InputError(f"A constraint of {system.name!r} switches at {_listed(switches)}; what "
+        raise InputError(f"A constraint of {system.name!r} switches at {_describe(switches)}; what "
                          "turns with both of its sides is not searched for.")
     symbols: dict[sp.Expr, sp.Symbol] = {}
     reserved = {str(s) for s in (*system.q, *system.p, *system.parameters, system.time)}
@@ -255,7 +255,7 @@ def on_any_side(system: System) -> tuple[System, list[sp.Symbol]]:
                    parameters=(*system.parameters, *weights)), weights
 
 
-def _listed(switches: Sequence[sp.Expr]) -> str:
+def _describe(switches: Sequence[sp.Expr]) -> str:
     """Return the first three switches as "w = 0", and the number of further ones."""
     suffix = f" and {len(switches) - 3} more such places" if len(switches) > 3 else ""
     return ", ".join(map(_place, switches[:3])) + suffix

@@ -112,12 +112,12 @@ def from_mechanics(
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in mechanics.q]
     names = _names(mechanics, rates)
-    F, potential = _generalised(mechanics, names)
+    F, potential = _generalised_forces(mechanics, names)
     placed, places = (_places(mechanics.motion, method_bodies) if as_flag("bodies", bodies)
                       else ({}, {}))
     # one substitution for all expressions, as each is a pass over their whole graph
-    L, *named = _named(mechanics, [mechanics.L - potential, *mechanics.constraints,
-                                   *mechanics.rates, *places.values()], names)
+    L, *named = _replace_symbols(mechanics, [mechanics.L - potential, *mechanics.constraints,
+                                             *mechanics.rates, *places.values()], names)
     g_end = len(mechanics.constraints)
     rows_end = g_end + len(mechanics.rates)
     g, velocity_constraints = named[:g_end], named[g_end:rows_end]
@@ -170,7 +170,7 @@ def _of_kane(method: Any) -> Mechanics:
     # k_ku u + k_kqdot q̇ + f_k = 0, and the velocity constraints k_nh u + f_nh = 0
     kinematics = (method._k_ku_implicit * sp.Matrix(u)
                   + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
-    speeds = _solved(list(kinematics), u)
+    speeds = _solve_speeds(list(kinematics), u)
     rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
     motion = FrameMotion(frame, speeds | zeros)
     return Mechanics(motion, list(method.q), motion.energy(method.bodies),
@@ -185,14 +185,14 @@ def _of_system(method: Any) -> Mechanics:
     V = sp.Add(*(body.potential_energy for body in bodies))
     loads = [*method.loads, *(load for actuator in method.actuators
                               for load in actuator.to_loads())]
-    speeds = _solved(list(method.kdes), list(method.u)) if method.u else {}
+    speeds = _solve_speeds(list(method.kdes), list(method.u)) if method.u else {}
     auxiliary = dict.fromkeys(method.u_aux, sp.Integer(0))
     motion = FrameMotion(method.frame, speeds | auxiliary)
     return Mechanics(motion, list(method.q), motion.energy(bodies) - V, loads,
                      list(method.holonomic_constraints), list(method.velocity_constraints))
 
 
-def _solved(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Expr]:
+def _solve_speeds(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Expr]:
     """Return each generalised speed in terms of q and q̇, from kinematic differential equations.
 
     The equations are linear in u: K u + k = 0, u = −K⁻¹ k.
@@ -233,7 +233,7 @@ def _refuse_substituted(
     rng = np.random.default_rng(29)
     for body in bodies:
         v = body.masscenter.vel(mechanics.motion.frame).to_matrix(mechanics.motion.frame)
-        A, a = coefficients_of(_named(mechanics, list(v), names), velocities)
+        A, a = coefficients_of(_replace_symbols(mechanics, list(v), names), velocities)
         # a is the coefficient of ṫ = 1: one closed 1-form in (q, t) for each component
         rows, x = [[*row, rate] for row, rate in zip(A, a, strict=True)], [*q, t]
         constants = symbols_of([e for row in rows for e in row]) - {*x}
@@ -250,7 +250,7 @@ def _refuse_substituted(
 # ---------------------------------------------------------------- loads
 
 
-def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
+def _generalised_forces(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     list[sp.Expr], sp.Expr
 ]:
     """Return the generalised forces of the loads, n entries, and the potential of constant forces.
@@ -275,9 +275,9 @@ def _generalised(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tu
             symbol = sp.Symbol(f"_w{len(magnitudes)}", real=True)
             magnitudes[symbol] = component
             power += symbol * rate
-    (power,) = _named(mechanics, [power], names)
+    (power,) = _replace_symbols(mechanics, [power], names)
     forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in mechanics.q))
-    component_of = dict(zip(magnitudes, _named(mechanics, [*magnitudes.values()], names),
+    component_of = dict(zip(magnitudes, _replace_symbols(mechanics, [*magnitudes.values()], names),
                             strict=True))
     return substitute(forces, component_of), potential
 
@@ -374,7 +374,7 @@ def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.S
     return names
 
 
-def _named(
+def _replace_symbols(
     mechanics: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
 ) -> list[sp.Expr]:
     """Return expressions in symbols: q(t), q̇(t) and inputs replaced, speeds in terms of q̇."""

@@ -86,9 +86,10 @@ class FrameMotion:
         place = None if velocity == 0 else self.place(point)
         if place is None:
             axes = self._last(position, velocity)
-            return self._moved(position, velocity, axes), axes
+            return self._add_rate(position, velocity, axes), axes
         axes = self._last(place)
-        short, long = self._moved(place, 0 * velocity, axes), self._moved(position, velocity, axes)
+        short = self._add_rate(place, 0 * velocity, axes)
+        long = self._add_rate(position, velocity, axes)
         differences = [a - b for a, b in zip(short, long, strict=True)]
         return short if vanish(substitute(differences, self.speeds)) else long, axes
 
@@ -97,22 +98,23 @@ class FrameMotion:
 
         Points are those whose velocity was set, among all from which a mass centre is placed.
         """
-        points = list(dict.fromkeys(point for body in bodies for point in _reached(body.masscenter)
-                                    if self.frame in point._vel_dict))
+        points = list(dict.fromkeys(
+            point for body in bodies for point in _connected_points(body.masscenter)
+            if self.frame in point._vel_dict))
         for point in points:
-            anchor = next((neighbour for neighbour in _reached(point)
+            anchor = next((neighbour for neighbour in _connected_points(point)
                          if neighbour is not point and neighbour in points), None)
             if anchor is None:
                 continue
             # v_anchor − v_point + d/dt (r_point − r_anchor) is 0 if places and velocities agree
             position, gap = point.pos_from(anchor), anchor.vel(self.frame) - point.vel(self.frame)
-            residual = self._moved(position, gap, self._last(position, gap))
+            residual = self._add_rate(position, gap, self._last(position, gap))
             if not vanish(substitute(residual, self.speeds)):
                 yield point, anchor
 
     def is_placed(self, point: Any) -> bool:
         """Whether the position of a point is given relative to another point."""
-        return any(neighbour is not point for neighbour in _reached(point))
+        return any(neighbour is not point for neighbour in _connected_points(point))
 
     def place(self, point: Any) -> Any:
         """Return the position vector of a point from the nearest point at rest; None without one.
@@ -139,7 +141,7 @@ class FrameMotion:
         return max((frame for vector in vectors for _, frame in vector.args),
                    key=lambda frame: len(self._path(frame)), default=self.frame)
 
-    def _moved(self, position: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
+    def _add_rate(self, position: Any, velocity: Any, axes: Any) -> list[sp.Expr]:
         """Return v + dr/dt in ``axes``, three components, r a position and v a velocity.
 
         For components of r in a frame that turns with Ω, dr/dt = ∂r/∂t + Ω × r.
@@ -180,10 +182,10 @@ class FrameMotion:
 def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:
     """Return the nearest point that ``suits`` accepts, of those ``point`` is placed from, or None.
     """
-    return next((neighbour for neighbour in _reached(point) if suits(neighbour)), None)
+    return next((neighbour for neighbour in _connected_points(point) if suits(neighbour)), None)
 
 
-def _reached(point: Any) -> Iterator[Any]:
+def _connected_points(point: Any) -> Iterator[Any]:
     """Yield a point and all points to which positions connect it, the nearest first."""
     visited, waiting = {point}, [point]
     for current in waiting:

@@ -218,9 +218,9 @@ class Tableau:
             with mp.workdps(count + 5):
                 return mp.mpf(value.centre.numerator) / value.centre.denominator
 
-        return NumericTableau(**map_entries(self._refined(count), to_number))
+        return NumericTableau(**map_entries(self._refine(count), to_number))
 
-    def _refined(self, digits: int) -> dict[str, Any]:
+    def _refine(self, digits: int) -> dict[str, Any]:
         """Return enclosures of width 10^−digits at most."""
         bits, parts = BITS, self.enclosures
         while widest_radius(parts) * 2 * 10**digits > 1:

@@ -244,9 +244,9 @@ class Fitting:
 
     def residuals(self, point: Point, halvings: int = 0) -> Array:
         """Return residuals of the samples, shape (samples, c)."""
-        return self._observed(point, *self.states(point, halvings))[0]
+        return self._evaluate_residuals(point, *self.states(point, halvings))[0]
 
-    def _observed(
+    def _evaluate_residuals(
         self, point: Point, q: Array, p: Array
     ) -> tuple[Array, Array, Array, dict[str, Array]]:
         """Return residuals of the samples and their derivatives: see ``Observation.residuals``."""
@@ -271,7 +271,7 @@ class Fitting:
         Sets the basis and the sizes of ``point``.
         """
         q, p = self.states(point)
-        r, by_q, by_p, by_parameters = self._observed(point, q, p)
+        r, by_q, by_p, by_parameters = self._evaluate_residuals(point, q, p)
         directions = Tangents(start="all" if self.start else None, parameters=self.free)
         if self.clock is not None:
             tangents: Any = self._in_scaled_time(point, tangents=directions).tangents
@@ -499,7 +499,7 @@ def _minimise_horizons(
         is_last = count == counts[-1]
         fitting.samples = count
         linearise = fitting.linearise if report is None else partial(
-            _reported, fitting.linearise, report, horizon)
+            _linearise_and_report, fitting.linearise, report, horizon)
         minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
                            fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
                            iteration_limit if is_last else _EARLY, fitting.truncation(point))
@@ -509,7 +509,7 @@ def _minimise_horizons(
     return Minimum(point, iterations, minimum.converged)
 
 
-def _reported(
+def _linearise_and_report(
     linearise: Callable[[Point], Linear], report: Callable[[int], Any], horizons_done: int,
     point: Point
 ) -> Linear:
@@ -595,7 +595,7 @@ def _first_run(
         numeric_parameters = {name: 1.0 if isinstance(x, Rule) else x
                               for name, x in all_parameters.items()}
         q, p = step.project(q, p, parameters=numeric_parameters, t=start.t)
-    run = step._resolved(step._run_arguments(
+    run = step._resolve(step._run_arguments(
         replace(start, q=q, p=p), dt=dt, steps=steps, inputs=input_rows, scaled=True))
     refuse_run(run)
     return run

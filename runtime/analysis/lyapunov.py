@@ -186,10 +186,10 @@ def lyapunov(
                          + (f"; give at most {size}." if size else ": nothing moves."))
     with_covariant = as_flag("covariant", covariant)
     as_progress(progress)
-    run = stepper._resolved(stepper._run_arguments(
+    run = stepper._resolve(stepper._run_arguments(
         state, dt=dt, steps=step_total, every=every, inputs=inputs, solver=solver))
     refuse_run(run)
-    stepper._warned(run)
+    stepper._warn(run)
     benettin = Benettin(stepper, run, vector_count, with_covariant)
     with log_progress(f"exponents of {stepper.name}", run.steps, progress) as report:
         for steps_so_far in benettin.advance():

@@ -216,12 +216,12 @@ class OrbitSearch:
     ) -> None:
         """Check the fixed and the free variables, and keep the starting values of the fixed ones.
         """
-        run = stepper._resolved(stepper._run_arguments(start, dt=dt, steps=steps))
+        run = stepper._resolve(stepper._run_arguments(start, dt=dt, steps=steps))
         self.stepper, self.steps, self.t0, self.free = stepper, steps, run.t0, free
         self.start = run
         self.time_dependent = stepper.binding.time is not None
         self.phase_fixed = not self.time_dependent
-        self.fixed = _fixed(stepper, fix, time_dependent=self.time_dependent)
+        self.fixed = _names_of_fixed(stepper, fix, time_dependent=self.time_dependent)
         if free is not None and not (
                 isinstance(free, str) and free in stepper.parameter_domains):
             raise unknown("parameter", free, stepper.parameter_domains)
@@ -241,7 +241,7 @@ class OrbitSearch:
         start = self.start
         guess = self._evaluate(start.q, start.p, start.dt, dict(start.parameters))
         gaps = [guess.size]
-        while not self._closed(guess, gaps):
+        while not self._is_closed(guess, gaps):
             if report is not None:
                 report(len(gaps) - 1)
             next_guess = self._newton_step(guess) if len(gaps) <= iteration_limit else None
@@ -272,7 +272,7 @@ class OrbitSearch:
             f"({min(gaps):.2e} at best, {gaps[0]:.2e} at first), with dt = {float(guess.dt):.6g}; "
             "give a state and a dt nearer to an orbit, more steps, or something else to fix.")
 
-    def _closed(self, guess: Guess, gaps: list[float]) -> bool:
+    def _is_closed(self, guess: Guess, gaps: list[float]) -> bool:
         """Whether the gap Φ(z) − z is round-off, or small and no longer halved by a Newton step.
 
         ``gaps`` are the sizes of the gap before each iteration so far.
@@ -473,7 +473,7 @@ class OrbitSearch:
             self.t0, multipliers[order], M, B, defect, len(gaps) - 1, tuple(gaps), self.stepper)
 
 
-def _fixed(
+def _names_of_fixed(
     stepper: Stepper, fix: str | Sequence[str] | None, *, time_dependent: bool
 ) -> tuple[str, ...]:
     """Return the names of the fixed quantities: of a list, of one name, or none.

@@ -79,16 +79,16 @@ def exact(value: Any) -> Fraction:
 
 def pack(values: Iterable[Any]) -> bytes:
     """Return the bytes of numbers, 16 each in the machine's order, rounded to nearest even."""
-    return b"".join(_encoded(value).to_bytes(BYTES, sys.byteorder) for value in values)
+    return b"".join(_encode(value).to_bytes(BYTES, sys.byteorder) for value in values)
 
 
 def unpack(data: bytes) -> list[Any]:
     """Return the mpf numbers that bytes hold, exactly: the inverse of ``pack``."""
-    return [_decoded(int.from_bytes(data[i : i + BYTES], sys.byteorder))
+    return [_decode(int.from_bytes(data[i : i + BYTES], sys.byteorder))
             for i in range(0, len(data), BYTES)]
 
 
-def _encoded(value: Any) -> int:
+def _encode(value: Any) -> int:
     """Return the 128 bits of a number: sign, exponent and fraction, rounded to nearest.
 
     With the exponent u of the last bit and an integer M < 2^113 the number is M · 2^u. A normal M
@@ -106,14 +106,14 @@ def _encoded(value: Any) -> int:
         return _INFINITY if value > 0 else _INFINITY | _SIGN
     unit = max(exponent + length - BITS, _LEAST)  # exponent of the last bit kept
     shift = exponent - unit
-    significand = int(mantissa) << shift if shift >= 0 else _rounded(int(mantissa), -shift)
+    significand = int(mantissa) << shift if shift >= 0 else _round_half_even(int(mantissa), -shift)
     # The hidden bit of the significand, if it has one, adds 1 to the exponent; so does a carry by
     # rounding. Beyond the largest number that gives infinity.
     bits: int = min(((unit - _LEAST) << (BITS - 1)) + significand, _INFINITY)
     return bits | _SIGN if sign else bits
 
 
-def _rounded(mantissa: int, shift: int) -> int:
+def _round_half_even(mantissa: int, shift: int) -> int:
     """Return mantissa/2^shift rounded to nearest, ties to even."""
     quotient, remainder = mantissa >> shift, mantissa & ((1 << shift) - 1)
     half = 1 << (shift - 1)
@@ -122,8 +122,8 @@ def _rounded(mantissa: int, shift: int) -> int:
     return quotient + 1 if up else quotient
 
 
-def _decoded(bits: int) -> Any:
-    """Return the number that 128 bits encode: the inverse of ``_encoded``."""
+def _decode(bits: int) -> Any:
+    """Return the number that 128 bits encode: the inverse of ``_encode``."""
     sign, exponent, fraction = bits & _SIGN, (bits & ~_SIGN) >> (BITS - 1), bits & (_FRACTION - 1)
     if exponent == _SPECIAL:
         return _CONTEXT.nan if fraction else _CONTEXT.ninf if sign else _CONTEXT.inf

@@ -244,7 +244,7 @@ class _Block:
         return binary128.unpack(self.memory[start : start + binary128.BYTES].tobytes())[0]
 
 
-def _recorded(index: int) -> property:
+def _report_number(index: int) -> property:
     """Return a property for entry ``index`` of ``_RECORDED``, the numbers at the end of a report.
     """
 
@@ -278,7 +278,7 @@ def _time_step(offset: int) -> property:
     return property(read)
 
 
-def _counted(name: str) -> property:
+def _report_count(name: str) -> property:
     """Return a property for the field ``name`` of a report, a whole number, which cffi knows."""
 
     def read(record: _Record) -> int:
@@ -296,10 +296,10 @@ class _Record:
     """A running record: the struct's fields, those that cffi does not know as well."""
 
     steps, iterations, iterations_max, newton_steps = map(
-        _counted, ("steps", "iterations", "iterations_max", "newton_steps"))
+        _report_count, ("steps", "iterations", "iterations_max", "newton_steps"))
     time_step_min, time_step_max = map(_time_step, range(2))
     (work, work_low, energy_start, energy_error_max, energy_error_sum, constraint_max,
-     constraint_sum, hidden_max, hidden_sum) = map(_recorded, range(len(_RECORDED)))
+     constraint_sum, hidden_max, hidden_sum) = map(_report_number, range(len(_RECORDED)))
 
     def __init__(self, block: _Block, index: int) -> None:
         """Refer to the struct number ``index`` of a block."""

@@ -168,9 +168,9 @@ class Compiled:
         # cffi takes all other numbers as they are
         if self.dtype is not np.longdouble:
             return function
-        return lambda *arguments: function(*map(self._passed, arguments))
+        return lambda *arguments: function(*map(self._cffi_value, arguments))
 
-    def _passed(self, argument: Any) -> Any:
+    def _cffi_value(self, argument: Any) -> Any:
         """Return a NumPy long double as a cffi value: cffi itself would round it to double.
 
         Other arguments are returned as they are.
@@ -194,7 +194,7 @@ class Compiled:
         if self.time is not None:
             fields.append(t)
         if self.dtype is np.longdouble:
-            fields = [*map(self._passed, fields)]
+            fields = [*map(self._cffi_value, fields)]
         return ParameterStruct(self.ffi.new(self._types["parameters"], fields))
 
     def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:
@@ -223,7 +223,7 @@ class Compiled:
     ) -> OptionStruct:
         """Return the options struct; tolerance None means down to round-off."""
         return OptionStruct(self.ffi.new(self._types["options"], [
-            self._passed(tolerance or 0.0), min(max_iterations, 2**31 - 1), SOLVERS[solver]]))
+            self._cffi_value(tolerance or 0.0), min(max_iterations, 2**31 - 1), SOLVERS[solver]]))
 
     def report(self) -> RunRecord:
         """Return an empty running record."""

@@ -150,7 +150,7 @@ def as_inputs(
                          "System(..., inputs=...).")
     rows = (steps + hold - 1) // hold  # rounded up: the last row may serve fewer steps
     if isinstance(inputs, Mapping):
-        parts = [_column(name, inputs, rows, runs) for name in _named(inputs, names)]
+        parts = [_column(name, inputs, rows, runs) for name in _check_names(inputs, names)]
         array = np.stack(np.broadcast_arrays(*parts), axis=-1)
     else:
         array = _table(as_numbers("inputs", inputs), len(names), rows, runs)
@@ -158,7 +158,7 @@ def as_inputs(
                   0 if array.shape[1] == 1 else hold)
 
 
-def _named(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
+def _check_names(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:
     """Return all input names of the system; refuse unknown and missing names in ``inputs``."""
     unknown = [str(name) for name in inputs if name not in names]
     if unknown:

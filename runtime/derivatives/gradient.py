@@ -565,7 +565,7 @@ def backwards(
     refuse_together(reversed=memory is None and 'memory = "none"', impacts=bool(run.impact_steps)
                     and "a run with impacts")
     if memory is None:
-        yield from _reversed(stepper, run, end)
+        yield from _iterate_backwards(stepper, run, end)
     elif run.impact_steps:
         yield from _back_through_impacts(stepper, run, memory, end)
     elif run.steps * step_bytes(stepper) <= memory:
@@ -654,7 +654,7 @@ def _refuse_mismatch(end: tuple[Array, Array], stored_end: tuple[Array, Array], 
             raise InputError(f"There is no gradient: {why} (mismatch {mismatch:.1e}).")
 
 
-def _reversed(
+def _iterate_backwards(
     stepper: Stepper, run: RunArguments, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
     """Yield the steps from the last on; states come of steps of −Δt, and nothing is stored.

@@ -247,9 +247,9 @@ class _JumpEquations:
         rates = self._allocate(self._quantity_count, self._rows - 1)
         self._stepper._jump_binding()(self._parameters, self._t, self._hit.q, p, impulses, lam,
                                       forces, rates)
-        return self._padded(forces, n), self._padded(rates[gap : gap + 1], 2 * n)
+        return self._pad_columns(forces, n), self._pad_columns(rates[gap : gap + 1], 2 * n)
 
-    def _padded(self, derivatives: Array, state_columns: int) -> Array:
+    def _pad_columns(self, derivatives: Array, state_columns: int) -> Array:
         """Return derivatives of the C with columns of 0 for those that it leaves out.
 
         The first ``state_columns`` are by q (n), or by q and p (2 n); those of parameters and the

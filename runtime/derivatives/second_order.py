@@ -320,8 +320,8 @@ class _StoredRun:
             adjoint = adjoint.before(second_order, block.count)
             status = second_order.integrate_second(
                 run, self.second_parameters, block, self._tangents_before_steps(block, dz, tangent),
-                dz, (_stored(run, block, cotangents.rows),
-                     _stored(run, block, cotangent_slopes.rows)), run.every, adjoint)
+                dz, (_stored_rows(run, block, cotangents.rows),
+                     _stored_rows(run, block, cotangent_slopes.rows)), run.every, adjoint)
             if status:
                 raise singular(block.first, status)
         z_bar, z_bar_slope = adjoint.z_bar
@@ -427,7 +427,7 @@ def _add_explicit(
     z_bar[-2] += (cotangents.times * run.steps_of_rows(run.steps)).sum()
 
 
-def _stored(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
+def _stored_rows(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
     """Return the rows of those stored states that are before these steps, shape (·, 2 n).
 
     ``rows`` has a row for each stored state of the run.

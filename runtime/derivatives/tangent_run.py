@@ -42,7 +42,7 @@ def tangents_of(
 
     Raises InputError for directions that are none; StepFailed as the run itself does.
     """
-    return _followed(stepper, run, tangents, ())[0]
+    return _propagate(stepper, run, tangents, ())[0]
 
 
 def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Trajectory:
@@ -55,8 +55,8 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
         raise InputError(f"tangents = {shown(tangents)} are none; give gyrospark.Tangents(...).")
     rows = rows_of(stepper, trajectory, trajectory._origin.run)
     events = [point for points in rows.events.values() for point in points]
-    stored_tangents, directions, times = _followed(stepper, rows.run, tangents,
-                                                   [*rows.points, *events])
+    stored_tangents, directions, times = _propagate(stepper, rows.run, tangents,
+                                                    [*rows.points, *events])
     count = len(rows.points)
     tangent_rows = stored_tangents.of_others(*_of_rows(
         rows, stored_tangents, directions[:count], times[:count]))
@@ -81,7 +81,7 @@ def _of_events(
         if errors:
             refused[name] = errors[0]
             continue
-        states, of_times = _stacked(stored_tangents, directions[crossings], times[crossings])
+        states, of_times = _stack(stored_tangents, directions[crossings], times[crossings])
         # rows after q and p are of multipliers, which an event has not
         tangents[name] = stored_tangents.of_others(
             states[:, : len(stored_tangents.start)], of_times)
@@ -100,12 +100,12 @@ def _of_rows(
         if isinstance(entry, InputError):
             raise entry
     of_steps = stored_tangents.together()[: len(rows.of_steps)]
-    of_points, point_times = _stacked(stored_tangents, directions, times)
+    of_points, point_times = _stack(stored_tangents, directions, times)
     return (np.concatenate([of_steps, of_points]),
             np.concatenate([stored_tangents.t[: len(of_steps)], point_times]))
 
 
-def _stacked(
+def _stack(
     stored_tangents: TangentRows, directions: list[Any], times: list[Any]
 ) -> tuple[Array, Array]:
     """Return lists of points' directions and times as arrays, (points, ·, k) and (points, k).
@@ -120,7 +120,7 @@ def _stacked(
     return all_directions, all_times
 
 
-def _followed(
+def _propagate(
     stepper: Stepper, run: RunArguments, request: Tangents | TangentRows, points: Sequence[Point]
 ) -> tuple[TangentRows, list[Any], list[Any]]:
     """Return the tangents of the stored states, and lists for the points and for their times.

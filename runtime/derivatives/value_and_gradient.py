@@ -55,7 +55,7 @@ class Objective:
             input_values, self._hold = inputs.values, inputs.hold
         # the state that coordinates of the tangent space count from: the start, projected, as a run
         # of no steps has it
-        run_of_start = stepper._resolved(stepper._run_arguments(replace(
+        run_of_start = stepper._resolve(stepper._run_arguments(replace(
             start, parameters=stepper._parameters_with_inputs(start.parameters, inputs)),
             dt=dt, steps=0))
         self._state = run_of_start.q, run_of_start.p

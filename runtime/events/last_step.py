@@ -83,9 +83,9 @@ def joined_with_part(
     row_count = len(trajectory) - (not is_stored)
     work = trajectory.work[-1] + partial_run.work[-1:]
     joined = with_row(stepper, trajectory, row_count, times, row_of(partial_run, work))
-    crossings = {name: _joined(run, of_steps, partial_run.events[name], trajectory)
+    crossings = {name: _join(run, of_steps, partial_run.events[name], trajectory)
                  for name, of_steps in trajectory.events.items()}
-    impacts = {name: _joined(run, of_steps, partial_run.impacts[name], trajectory)
+    impacts = {name: _join(run, of_steps, partial_run.impacts[name], trajectory)
                for name, of_steps in trajectory.impacts.items()}
     return changed(joined, report=report_to_end(trajectory.report, partial_run, float(work[0])),
                    events=crossings, impacts=impacts, _grid=grid)
@@ -110,7 +110,7 @@ def report_to_end(report: Report, partial_run: Trajectory, work: float) -> Repor
                                     partial_run.report.momentum_constraint_max))
 
 
-def _joined(
+def _join(
     run: RunArguments, earlier: CrossingsType, last: CrossingsType, trajectory: Trajectory
 ) -> CrossingsType:
     """Return the crossings of whole steps, ``earlier``, and of the partial step after them."""
@@ -130,6 +130,6 @@ def counted_from_start(
     """
     is_at_start = np.array(last.elapsed == 0 * elapsed, bool)
     is_new = ~is_at_start | (latest is None or latest != elapsed)
-    last = replace(last._selected(is_new), steps=last.steps[is_new] + steps,
+    last = replace(last._select(is_new), steps=last.steps[is_new] + steps,
                    elapsed=last.elapsed[is_new] + elapsed)
     return replace(last, work=last.work + work) if isinstance(last, Impacts) else last

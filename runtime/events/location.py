@@ -293,8 +293,8 @@ def _level_roots(work: _Work) -> _Roots:
                     brackets.step[indices_through], np.ones(len(indices_through)),
                     time_in_step[crossing_ends], q[crossing_ends], p[crossing_ends],
                     slope_before[crossing_ends] < 0)
-    roots = _joined([best.roots(start_slope[inside] < 0), at_end])
-    return _selected(roots, _is_accepted(work, roots))
+    roots = _join([best.roots(start_slope[inside] < 0), at_end])
+    return _select(roots, _is_accepted(work, roots))
 
 
 def _double_roots(work: _Work) -> _Roots:
@@ -311,7 +311,7 @@ def _double_roots(work: _Work) -> _Roots:
           work.tolerance(twice) / (high - low))
     rising = np.concatenate([before, inner_value]) < 0
     roots = best.roots(rising)
-    return _selected(roots, _is_accepted(work, roots))
+    return _select(roots, _is_accepted(work, roots))
 
 
 def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
@@ -514,13 +514,13 @@ def _is_accepted(work: _Work, roots: _Roots) -> Array:
     return accepted
 
 
-def _joined(groups: list[_Roots]) -> _Roots:
+def _join(groups: list[_Roots]) -> _Roots:
     """Return the roots of all groups, in their order."""
     return _Roots(*(np.concatenate([getattr(group, name) for group in groups])
                     for name in _Roots.__dataclass_fields__))
 
 
-def _selected(roots: _Roots, mask: Array) -> _Roots:
+def _select(roots: _Roots, mask: Array) -> _Roots:
     """Return the roots of a mask, or of indices in their order."""
     return _Roots(*(getattr(roots, name)[mask] for name in _Roots.__dataclass_fields__))
 
@@ -529,13 +529,13 @@ def _by_run(
     stepper: Stepper, levels: Levels, root_groups: list[_Roots], runs: EnsembleArguments
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each run, event's name → crossings in the order of the run."""
-    roots = _joined(root_groups) if root_groups else _no_roots(stepper)
+    roots = _join(root_groups) if root_groups else _no_roots(stepper)
     crossings_of_runs: list[dict[str, Crossings]] = [{} for _ in range(len(runs))]
     for event_index, event in enumerate(levels.events):
-        event_roots = _selected(roots, roots.event == event_index)
+        event_roots = _select(roots, roots.event == event_index)
         # along each run: by owner, then step, then place in the step
         order = np.lexsort((event_roots.place, event_roots.step, event_roots.owner))
-        event_roots = _selected(event_roots, order)
+        event_roots = _select(event_roots, order)
         if stepper.binding.clocked and levels.columns[event_index] == ("q", stepper.binding.n - 1):
             # roots of the time itself: the requested time, to the last bit
             event_roots.q[:, -1] = levels.rounded[event_index]

@@ -226,7 +226,7 @@ class Observer:
         between steps; once it is true, the remaining crossings are not located.
         """
         # terminal events were solved for in ``_look_for_end``, and have no bracket any more
-        crossings = self._solved(self._detector.brackets, stop) | self._terminal_crossings
+        crossings = self._locate(self._detector.brackets, stop) | self._terminal_crossings
         self._detector.forget()
         self._terminal_crossings = {}
         if self.end is None:
@@ -242,7 +242,7 @@ class Observer:
         """Return a trajectory with its crossings."""
         return changed(trajectory, events=crossings)
 
-    def _solved(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
+    def _locate(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
         """Return the crossings in ``brackets`` (or None), event's name → crossings.
 
         The location ends early once ``stop()`` is true.
@@ -257,7 +257,7 @@ class Observer:
         brackets = self._detector.take_terminal_brackets()
         if brackets is None:
             return
-        crossings = self._solved(brackets, lambda: False)
+        crossings = self._locate(brackets, lambda: False)
         name = first_terminal_event(self.events, crossings, self._run.dt)
         if name is None:
             return

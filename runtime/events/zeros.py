@@ -37,7 +37,7 @@ def zeros(
     x1, x2 = 0 * tolerance, 0 * tolerance + 1
     y1, y2 = f0.copy(), f1.copy()
     tolerances = tolerance.copy()
-    fraction = _clamped(y1 / (y1 - y2) if start is None else x1 + start, tolerances)
+    fraction = _clamp(y1 / (y1 - y2) if start is None else x1 + start, tolerances)
     x_change, slopes = x2, f1 - f0
     for _ in range(_MOST):
         if not len(indices):
@@ -61,7 +61,7 @@ def zeros(
         indices, x1, x2, x3, y1, y2, y3, tolerances, width, x_change, slopes = (
             column[is_open] for column in (indices, x1, x2, x3, y1, y2, y3, tolerances, width,
                                          x_change, slopes))
-        fraction = _clamped(_fraction(x1, x2, x3, y1, y2, y3), tolerances / width)
+        fraction = _clamp(_fraction(x1, x2, x3, y1, y2, y3), tolerances / width)
 
 
 def cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
@@ -100,7 +100,7 @@ def _fraction(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) 
     return next_fraction
 
 
-def _clamped(fraction: Array, margin: Array) -> Array:
+def _clamp(fraction: Array, margin: Array) -> Array:
     """Return a fraction of a bracket moved to at least ``margin`` from its ends, at most to ½."""
     margin = np.where(margin < 0.5, margin, 0 * margin + 0.5)
     fraction = np.where(fraction > margin, fraction, margin)

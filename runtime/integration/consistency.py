@@ -107,7 +107,7 @@ def moved_onto_constraints(
         if binding.is_consistent(compiled_parameters, *full_state):
             return q, p, ""
         with np.errstate(all="ignore"):
-            projected_state = stepper._projected(*full_state, compiled_parameters)
+            projected_state = stepper._project(*full_state, compiled_parameters)
     except GyrosparkError:
         return q, p, ""
     system = stepper.manifest.system
@@ -246,7 +246,7 @@ class _Moves:
     euler: float
 
 
-def _added(values: Array) -> Array:
+def _sum_all(values: Array) -> Array:
     """Return Σₖ |d(xₖ) − d(x₀)| over the moves, shape (rows, m), of d with (rows, moves, m)."""
     sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
     return sums
@@ -266,7 +266,7 @@ def _each(n: int) -> _Moves:
     """Return moves of each q and each p by itself, whose changes are added up."""
     unit, zeros = np.eye(n), np.zeros((n + 1, n))
     # 2 n + 1 moves: none, each q, each p
-    return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _added, 1.0)
+    return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _sum_all, 1.0)
 
 
 @lru_cache(maxsize=8)

@@ -140,7 +140,7 @@ def _finish_impact_steps(
     # 0 * x is 0 in the type of times, which may be Python's objects
     step_ends = stepper.binding.times(0 * impact_times, dt, targets.steps[impacts] + 1)
     rounding = _rounding_of_times(stepper, t0, known_states.elapsed[-1])
-    steps, remainders = _counted(stepper, step_ends, dt, elapsed, rounding)
+    steps, remainders = _whole_steps(stepper, step_ends, dt, elapsed, rounding)
     is_behind = np.array((1 if dt > 0 else -1) * (elapsed - step_ends) >= -rounding, bool)
     leaving = impacts[is_behind]
     if len(leaving):
@@ -358,7 +358,7 @@ def places_of(stepper: Stepper, t0: Any, stored_times: Array, dt: Any, t: Array)
             f"The time {float(t0 + t[outside][0])} is outside of the run, which goes from "
             f"{float(t0)} to {float(t0 + stored_times[-1])} s; ask for times in between.")
     rows = np.searchsorted(ahead * stored_times, ahead * t + rounding, side="right") - 1
-    return Places(rows, *_counted(stepper, stored_times[rows], dt, t, rounding))
+    return Places(rows, *_whole_steps(stepper, stored_times[rows], dt, t, rounding))
 
 
 def _rounding_of_times(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
@@ -366,7 +366,7 @@ def _rounding_of_times(stepper: Stepper, t0: Any, elapsed: Any) -> Any:
     return 2 * epsilon_of_times(stepper) * max(abs(t0), abs(t0 + elapsed))
 
 
-def _counted(
+def _whole_steps(
     stepper: Stepper, start_times: Array, dt: Any, t: Array, rounding: Any
 ) -> tuple[Array, Array]:
     """Return the numbers of whole steps from ``start_times`` to t, and the remainders in s.

@@ -64,7 +64,7 @@ class RunArguments:
     """The arguments of an integration, checked, in the stepper's own type of numbers.
 
     Each stage of a call takes this record and returns another: ``Stepper._run_arguments`` checks
-    what the caller gave, ``Stepper._resolved`` replaces searches among the parameters by numbers,
+    what the caller gave, ``Stepper._resolve`` replaces searches among the parameters by numbers,
     ``Stepper._checked_run`` checks the parameters and the start.
     """
 

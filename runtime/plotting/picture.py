@@ -211,7 +211,7 @@ class SceneDrawing:
             facing = _across_a_top(scene, frames)
         if facing is None:
             facing = _best_azimuth(solid.corners, scene.up, tilt)
-        self.traced = _traced(scene, self.paths) if traces else []
+        self.traced = _traced_bodies(scene, self.paths) if traces else []
         lines = self._lines(max(frames))
         #: Height of the floor, where there is gravity, and supports of the bodies on it.
         self.floor: float | None = None
@@ -366,7 +366,7 @@ def _sight(up: Array, facing: float, tilt: float) -> Array:
     return np.stack([right, np.cross(back, right), back])
 
 
-def _traced(scene: Scene, paths: Array) -> list[int]:
+def _traced_bodies(scene: Scene, paths: Array) -> list[int]:
     """Return the numbers of the bodies whose paths are drawn.
 
     Of at most twelve bodies, those that move by 8 % of the scene: one or two of them, else the

@@ -114,12 +114,12 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     first_row, row_counts = _pixel_range(y.min(axis=1), y.max(axis=1), height)
     row_counts = np.where(np.abs(area) > 1e-12, row_counts, 0)
     triangle = np.repeat(np.arange(len(screen)), row_counts)
-    row = first_row[triangle] + _counted(row_counts)
+    row = first_row[triangle] + _concatenate_ranges(row_counts)
     # each pixel of these rows between the triangle's edges: a fragment
     left_bound, right_bound = _row_bounds(x, y, np.sign(area), triangle, row, float(width))
     first_column, column_counts = _pixel_range(left_bound, right_bound, width)
     fragment = np.repeat(np.arange(len(row)), column_counts)
-    column = first_column[fragment] + _counted(column_counts)
+    column = first_column[fragment] + _concatenate_ranges(column_counts)
     triangle, row = triangle[fragment], row[fragment]
     w0, wx, wy = _depth_planes(x, y, w, np.where(np.abs(area) > 1e-12, area, 1.0))
     fragment_depth = w0[triangle] + wx[triangle] * (column + 0.5) + wy[triangle] * (row + 0.5)
@@ -181,7 +181,7 @@ def _length(vectors: Array) -> Array:
     return lengths
 
 
-def _counted(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+def _concatenate_ranges(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return 0, …, counts[0] − 1, 0, …, counts[1] − 1, … as one array."""
     ends = np.cumsum(counts)
     count_total = int(ends[-1]) if len(ends) else 0
@@ -333,7 +333,7 @@ class _Lamp:
         self._bias = 0.02 * span
         self._mask = (index >= 0).astype(float)
         for _ in range(3):
-            self._mask = _blurred(self._mask, round(_SOFT * _LAMP))
+            self._mask = _blur(self._mask, round(_SOFT * _LAMP))
 
     def _pixels(self, points: Array) -> Array:
         """Return points as the lamp sees them, shape (..., 3): pixel and depth, larger if nearer.
@@ -362,7 +362,7 @@ class _Lamp:
         return self._mask[row, column]
 
 
-def _blurred(image: Array, radius: int) -> Array:
+def _blur(image: Array, radius: int) -> Array:
     """Return means over squares of 2 radius + 1 pixels, 0 outside of the image."""
     for axis in (0, 1):
         padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])

@@ -64,7 +64,7 @@ class Crossings:
     @property
     def first(self) -> Self:
         """The first crossing alone, or none."""
-        return self._selected(np.arange(len(self)) < 1)
+        return self._select(np.arange(len(self)) < 1)
 
     def shown(self, binding: Binding) -> Self:
         """Return the crossings as users see them: in scaled time t is apart from q and p."""
@@ -78,21 +78,21 @@ class Crossings:
         """Return the crossings up to ``last``, a single one, in a run with steps dt."""
         # by steps, and within the last one by times; dt < 0 backwards in time
         step, is_later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
-        return self._selected((self.steps < step) | (self.steps == step) & ~is_later.astype(bool))
+        return self._select((self.steps < step) | (self.steps == step) & ~is_later.astype(bool))
 
     def within(self, begin: Any, end: Any, ahead: int) -> Self:
         """Return the crossings from time ``begin`` to ``end``; None is no end.
 
         ``ahead`` is 1 or −1, the sign of dt.
         """
-        return self._selected(_within(self.t, begin, end, ahead))
+        return self._select(_within(self.t, begin, end, ahead))
 
     def joined(self, later: Self) -> Self:
         """Return these crossings followed by later ones."""
         return type(self)(*(np.concatenate([getattr(rows, field.name) for rows in (self, later)])
                             for field in fields(self)))
 
-    def _selected(self, selected: Array) -> Self:
+    def _select(self, selected: Array) -> Self:
         """Return the crossings of a mask, or of indices."""
         return type(self)(*(getattr(self, field.name)[selected] for field in fields(self)))
 

@@ -53,7 +53,7 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
         z = np.concatenate([x[block] for x in states], axis=1).astype(float)
         z = z[:, moves] / ranges[moves]
         scaled = np.maximum(scaled, _largest(np.diff(z, _ORDER, axis=0), axis=0))
-        constant = np.maximum(constant, _largest(_divided(z, t[block] / step), axis=0))
+        constant = np.maximum(constant, _largest(_divided_differences(z, t[block] / step), axis=0))
     worst = int(np.argmax(scaled)) if len(scaled) else 0
     # without a difference of constant steps all of them are round-off
     if not constant.any() or not scaled[worst] > _WORSE**_ORDER * constant.max():
@@ -67,7 +67,7 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
     return True
 
 
-def _divided(z: Array, t: Array) -> Array:
+def _divided_differences(z: Array, t: Array) -> Array:
     """Return r! z[t_k, …, t_(k+r)], shape (rows − r, columns), 0 where it is round-off.
 
     z has the shape (rows, columns), t the shape (rows,). By r steps of the recursion

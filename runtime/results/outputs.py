@@ -141,7 +141,7 @@ def _with_forces(manifest: Manifest) -> Inner | None:
     return () if manifest.system.forces else None
 
 
-def _where_scaled(manifest: Manifest) -> Inner | None:
+def _scaled_time_dimensions(manifest: Manifest) -> Inner | None:
     """Return no dimensions, a number a state, for a system in scaled time."""
     return () if manifest.system.clock is not None else None
 
@@ -225,9 +225,9 @@ OUTPUTS = (
     Output("velocities", "velocities", "velocities", lambda at: at.velocities, _with_lagrangian,
            labels="velocity_names", absent=(0,)),
     Output("tau", "tau", "scaled time, of which each step has the same length", lambda at: at.t,
-           _where_scaled, dtype="f8", absent=(0,)),
+           _scaled_time_dimensions, dtype="f8", absent=(0,)),
     Output("time_momentum", "time_momentum", "-H - W, the momentum of the time in scaled time",
-           lambda at: at.p[:, -1], _where_scaled, absent=(0,)),
+           lambda at: at.p[:, -1], _scaled_time_dimensions, absent=(0,)),
     Output("quantities", "quantity_values", "quantity {} of the system", lambda at: at.quantities,
            labels="quantities", split=True),
 )

@@ -157,7 +157,7 @@ class Rotations:
         with np.errstate(over="ignore", invalid="ignore"):  # numbers that are not finite stay out
             for name, body in bodies.items():
                 inertia = [as_number(parameters[key]) for key in body.inertia]
-                radians = abs(_speed(inertia, *([x[i] for i in body.q] for x in columns)) * dt)
+                radians = abs(_spin(inertia, *([x[i] for i in body.q] for x in columns)) * dt)
                 # −1 rad is below the rotation of any body
                 if moves:
                     radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
@@ -185,7 +185,7 @@ class Rotations:
         state = q.tolist(), p.tolist()
         for name, body in bodies.items():
             inertia = [*map(_only, map(parameters.__getitem__, body.inertia))]
-            radians = abs(_speed(inertia, *([*map(x.__getitem__, body.q)] for x in state)) * dt)
+            radians = abs(_spin(inertia, *([*map(x.__getitem__, body.q)] for x in state)) * dt)
             if largest < radians < math.inf:
                 largest, fastest = radians, name
         return fastest, largest, dt
@@ -201,7 +201,7 @@ class Rotations:
         for names, places, inertia in self._groups:
             inertias = np.array([parameters[key] for key in inertia], float).reshape(len(names), -1)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                speeds = _speed([*inertias.T], [*q[places].T], [*p[places].T])
+                speeds = _spin([*inertias.T], [*q[places].T], [*p[places].T])
             name = names[int(np.argmax(np.where(np.isfinite(speeds), speeds, -1.0)))]
             fastest[name] = self.bodies[name]
         return fastest
@@ -276,8 +276,8 @@ def are_slow(limits: Limits, q: list[float], p: list[float]) -> bool:
     A speed that is NaN exceeds it.
     """
     for inertia, columns, largest in limits:
-        if not _speed(inertia, [*map(q.__getitem__, columns)],
-                      [*map(p.__getitem__, columns)]) <= largest:
+        if not _spin(inertia, [*map(q.__getitem__, columns)],
+                              [*map(p.__getitem__, columns)]) <= largest:
             return False
     return True
 
@@ -300,7 +300,7 @@ def _only(x: Any) -> float:
     return x if type(x) is float else float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
 
 
-def _speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
+def _spin(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
     """Return |Ω| = |J⁻¹ ½ L(q) p| (19), from three moments or the six entries of J⁻¹.
 
     q, p and the inertia are lists of numbers, or of columns for many bodies; (x, y, z) = L(q) p.

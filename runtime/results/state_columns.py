@@ -78,7 +78,7 @@ def headings(
     system_labels |= {name: ("body", labels) for name, labels in of_bodies.items()}
     constraints = {"multipliers": system.constraint_names,
                    "reactions": system.velocity_constraint_names}
-    numbered_by_array = {name: _numbered(name, shape, constraints.get(name, ()))
+    numbered_by_array = {name: _headings(name, shape, constraints.get(name, ()))
                          for name, shape in shapes.items()}
     # headings that cannot be changed come first: "time", "energy", "multipliers0"
     used_headings = {label for name, labels in numbered_by_array.items()
@@ -94,7 +94,7 @@ def headings(
     return headings_in_order
 
 
-def _numbered(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> list[str]:
+def _headings(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> list[str]:
     """Return a heading for each entry, the array's name and its indices: ``multipliers0_1``.
 
     Along the last axis, if it counts constraints of different names, these take the index's place.

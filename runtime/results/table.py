@@ -321,7 +321,7 @@ def _table_of_event(
 # ---------------------------------------------------------------- in memory
 
 
-def _imported(package: str, extra: str, purpose: str) -> Any:
+def _import_package(package: str, extra: str, purpose: str) -> Any:
     """Return an optional package, or raise MissingDependencyError with the extra that has it."""
     try:
         return import_module(package)
@@ -335,7 +335,7 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
 
     The time, and numbers with one entry a trajectory, are coordinates; all else are variables.
     """
-    package = _imported("xarray", "storage", "Datasets")
+    package = _import_package("xarray", "storage", "Datasets")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
     if "trajectory" in table.along:
@@ -361,7 +361,7 @@ def as_frame(table: Table, selection: Any = None) -> pandas.DataFrame:
 
     ``selection`` names columns, as for ``Trajectory.table``; None takes all.
     """
-    pandas = _imported("pandas", "pandas", "Data frames")
+    pandas = _import_package("pandas", "pandas", "Data frames")
     blocks = [dict(zip(*block, strict=True)) for block in table.columns(selection)]
     # all blocks have the same columns
     frame = pandas.DataFrame({name: np.concatenate([block[name] for block in blocks])

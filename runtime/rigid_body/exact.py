@@ -114,11 +114,11 @@ class _PreciseMotion:
 
     def attitude(self, t: ArrayLike) -> Array:
         """Return q(t), shape (N, 4), continuous in t; −q is the same attitude."""
-        return _rounded(self.precise_attitude, t, 4)
+        return _evaluate_at(self.precise_attitude, t, 4)
 
     def angular_velocity(self, t: ArrayLike) -> Array:
         """Return Ω(t) in body axes, shape (N, 3), in rad/s."""
-        return _rounded(self.precise_angular_velocity, t, 3)
+        return _evaluate_at(self.precise_angular_velocity, t, 3)
 
     def axis(self, t: ArrayLike) -> Array:
         """Return (R13, R23, R33) at t, shape (N, 3): the body's third axis in space."""
@@ -406,7 +406,7 @@ def _root(mp: Any, value: Fraction | int) -> Any:
     return mp.sqrt(_number(mp, Fraction(value)))
 
 
-def _rounded(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:
+def _evaluate_at(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:
     """Return a vector function of one time at all times, in doubles, shape (*t.shape, length)."""
     times = _times(t)
     vectors = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]

@@ -260,7 +260,7 @@ def integrate_members(
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
-    runs, warned = _checked(stepper, starts, dt, options, inputs, end.last_part)
+    runs, warned = _check_arguments(stepper, starts, dt, options, inputs, end.last_part)
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
     # impacts are refused in scaled time, so that there is no open end with them
     if impacts:
@@ -315,7 +315,7 @@ def _side_by_side(
             ensemble = _with_tangents(stepper, ensemble, tangents, threads,
                                       lambda: interrupts.requested)
     if interrupts.requested:
-        raise _stopped(interrupts, sum(computed.stored), ensemble, ensemble.t.size)
+        raise _stop_exception(interrupts, sum(computed.stored), ensemble, ensemble.t.size)
     return ensemble
 
 
@@ -389,7 +389,7 @@ def _progress_of(
                         steps or len(runs) * runs.first.steps, progress)
 
 
-def _stopped(
+def _stop_exception(
     interrupts: Interrupts, stored: int, ensemble: Ensemble | DeviceEnsemble, size: int
 ) -> Stopped:
     """Return the exception after Ctrl-C, with the ``stored`` of ``size`` states that are computed.
@@ -398,7 +398,7 @@ def _stopped(
                    interrupts.signal, ensemble=cast(Ensemble, ensemble))
 
 
-def _checked(
+def _check_arguments(
     stepper: Stepper, starts: StartNumbers, dt: Any, options: dict[str, Any], inputs: Any = None,
     last_part: tuple[Any, Sequence[Fraction]] | None = None,
 ) -> tuple[EnsembleArguments, bool]:
@@ -464,7 +464,7 @@ def _integrate_on(
         state = gathered(device, name, text, *views_of(device, stepper, starts.q, starts.p))
         q, p = np.split(device.get(state).T, 2, axis=1)
         starts = replace(starts, q=q, p=p)
-    runs, _ = _checked(stepper, starts, dt, options)
+    runs, _ = _check_arguments(stepper, starts, dt, options)
     trajectories = Trajectories(device, name, text, stepper.binding, runs, state)
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:
@@ -480,7 +480,7 @@ def _integrate_on(
     if interrupts.requested:
         stored_rows = int(sum(runs.first.stored(step_count) + 1
                               for step_count in trajectories.steps_done.tolist()))
-        raise _stopped(interrupts, stored_rows, ensemble, len(runs) * (runs.first.rows + 1))
+        raise _stop_exception(interrupts, stored_rows, ensemble, len(runs) * (runs.first.rows + 1))
     return ensemble
 
 
@@ -589,7 +589,7 @@ def _each_alone(
     ensemble = Ensemble(**_padded_arrays(members, lengths, states), failures=failures,
                         _name=stepper.name, _make=members.__getitem__, events=crossings)
     if interrupts.requested:
-        raise _stopped(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
+        raise _stop_exception(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
     return ensemble
 
 

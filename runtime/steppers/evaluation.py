@@ -229,7 +229,7 @@ class Evaluation:
         constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
         state, run = self._at_start(start, p, parameters, t)
-        q, momenta = self._projected(*state, run)
+        q, momenta = self._project(*state, run)
         return q[: self.n], momenta[: self.n]
 
     def consistent(
@@ -248,7 +248,7 @@ class Evaluation:
             Where it cannot be done, with the names of the constraints that are in the way.
         """
         start_state, run = self._at_start(start, p, parameters, t)
-        projected_state = self._projected(*start_state, run)
+        projected_state = self._project(*start_state, run)
         # in scaled time the last coordinate is t
         numeric = CompiledConstraints(self.binding, self.manifest, run, start_state[0][-1])
         # rows: the start; projected q with the p of the start, whose f is that before; both
@@ -258,7 +258,7 @@ class Evaluation:
         before, after = ((x[: self.n], y[: self.n]) for x, y in (start_state, projected_state))
         return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
-    def _projected(
+    def _project(
         self, q: Array, p: Array, parameters: ParameterStruct
     ) -> tuple[Array, Array]:
         """Return the state (q, p) on the constraints, as ``project`` describes, or raise an error.

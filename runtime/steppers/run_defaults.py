@@ -86,7 +86,7 @@ class RunDefaults:
         return cls(
             model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
             [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],
-            {name: [_mapped(list(x), knowing) if isinstance(x, tuple) else knowing(x)
+            {name: [_map_leaves(list(x), knowing) if isinstance(x, tuple) else knowing(x)
                     for x in inertia] for name, inertia in model.bodies.items()},
             None if model.dt is None else knowing(model.dt), model.steps,
             {**model.rules, **({"frame": "start"} if model.frame else {})},
@@ -118,7 +118,7 @@ class RunDefaults:
         for event in self.events:
             numbers = {key: getattr(event, key) for key in _EXACT if hasattr(event, key)}
             events.append(asdict(event) | {key: _exact_text(x) for key, x in numbers.items()})
-        return content | {name: _mapped(content[name], _text) for name in _NUMBERS} | {
+        return content | {name: _map_leaves(content[name], _text) for name in _NUMBERS} | {
             "events": events}
 
     @classmethod
@@ -131,16 +131,16 @@ class RunDefaults:
             events.append(kind(**fields | numbers))
         visuals = {name: [Shape(**fields) for fields in shapes]
                    for name, shapes in content.get("visuals", {}).items()}
-        return cls(**content | {name: _mapped(content[name], _number) for name in _NUMBERS} | {
+        return cls(**content | {name: _map_leaves(content[name], _number) for name in _NUMBERS} | {
             "events": tuple(events), "visuals": visuals})
 
 
-def _mapped(content: Any, change: Any) -> Any:
+def _map_leaves(content: Any, change: Any) -> Any:
     """Return a JSON value with ``change`` applied to its numbers and texts, not to its keys."""
     if isinstance(content, dict):
-        return {key: _mapped(value, change) for key, value in content.items()}
+        return {key: _map_leaves(value, change) for key, value in content.items()}
     if isinstance(content, list):
-        return [_mapped(value, change) for value in content]
+        return [_map_leaves(value, change) for value in content]
     return change(content)
 
 

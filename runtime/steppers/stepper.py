@@ -183,7 +183,7 @@ class Stepper(Dynamics):
         if previous_step is None or not previous_step.continues(q, p, t0, arguments):
             run = self._checked_run(self._run_arguments(
                 state, dt=dt, steps=1, inputs=input_rows, solver=solver))
-            self._warned(run)
+            self._warn(run)
             # work memory that a step has used needs no initialisation
             work = None if previous_step is None else previous_step.work
             previous_step = ContinuedStep(self.binding, run, arguments, work)
@@ -229,11 +229,11 @@ class Stepper(Dynamics):
             return Simulation(self, plan.run, as_flag("record", record))
         method = as_solver(solver)
         state = merged_start(self, start, p, parameters)
-        run = self._resolved(self._run_arguments(
+        run = self._resolve(self._run_arguments(
             state, dt=span_or_own(self.binding, start, Span(dt, dtau))[0], steps=0, solver=method,
             scaled=True))
         self._memory.keep(self, start, call_arguments, parameters, state, Integration(run))
-        self._warned(run)
+        self._warn(run)
         return Simulation(self, run, as_flag("record", record))
 
     @overload
@@ -373,15 +373,15 @@ class Stepper(Dynamics):
         if out is not None:
             refuse_together(stored="a stored run (out)", t_eval=t_eval is not None and "t_eval",
                             tangents=tangents is not None and "tangents")
-            return self._recorded(plan, out, progress)
-        trajectory = self._integrated(plan, t_eval, progress, repeated=recalled is not None)
+            return self._record(plan, out, progress)
+        trajectory = self._integrate_plan(plan, t_eval, progress, repeated=recalled is not None)
         if tangents is None:
             return trajectory
         from ..derivatives.tangent_run import with_tangents
 
         return with_tangents(self, tangents, trajectory)
 
-    def _integrated(
+    def _integrate_plan(
         self, plan: Integration, t_eval: ArrayLike | None, progress: Progress, *, repeated: bool
     ) -> Trajectory:
         """Return the trajectory of a plan: whole steps, a partial last step, states at ``t_eval``.
@@ -395,7 +395,7 @@ class Stepper(Dynamics):
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
         # one warning of a kind for a run: of its start, or of its stored states
-        warned = not run.steps or (not repeated and self._warned(run)) or run.rows < 2
+        warned = not run.steps or (not repeated and self._warn(run)) or run.rows < 2
         trajectory = self._steps_of(plan, run, progress)
         # derivatives of the run repeat as many steps as it took
         run = run.until(trajectory.report.steps) if run.open_end else run
@@ -550,7 +550,7 @@ class Stepper(Dynamics):
         count, remainder = span_of(steps, t_end, state.t, dt)
         # the part of a step at the end has a row of inputs of its own
         input_rows: Any = as_inputs(inputs, self.binding, count + 1) if remainder else inputs
-        run = self._resolved(self._run_arguments(
+        run = self._resolve(self._run_arguments(
             state, dt=dt, steps=count, every=every, inputs=input_rows, solver=as_solver(solver),
             scaled=True))
         number = self.binding.number
@@ -562,7 +562,7 @@ class Stepper(Dynamics):
             self._memory.keep(self, start, (*span, every, solver), parameters, state, plan)
         return plan
 
-    def _recorded(
+    def _record(
         self, plan: Integration, out: str | os.PathLike[str], progress: Progress = None, *,
         resume: bool = False,
     ) -> Trajectory:
@@ -653,7 +653,7 @@ class Stepper(Dynamics):
             newton_only=not self.binding.lanes
             and f"{self.name} ({self.manifest.fast_path.reason})")
 
-    def _resolved(self, run: RunArguments) -> RunArguments:
+    def _resolve(self, run: RunArguments) -> RunArguments:
         """Return a checked run, with numbers for γ and other parameters that a search finds."""
         if has_searches(run.parameters):
             from ..tuning.tune import tuned_run
@@ -677,13 +677,13 @@ class Stepper(Dynamics):
 
     def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:
         """Return a checked run from a start; ``options`` are those of ``_run_arguments``."""
-        return self._resolved(self._run_arguments(start, **options))
+        return self._resolve(self._run_arguments(start, **options))
 
     def _run(self, run: RunArguments) -> Trajectory:
         """Return the trajectory of a checked run, without warnings and events: for pilot runs."""
         return integrate(self.binding, self.manifest, run)
 
-    def _warned(self, run: RunArguments) -> bool:
+    def _warn(self, run: RunArguments) -> bool:
         """Warn of γ below 0, of a late start, and where a body turns too far in a step.
 
         Return whether a warning of too large a rotation was given.

@@ -135,7 +135,7 @@ def add_work(binding, report, done):
     share = number(binding, done) + recorded(binding, report, "work_low")
     total = before + share
     part = total - before
-    passed = getattr(binding, "_passed", lambda x: x) if binding.dtype is not object else (
+    passed = getattr(binding, "_cffi_value", lambda x: x) if binding.dtype is not object else (
         lambda x: x)
     report.work = passed(total)
     report.work_low = passed((before - (total - part)) + (share - part))

@@ -87,7 +87,7 @@ def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, progres
                            solver="auto"):
     """Begin a run in a store, or resume it, as the command line does."""
     state = merged_start(stepper, begin, p, parameters)
-    run = stepper._resolved(stepper._run_arguments(
+    run = stepper._resolve(stepper._run_arguments(
         state, dt=step_argument(stepper.binding, dt, dtau), steps=steps, every=every,
         solver=solver, scaled=True))
     asked = as_events(events, stepper.manifest.system.event_quantities)
