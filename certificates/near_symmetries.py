@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -32,6 +32,16 @@ _ZERO = 1e-10
 NEAR = 1e-6
 #: Digits of the test off the constraints, and the number of states at which it is made.
 _DIGITS, _FEW = 60, 6
+
+
+class _ManifoldStates(NamedTuple):
+    """States on g = 0 and g_q H_p + g_t = 0: the last axis counts them."""
+
+    q: Floats  # shape (n, states), as the next three
+    p: Floats
+    minus_p_rate: Floats  # H_q − F
+    velocity: Floats  # H_p
+    G: Floats  # g_q, shape (m, n, states)
 
 
 class RandomPoints:
@@ -185,15 +195,15 @@ class RandomPoints:
         return states
 
     @cached_property
-    def _on_constraints(self) -> tuple[Floats, Floats, Floats, Floats, Floats]:
-        """q, p, H_q − F, H_p and g_q at many states of the constraint manifold."""
+    def _on_constraints(self) -> _ManifoldStates:
+        """Random states on the constraints at which all functions are finite."""
         system, symbol_values = self.system, self.points(self.point_count, manifold=True)
         q, p = (_at_points(s, symbol_values) for s in (system.q, system.p))
         force, speed = (_at_points(e, symbol_values) for e in (system.minus_p_rate, system.H_p))
         G = _at_points([e for row in system.G for e in row], symbol_values)
         usable = np.isfinite(np.concatenate([q, p, force, speed, G])).all(axis=0)
         q, p, force, speed, G = (array[:, usable] for array in (q, p, force, speed, G))
-        return q, p, force, speed, G.reshape(system.m, system.n, q.shape[1])
+        return _ManifoldStates(q, p, force, speed, G.reshape(system.m, system.n, q.shape[1]))
 
     # ------------------------------------------------------------ combinations
 

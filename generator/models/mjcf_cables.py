@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Mapping
 from itertools import pairwise
+from typing import NamedTuple
 from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
@@ -120,11 +121,11 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
         raise _refusal(composite, f"has initial={shown(initial)}; choose ball, free or none.")
     parts = _parts(composite)
     form, sizes = _form(composite, parts["geom"])
-    twist, bend, is_flat = _material(composite, instances)
-    J, I_y, I_z = _section(form, sizes)
+    material, section = _material(composite, instances), _section(form, sizes)
     names = [f"{values.get('prefix', '')}B_{k}" for k in _labels(len(_curve(composite)) - 1)]
     cable = MjcfCable(values.get("prefix", "") + "cable", tuple(names),
-                      (twist * J, bend * I_y, bend * I_z), is_flat)
+                      (material.G * section.J, material.E * section.I_y, material.E * section.I_z),
+                      material.is_flat)
     return _bodies(composite, initial, parts, form, sizes), cable
 
 
@@ -178,8 +179,18 @@ def _numbers(
     return [float(word) for word in words]
 
 
-def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[float, float, bool]:
-    """Return G and E in Pa, 0 without a plugin, and whether the cable is straight without moments.
+class _Material(NamedTuple):
+    """Moduli of a cable, which are 0 without a plugin."""
+
+    G: float  # shear modulus, Pa
+    E: float  # Young's modulus, Pa
+    is_flat: bool  # whether the cable is straight without moments, instead of as it starts
+
+
+def _material(composite: Element, instances: Mapping[str, Element]) -> _Material:
+    """Return the material that the plugin of a cable describes, or one of the ``instances``.
+
+    Raises InputError for another plugin, for unknown keys, and for moduli below 0.
     """
     config: dict[str, str] = {}
     for plugin in composite.all("plugin"):
@@ -201,11 +212,19 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> tuple[flo
             raise _refusal(composite, f"has {key} {shown(config[key])}; write one number in Pa, 0 "
                            "or more.")
         moduli += number
-    return moduli[0], moduli[1], config.get("flat") == "true"
+    return _Material(moduli[0], moduli[1], config.get("flat") == "true")
 
 
-def _section(form: str, sizes: list[float]) -> tuple[float, float, float]:
-    """Return J, I_y and I_z of the section of a geom, a circle or a rectangle, in m⁴.
+class _Section(NamedTuple):
+    """Moments of area of a section, in m⁴."""
+
+    J: float  # torsion constant
+    I_y: float
+    I_z: float
+
+
+def _section(form: str, sizes: list[float]) -> _Section:
+    """Return the moments of area of the section of a geom, a circle or a rectangle.
 
     Circle: J = π r⁴/2, I = π r⁴/4. Rectangle with half sides a ≥ b: J = a b³ (16/3 − 3.36 (b/a)
     (1 − (b/a)⁴/12)), an approximation of Saint-Venant's series (Roark). ``sizes`` has r, or half
@@ -213,11 +232,11 @@ def _section(form: str, sizes: list[float]) -> tuple[float, float, float]:
     """
     if form != "box":
         I_across = math.pi * sizes[0] ** 4 / 4
-        return 2 * I_across, I_across, I_across
+        return _Section(2 * I_across, I_across, I_across)
     y, z = sizes[1:3]
     a, b = max(y, z), min(y, z)
     J = a * b**3 * (16 / 3 - 3.36 * b / a * (1 - (b / a) ** 4 / 12))
-    return J, (2 * z) ** 3 * 2 * y / 12, (2 * y) ** 3 * 2 * z / 12
+    return _Section(J, (2 * z) ** 3 * 2 * y / 12, (2 * y) ** 3 * 2 * z / 12)
 
 
 def _labels(count: int) -> list[str]:

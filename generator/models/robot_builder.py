@@ -236,7 +236,7 @@ def set_base_motion(robot: Robot, start: Start, velocity: Any, angular_velocity:
     limb = floating[0].body
     R = place_bodies(robot, start.coordinates).bodies[limb].R
     # the rates of a free joint have the velocity of the origin: v − R (Ω × centre)
-    centre = robot.mass_of(limb)[1]
+    centre = robot.mass_of(limb).centre
     start.rates[floating[0].name] = np.concatenate([v - R @ np.cross(w, centre), w])
 
 

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal, TypeAlias
+from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -250,8 +250,8 @@ class Robot:
             body = self.bodies[body].above
         return placement
 
-    def mass_of(self, limb: int) -> tuple[float, Floats, Floats]:
-        """Return mass, centre of mass and inertia about it of a limb, in the limb's axes.
+    def mass_of(self, limb: int) -> MassProperties:
+        """Return the mass, the centre of mass and the inertia of a limb, in the limb's axes.
 
         All bodies that move with the limb belong to it. Raises InputError unless there is mass.
         """
@@ -268,7 +268,7 @@ class Robot:
                              "make its joint fixed.")
         mass, centre, inertia = combine(parts)
         # products of inertia of round-off would turn three moments into a tensor, which costs more
-        return mass, centre, clean(inertia)
+        return MassProperties(mass, centre, clean(inertia))
 
     def reference(self, joint: RobotJoint) -> Floats:
         """Return the coordinates of a joint in the file's pose, shape (``joint.count``,)."""
@@ -290,8 +290,16 @@ def turn(axis: Floats, angle: float) -> Floats:
     return R
 
 
-def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Floats, Floats]:
-    """Return mass, centre of mass, and inertia about it, of links that move as one.
+class MassProperties(NamedTuple):
+    """Mass, centre of mass and inertia of a rigid assembly, in common axes."""
+
+    mass: float  # kg
+    centre: Floats  # centre of mass, shape (3,), m
+    inertia: Floats  # about the centre of mass, shape (3, 3), kg m²
+
+
+def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> MassProperties:
+    """Return the mass properties of links that move as one rigid body.
 
     J = Σ (R_i J_i R_iᵀ + m_i (|d_i|² 1 − d_i d_iᵀ)) with d_i from the common centre of mass to the
     centre of link i (Steiner), in the axes that the placements are given in.
@@ -305,7 +313,7 @@ def combine(parts: Sequence[tuple[Placement, RobotLink]]) -> tuple[float, Floats
         d = c - centre
         inertia += placement.R @ link.inertia @ placement.R.T
         inertia += link.mass * (d @ d * np.eye(3) - np.outer(d, d))
-    return mass, centre, (inertia + inertia.T) / 2
+    return MassProperties(mass, centre, (inertia + inertia.T) / 2)
 
 
 # ---------------------------------------------------------------- bodies in space

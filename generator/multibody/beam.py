@@ -18,7 +18,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -46,7 +46,7 @@ from .joints import (
 from .rigid_body import rotation_matrix
 
 __all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along",
-           "moments_of_segment", "section_of", "strain_between"]
+           "moments_of_segment", "stiffness_of", "strain_between"]
 
 #: Colour of the tube that a beam is drawn as.
 COLOUR = "#7d8794"
@@ -161,6 +161,15 @@ class Beam:
         return EI1, EI2, GJ
 
 
+class _Extension(NamedTuple):
+    """The displacement of the two ends that a joint of a beam connects, and its stiffnesses."""
+
+    across: sp.Expr  # GA/h, N/m
+    along: sp.Expr  # EA/h, N/m
+    d: Vector  # P_b − P_a in space, m
+    tangents: list[Vector]  # of a and of b, in space
+
+
 @dataclass(eq=False, repr=False)
 class BeamJoint(Joint):
     """A joint between two segments of a beam, or a clamp of one of its ends.
@@ -273,12 +282,12 @@ class BeamJoint(Joint):
         suffix = "gap" if self.gap == self.beam.spacing else "end_gap"
         return GA, EA, named_number(f"{self.beam.name}_{suffix}", self.gap, store)
 
-    def _extension(self, store: Store) -> tuple[sp.Expr, sp.Expr, Vector, list[Vector]]:
-        """Return GA/h, EA/h, P_b − P_a in space, and the tangents of a and b."""
+    def _extension(self, store: Store) -> _Extension:
+        """Return the distance of the two ends of the joint, and its stiffnesses."""
         across, along, length = self._stretched(store)
         point_a, point_b = self.points(store)
-        return (across / length, along / length, difference(point_b, point_a),
-                [frame.direction((0, 0, 1)) for frame in (self.a, self.b)])
+        return _Extension(across / length, along / length, difference(point_b, point_a),
+                          [frame.direction((0, 0, 1)) for frame in (self.a, self.b)])
 
     def _stretching(self, store: Store) -> sp.Expr:
         """Return V = ½ C_⊥ |d|² + ½ (C_∥ − C_⊥) × the mean of (d·t)² of both tangents t."""
@@ -342,10 +351,16 @@ class BeamJoint(Joint):
             yield from frame.force_at(r, (x, y, z))
 
 
-def curve_of(
-    name: str, start: Any, end: Any, points: Any, count: int
-) -> tuple[Array, Array, float]:
-    """Return points along a polygon, (count + 1, 3), its first and last edge, (2, 3), its length.
+class BeamCurve(NamedTuple):
+    """The polygon that a beam follows at the start, in space."""
+
+    nodes: Array  # ends of the segments, at equal distances along it, shape (count + 1, 3), m
+    end_edges: Array  # its first and its last edge, shape (2, 3), m
+    length: float  # m
+
+
+def curve_of(name: str, start: Any, end: Any, points: Any, count: int) -> BeamCurve:
+    """Return the curve of a beam with ``count`` segments.
 
     The polygon has two ends, ``start`` and ``end``, or ``points``. Raises InputError for another
     description, and for points that coincide.
@@ -369,7 +384,7 @@ def curve_of(
     # nodes at equal distances along the polygon; segments are chords
     lengths = np.linspace(0.0, arc[-1], count + 1)
     nodes = np.stack([np.interp(lengths, arc, x) for x in line.T], axis=1)
-    return nodes, np.stack([line[1] - line[0], line[-1] - line[-2]]), float(arc[-1])
+    return BeamCurve(nodes, np.stack([line[1] - line[0], line[-1] - line[-2]]), float(arc[-1]))
 
 
 def frames_along(
@@ -445,11 +460,21 @@ def moments_of_segment(
     return (mass * h**2 / 12,) * 3
 
 
-def section_of(
+class BeamStiffness(NamedTuple):
+    """The number of segments of a beam, and the stiffnesses of its section."""
+
+    segment_count: int
+    EI: tuple[float, float]  # about the first and the second axis of the section, N m²
+    GJ: float  # N m²
+    extension: tuple[float, ...]  # GA and EA in N; empty for a beam that keeps its length
+    damping: float  # retardation time τ, s
+
+
+def stiffness_of(
     name: str, count: Any, bending: Any, twisting: Any, stretching: Any, shearing: Any,
     damping: Any,
-) -> tuple[int, tuple[float, float], float, tuple[float, ...], float]:
-    """Return the checked arguments of a beam: count, (EI₁, EI₂), GJ, (GA, EA) or (), and τ.
+) -> BeamStiffness:
+    """Return the checked arguments ``count`` to ``damping`` of ``Multibody.beam``.
 
     Raises InputError for less than two segments, stiffnesses that are not above 0, only one of
     stretching and shearing, and a damping below 0.
@@ -473,4 +498,4 @@ def section_of(
     tau = float(finite(f"damping of {name!r}", damping, ()))
     if tau < 0:
         raise InputError(f"The damping of beam {name!r} is {tau:g} s; give 0 or more.")
-    return number, EI, positive(f"twisting of {name!r}", twisting), extension, tau
+    return BeamStiffness(number, EI, positive(f"twisting of {name!r}", twisting), extension, tau)

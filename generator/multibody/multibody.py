@@ -59,7 +59,7 @@ from .beam import (
     curve_of,
     frames_along,
     moments_of_segment,
-    section_of,
+    stiffness_of,
 )
 from .body import GROUND, Body, Frame, MovingPoint, Particle, three_expressions
 from .components import TIME, Components
@@ -482,13 +482,14 @@ class Multibody:
         """
         self._components.claim(name, "body")
         check_rep(name, rep)
-        number, EI, GJ, extension, tau = section_of(
+        number, EI, GJ, extension, tau = stiffness_of(
             name, count, bending, twisting, stretching, shearing, damping)
-        nodes, ends, length = curve_of(name, start, end, points, number)
-        h, chords = length / number, np.diff(nodes, axis=0)
+        curve = curve_of(name, start, end, points, number)
+        nodes, h, chords = curve.nodes, curve.length / number, np.diff(curve.nodes, axis=0)
         # sections at the start, at the middle of each segment and at the end
         arc = np.array([0.0, *(np.arange(number) + 0.5) / number, 1.0])
-        frames = frames_along(name, np.stack([ends[0], *chords, ends[1]]), arc, normal,
+        first_edge, last_edge = curve.end_edges
+        frames = frames_along(name, np.stack([first_edge, *chords, last_edge]), arc, normal,
                               float(finite(f"twist of {name!r}", twist, ())))
         m = positive(f"mass of {name!r}", mass) / number
         checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)

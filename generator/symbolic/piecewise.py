@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
+from typing import NamedTuple
 
 import sympy as sp
 
@@ -88,7 +89,7 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     first = next(_comparisons([e], symbols), None)
     if first is None:
         raise NotPiecewiseError("it has a floor, which jumps")
-    variable, _, _ = _split(first, symbols)
+    variable = _split(first, symbols).variable
     other_symbols = sorted(map(str, (e.free_symbols - variable.free_symbols) & symbols))
     if other_symbols:
         raise NotPiecewiseError(f"it depends on {', '.join(other_symbols)} besides "
@@ -124,12 +125,20 @@ def _comparisons(expressions: Iterable[sp.Expr], symbols: set[sp.Symbol]) -> Ite
     """Yield the argument w of every condition w < 0 and sign w that contains no other one."""
     for node in parts_of(expressions):
         switch = sides(node) if selects_side(node, symbols) else None  # None of a floor
-        if switch is not None and not _has_sides(switch[0], symbols):
-            yield switch[0]
+        if switch is not None and not _has_sides(switch.w, symbols):
+            yield switch.w
 
 
-def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> tuple[sp.Expr, sp.Expr, bool]:
-    """Return (s, b, c > 0) for w = c (s − b), where the sign of c is known.
+class _Comparison(NamedTuple):
+    """The sign of w = c (s − b): w > 0 is s > b if w rises with s, and s < b if not."""
+
+    variable: sp.Expr  # s, which has the symbols
+    limit: sp.Expr  # b, which has none of them
+    rises: bool  # whether c > 0
+
+
+def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> _Comparison:
+    """Return w = c (s − b) as a comparison of s with b.
 
     s has the terms of w with the symbols, divided by the coefficient c of the first. Raises
     NotPiecewiseError if the sign of c is not known.
@@ -142,7 +151,7 @@ def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> tuple[sp.Expr, sp.Expr, bool]
     if not (factor.is_positive or factor.is_negative):
         raise NotPiecewiseError(f"the sign of {_short(factor)} is not known: declare it positive")
     constant = sp.Add(*(t for t in terms if t not in variable_terms))
-    return variable, -constant / factor, bool(factor.is_positive)
+    return _Comparison(variable, -constant / factor, bool(factor.is_positive))
 
 
 def _in_one_symbol(
@@ -256,7 +265,7 @@ def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.E
 def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
     """Yield the limits of the conditions in e on the variable."""
     for w in _comparisons([e], {symbol}):
-        yield sp.expand(_split(w, {symbol})[1])
+        yield sp.expand(_split(w, {symbol}).limit)
 
 
 def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
@@ -265,10 +274,10 @@ def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, boo
     Nothing is yielded for a step that does not depend on the variable, or on another step.
     """
     switch = sides(step) if selects_side(step, {symbol}) else None
-    if switch is None or _has_sides(switch[0], {symbol}):
+    if switch is None or _has_sides(switch.w, {symbol}):
         return
-    _, limit, rises = _split(switch[0], {symbol})
-    yield sp.expand(limit), rises == (switch[1] == 0)
+    _, limit, rises = _split(switch.w, {symbol})
+    yield sp.expand(limit), rises == (switch.below == 0)
 
 
 # ---------------------------------------------------------------- pieces between the limits
@@ -286,10 +295,10 @@ def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -
         rebuilt = node.func(*arguments) if arguments else node
         switch = sides(rebuilt) if selects_side(rebuilt, {symbol}) else None
         if switch is not None:
-            _, limit, rises = _split(switch[0], {symbol})
+            _, limit, rises = _split(switch.w, {symbol})
             is_above = limits.index(sp.expand(limit)) < i
             is_positive = rises == is_above
-            rebuilt = switch[2 if is_positive else 1]
+            rebuilt = switch.above if is_positive else switch.below
         replacement[node] = rebuilt
     piece: sp.Expr = replacement[e]
     if _has_sides(piece, {symbol}):

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import lru_cache, reduce
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 from sympy.functions.elementary.piecewise import ExprCondPair
@@ -148,15 +148,23 @@ class Min(_Extreme):
 # ---------------------------------------------------------------- switches of an expression
 
 
-def sides(e: sp.Basic) -> tuple[sp.Expr, sp.Expr, sp.Expr] | None:
-    """Return (w, e for w < 0, e for w > 0); None if e is no switch."""
+class Sides(NamedTuple):
+    """A switch: an expression whose value is selected by the sign of w."""
+
+    w: sp.Expr
+    below: sp.Expr  # its value for w < 0
+    above: sp.Expr  # its value for w > 0
+
+
+def sides(e: sp.Basic) -> Sides | None:
+    """Return the two sides of a switch, |w| or sign(w); None of other expressions."""
     if isinstance(e, Switch):
         below, above = (e.args[i] for i in e.branches)
-        return e.args[0] - e.args[1], below, above
+        return Sides(e.args[0] - e.args[1], below, above)
     if isinstance(e, sp.Abs):
-        return e.args[0], -e.args[0], e.args[0]
+        return Sides(e.args[0], -e.args[0], e.args[0])
     if isinstance(e, sp.sign):
-        return e.args[0], -ONE, ONE
+        return Sides(e.args[0], -ONE, ONE)
     return None
 
 
@@ -175,7 +183,7 @@ def switches_of(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
     for node in parts_of(expressions):
         switch = sides(node)
         floor_argument = node.args[0] if isinstance(node, sp.floor) else None
-        w = switch[0] if switch is not None else floor_argument
+        w = switch.w if switch is not None else floor_argument
         if w is not None and -w not in switches and on_side(w, lambda _: ZERO).free_symbols:
             switches.setdefault(w)
     return sorted(switches, key=str)
@@ -193,8 +201,8 @@ def on_side(e: sp.Expr, side: Callable[[sp.Expr], sp.Expr | None]) -> sp.Expr:
         rebuilt = node.func(*arguments) if arguments else node
         # ``side`` is asked about the original w, the sides may contain replaced switches
         old, new = sides(node), sides(rebuilt)
-        if old is not None and new is not None and (weight := side(old[0])) is not None:
-            rebuilt = weight * new[2] + (1 - weight) * new[1]
+        if old is not None and new is not None and (weight := side(old.w)) is not None:
+            rebuilt = weight * new.above + (1 - weight) * new.below
         elif isinstance(node, sp.floor) and (floor_value := side(node.args[0])) is not None:
             rebuilt = floor_value
         replacement[node] = rebuilt

@@ -39,7 +39,7 @@ from ..integration.starts import merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
 from .least_squares import SHARE, Linear, Minimum, identify, minimise, reduced_basis
-from .observations import Observation, Observe, observation_of
+from .observations import Observation, Observe, Residuals, observation_of
 
 if TYPE_CHECKING:
     from ..integration.run_arguments import RunArguments
@@ -244,12 +244,10 @@ class Fitting:
 
     def residuals(self, point: Point, halvings: int = 0) -> Array:
         """Return residuals of the samples, shape (samples, c)."""
-        return self._evaluate_residuals(point, *self.states(point, halvings))[0]
+        return self._evaluate_residuals(point, *self.states(point, halvings)).values
 
-    def _evaluate_residuals(
-        self, point: Point, q: Array, p: Array
-    ) -> tuple[Array, Array, Array, dict[str, Array]]:
-        """Return residuals of the samples and their derivatives: see ``Observation.residuals``."""
+    def _evaluate_residuals(self, point: Point, q: Array, p: Array) -> Residuals:
+        """Return the residuals of the samples at their states q and p, (samples, n)."""
         return self.observation.residuals(
             self.data[: self.samples], q, p, self.run.parameters | point.parameters)
 

@@ -11,7 +11,7 @@ An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -34,6 +34,16 @@ Observe = Callable[[Array, Array], tuple[ArrayLike, ArrayLike, ArrayLike]]
 
 #: How far |d| of a measured attitude may be from 1.
 _NORM = 1e-3
+
+
+class Residuals(NamedTuple):
+    """Prediction − data of c numbers in each row, with derivatives."""
+
+    values: Array  # shape (rows, c)
+    by_q: Array  # shape (rows, c, n)
+    by_p: Array
+    #: parameter → derivative at fixed q and p, (rows, c): an angular velocity has the inertia
+    by_parameters: dict[str, Array]
 
 
 @dataclass(frozen=True)
@@ -101,14 +111,13 @@ class Observation:
 
     def residuals(
         self, data: Array, q: Array, p: Array, parameters: Mapping[str, float]
-    ) -> tuple[Array, Array, Array, dict[str, Array]]:
-        """Return residuals, shape (rows, c), and their derivatives by q and p, (rows, c, n).
+    ) -> Residuals:
+        """Return prediction − data of states q and p, (rows, n), and its derivatives.
 
-        The last entry is a dict, parameter → derivatives at fixed q and p, (rows, c): an angular
-        velocity depends on the inertia. The equations are in the module docstring.
+        The equations are in the module docstring.
         """
         if self.function is not None:
-            return *self._of_function(self.function, data, q, p), {}
+            return self._of_function(self.function, data, q, p)
         # Columns of residuals: three for each attitude, for each angular velocity, then others.
         sample_count, first_column = len(data), 3 * (len(self.attitudes) + len(self.turning))
         count = first_column + len(self.columns)
@@ -134,13 +143,13 @@ class Observation:
             z = np.concatenate([q, p], axis=1)
             residuals[:, first_column:] = z[:, self.columns] - other_data[:, 3 * len(self.turning):]
             by_state[:, range(first_column, count), self.columns] = 1.0
-        return residuals, by_state[:, :, : self.n], by_state[:, :, self.n :], by_parameters
+        return Residuals(residuals, by_state[:, :, : self.n], by_state[:, :, self.n :],
+                         by_parameters)
 
     def _of_function(
         self, function: Observe, data: Array, q: Array, p: Array
-    ) -> tuple[Array, Array, Array]:
-        """Return residuals and derivatives by q and p of a user's function, their shapes checked.
-        """
+    ) -> Residuals:
+        """Return the residuals of a user's function; InputError for arrays of other shapes."""
         returned = function(q, p)
         if not isinstance(returned, tuple) or len(returned) != 3:
             raise InputError(f"observe returned {shown(returned)}; return the values and their "
@@ -157,7 +166,7 @@ class Observation:
             raise InputError(f"observe returned arrays of the shapes {predictions.shape}, "
                              f"{by_q.shape} and {by_p.shape}; values are {data.shape} as data are, "
                              f"and derivatives by q and by p {shape}.")
-        return predictions - data, by_q, by_p
+        return Residuals(predictions - data, by_q, by_p, {})
 
 
 def _rotation_between(d: Array, q: Array) -> tuple[Array, Array]:
@@ -174,10 +183,11 @@ def _rotation_between(d: Array, q: Array) -> tuple[Array, Array]:
 
 def _angular_velocity(
     body: BodyAt, q: Array, p: Array, parameters: Mapping[str, float]
-) -> tuple[Array, Array, Array, dict[str, Array]]:
-    """Return Ω = K l, l = ½ L(q) p, shape (rows, 3), with its derivatives.
+) -> Residuals:
+    """Return Ω = K l, l = ½ L(q) p, K = J⁻¹, of one body with its derivatives; data are 0.
 
-    By q and p, shape (rows, 3, 4), and a dict, inertia parameter → dK l, shape (rows, 3); K = J⁻¹.
+    q and p have the shape (rows, 4), so that c = 3 and n = 4; the derivative by an entry of the
+    inertia is dK l.
     """
     half_L, half_L_of_p = left_matrix(q) / 2, left_matrix(p) / 2
     l = np.einsum("kij,kj->ki", half_L, p)  # noqa: E741  the paper's letter
@@ -194,8 +204,8 @@ def _angular_velocity(
         # K is linear in its six entries: its derivatives are the unit matrices
         K = sum(entry * unit for entry, unit in zip(values, units, strict=True))
         K_by_values = units
-    return l @ K, -K @ half_L_of_p, K @ half_L, {
-        name: l @ dK for name, dK in zip(body.inertia, K_by_values, strict=True)}
+    return Residuals(l @ K, -K @ half_L_of_p, K @ half_L, {
+        name: l @ dK for name, dK in zip(body.inertia, K_by_values, strict=True)})
 
 
 def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Observation:

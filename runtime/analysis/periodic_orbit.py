@@ -26,7 +26,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import field
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -207,6 +207,15 @@ class Guess:
         return float(np.linalg.norm(self.gap.astype(float)))
 
 
+class _PeriodTangents(NamedTuple):
+    """Derivatives of z(T) = Φ^N(z); B is a basis of the tangent space of the constraints at z."""
+
+    end: Array  # Φ'B, shape (2 n, 2 (n − m))
+    start: Array  # B, of the same shape
+    by_step: Array  # ∂Φ^N/∂h, shape (2 n,)
+    by_parameter: Array  # of z and of z(T) by the free parameter, by h without one; (2, 2 n)
+
+
 class OrbitSearch:
     """Newton's method for one orbit."""
 
@@ -258,7 +267,7 @@ class OrbitSearch:
         if report is not None:
             report(len(gaps) - 1)
         # |∂Φ^N/∂h h| = |v| T: an equilibrium closes after any period
-        path_length = float(np.linalg.norm(self._tangents(guess)[2]) * abs(float(guess.dt)))
+        path_length = float(np.linalg.norm(self._tangents(guess).by_step) * abs(float(guess.dt)))
         if not self.time_dependent and path_length <= _STILL * self._scale(guess):
             raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
                                  "the energy or a coordinate, or begin farther from it.")
@@ -378,12 +387,8 @@ class OrbitSearch:
             return run.q[-1], run.p[-1]
         return self.stepper.project(run.q[-1], run.p[-1], parameters=run.parameters, t=run.t[-1])
 
-    def _tangents(self, guess: Guess) -> tuple[Array, Array, Array, Array]:
-        """Return Φ'B, B, ∂Φ^N/∂h, and the derivatives of start and end by the free parameter.
-
-        Shapes (2 n, 2 (n − m)) twice, (2 n,) and (2, 2 n); without a free parameter the last is by
-        h.
-        """
+    def _tangents(self, guess: Guess) -> _PeriodTangents:
+        """Return the derivatives of z(T) = Φ^N(z) of a guess, in doubles."""
         names, start = guess.tangents.names, guess.tangents.start.astype(float)
         end = np.concatenate([guess.tangents.q[-1], guess.tangents.p[-1]]).astype(float)
         dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
@@ -393,8 +398,8 @@ class OrbitSearch:
             z = guess.z + guess.gap
             end = tangent_projection(binding, binding.own.parameters(guess.parameters, self.t0),
                                      z[:n].copy(), z[n:].copy())[1] @ end
-        return (end[:, :dim], start[:, :dim], end[:, names.index("dt")],
-                np.array([start[:, k], end[:, k]]))
+        return _PeriodTangents(end[:, :dim], start[:, :dim], end[:, names.index("dt")],
+                               np.array([start[:, k], end[:, k]]))
 
     def _value(self, name: str, z: Array, parameters: Mapping[str, Any]) -> Any:
         """Return the energy, or a coordinate or momentum by its name, of a state z."""
@@ -459,7 +464,8 @@ class OrbitSearch:
     def _result(self, guess: Guess, gaps: list[float]) -> PeriodicOrbit:
         """Return the orbit with its multipliers, the eigenvalues of M = Bᵀ Φ B, the largest first.
         """
-        Phi, B, *_ = self._tangents(guess)
+        tangents = self._tangents(guess)
+        Phi, B = tangents.end, tangents.start
         M = B.T @ Phi
         omega = B.T @ canonical_form(self.stepper.n) @ B
         defect = float(np.abs(M.T @ omega @ M - omega).max() / max(np.abs(M).max(), 1.0) ** 2)

@@ -15,7 +15,7 @@ Hairer-Lubich-Wanner, VII.1.2)
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -225,6 +225,14 @@ class Kinematics:
         return (axis @ rows)[None], np.array([axis @ drift + axis_rate @ (rows @ v)])
 
 
+class RateRows(NamedTuple):
+    """The rates y of a joint or a body in a state, linear in q̇."""
+
+    rows: Array  # C = ∂y/∂q̇, shape (rates, n); C H_pp = ∂y/∂p if ``by_momentum``
+    y_rate: Array  # ẏ, shape (rates,)
+    by_momentum: bool
+
+
 class StateMotion:
     """Motion at one state: accelerations, H_pp, g_q, and rates of joints and bodies by name."""
 
@@ -254,13 +262,12 @@ class StateMotion:
         """Return the time derivative of each quantity, name → number."""
         return self._along(self.v, self.p_rate, 1)
 
-    def rate(self, name: str) -> tuple[Array, Array, bool]:
-        """Return the rows C of the rates y = C q̇ of a joint or a body, ẏ, and a flag.
+    def rate(self, name: str) -> RateRows:
+        """Return the rates y = C q̇ of a joint or a body as rows of C, with ẏ = C q̈ + Ċ q̇.
 
-        C has the shape (rates, n), ẏ the shape (rates,). A joint without an axis that its bodies
-        keep in common may have a quantity of the system as its rate: then the row is ∂y/∂p = C H_pp
-        in place of C, and the flag is True. Raises InputError for an unknown name, with the known
-        ones, and for a joint without an axis.
+        A joint without an axis that its bodies keep in common may have a quantity of the system as
+        its rate: then the row is ∂y/∂p = C H_pp. Raises InputError for an unknown name, with the
+        known ones, and for a joint without an axis.
         """
         binding, layout = self._binding.own, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
@@ -272,10 +279,11 @@ class StateMotion:
                 dp = binding.new(binding.n)
                 dp[k] += 1
                 row.append(float(self._along(no_dq, dp, 0)[measure]))
-            return np.array([row]), np.array([float(self.quantity_rates()[measure])]), True
+            return RateRows(np.array([row]), np.array([float(self.quantity_rates()[measure])]),
+                            by_momentum=True)
         kinematics = self._kinematics
         rows, drift = kinematics.joint(name, v) if is_joint else kinematics.body(name, v)
-        return rows, rows @ self.acceleration.astype(float) + drift, False
+        return RateRows(rows, rows @ self.acceleration.astype(float) + drift, by_momentum=False)
 
     def _along(self, dq: Array, dp: Array, dt: int) -> dict[str, Any]:
         """Return the derivative of each quantity along (dq, dp, dt)."""
@@ -293,8 +301,8 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
     H_pp, G = motion.inverse_mass(), motion.constraint_jacobian()
     rates = [motion.rate(name) for name in names]
     # rows by p are C H_pp, and H_pp is symmetric: C = rows H_pp⁻¹ = (H_pp⁻¹ rowsᵀ)ᵀ
-    C = np.vstack([_solve(H_pp, rows.T, names).T if is_by_momenta else rows
-                   for rows, _, is_by_momenta in rates])
+    C = np.vstack([_solve(H_pp, rate.rows.T, names).T if rate.by_momentum else rate.rows
+                   for rate in rates])
     C_H = C @ H_pp
     C_H_G = C_H @ G.T
     mobility = C_H @ C.T
@@ -309,7 +317,7 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
                          "one out.")
     mass = np.linalg.inv(scaled) / np.outer(scale, scale)
     # symmetric but for round-off
-    return (mass + mass.T) / 2, [accelerations for _, accelerations, _ in rates]
+    return (mass + mass.T) / 2, [rate.y_rate for rate in rates]
 
 
 def _solve(A: Array, b: Array, names: Sequence[str]) -> Array:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,6 +25,15 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Objective"]
+
+
+class _VariedArguments(NamedTuple):
+    """The arguments of a run that depend on the variables."""
+
+    state: Array  # z₀ + B y, shape (2 n,)
+    times: dict[str, Any]  # "dt" and "t0"
+    parameters: dict[str, Any]
+    inputs: Any
 
 
 class Objective:
@@ -75,11 +84,13 @@ class Objective:
     def __call__(self, x: ArrayLike) -> tuple[float, Array]:
         """Return the value and its gradient at x, shape (k,), in doubles."""
         variables = self._variables(x)
-        state, times, parameters, inputs = self._parts(variables)
+        arguments = self._varied_arguments(variables)
+        times = arguments.times
         moved_state = self._on_constraints(variables)
         q, p = np.split(moved_state, 2)
         run = self._stepper.integrate(
-            Start(q, p, t=times["t0"]), parameters=parameters, inputs=inputs, dt=times["dt"],
+            Start(q, p, t=times["t0"]), parameters=arguments.parameters,
+            inputs=arguments.inputs, dt=times["dt"],
             **self._span, **self._options)
         gradient = self._stepper.gradient(run, loss=self._loss, wrt=self._wrt, memory=self._memory,
                                           solver=as_solver(self._options["solver"]).kind)
@@ -89,7 +100,7 @@ class Objective:
         blocks = [self._basis.T @ by_state if name == "start"
                   else np.ravel(np.asarray(gradient[name])) for name in dict.fromkeys(self._wrt)]
         slopes = np.concatenate(blocks)
-        if self._moves(variables[names == "start"], state, moved_state):
+        if self._moves(variables[names == "start"], arguments.state, moved_state):
             for k in np.flatnonzero(~np.isin(names, ("inputs", "dt"))).tolist():
                 # the derivatives by parameters hold a state that is on the constraints
                 direct = 0 if names[k] == "start" else slopes[k]
@@ -105,8 +116,8 @@ class Objective:
                              f"{size} numbers.")
         return variables
 
-    def _parts(self, variables: Array) -> tuple[Array, dict[str, Any], dict[str, Any], Any]:
-        """Return z₀ + B y, shape (2 n,), dt and t0, the parameters, and the inputs at x."""
+    def _varied_arguments(self, variables: Array) -> _VariedArguments:
+        """Return the arguments of the run at x = ``variables``, the entries of ``wrt`` in order."""
         state, inputs = np.concatenate(self._state), self._inputs
         times: dict[str, Any] = {"dt": self._dt, "t0": self._start.t}
         parameters = dict(self._start.parameters)
@@ -121,11 +132,11 @@ class Objective:
                 times[name] = block[0]
             else:
                 parameters[name] = block[0]
-        return state, times, parameters, inputs
+        return _VariedArguments(state, times, parameters, inputs)
 
     def _on_constraints(self, variables: Array) -> Array:
         """Return the state (q, p) at x, consistent(z₀ + B y), shape (2 n,)."""
-        state, times, parameters, _ = self._parts(variables)
+        state, times, parameters, _ = self._varied_arguments(variables)
         stepper = self._stepper
         # a parameter may move the constraints, and so may t0
         if not stepper.m or {*self._wrt} <= {"inputs", "dt"}:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -102,6 +102,15 @@ class TerminalEvent:
     row: Rows
 
 
+class _PartialSteps(NamedTuple):
+    """States within steps, and the values of their events."""
+
+    time_in_step: Array  # from the start of the step, shape (states,)
+    q: Array  # shape (states, n)
+    p: Array
+    height: Array  # x − level, shape (states,)
+
+
 @dataclass(frozen=True)
 class _Work:
     """Brackets of runs, and partial steps in them; bracket i is of the run ``owner[i]``."""
@@ -128,12 +137,11 @@ class _Work:
 
     def states(
         self, share: Array, indices: Array, end: tuple[Array, Array] | None = None
-    ) -> tuple[Array, Array, Array, Array]:
-        """Return (times, q, p, x − level) after partial steps share · Δt in brackets.
+    ) -> _PartialSteps:
+        """Return the states after partial steps share · Δt in the brackets of these indices.
 
-        ``share`` and ``indices`` have an entry for each state, q and p the shape (states, n); times
-        count from the start of the step. Shares count from there too, or from the end of the step
-        if ``end`` has the states (q, p) there.
+        ``share`` and ``indices`` have an entry for each state. Shares count from the start of the
+        step, or from its end if ``end`` has the states (q, p) there.
         """
         owner, start = self.owner[indices], self.brackets
         q, p = (start.q[indices], start.p[indices]) if end is None else end
@@ -147,7 +155,7 @@ class _Work:
             t, step = t + time_in_step, step + (share > 0)
         inputs = None if inputs_of_runs is None else inputs_of_runs.taken(owner, step)
         q, p = partial_steps(self.stepper, q, p, t, dt, columns, self.fill, inputs)
-        return time_in_step + dt, q, p, self._values(indices, t + dt, q, p)
+        return _PartialSteps(time_in_step + dt, q, p, self._values(indices, t + dt, q, p))
 
     def slopes(self, indices: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
         """Return the limit of (x − level)/share beside a state on the level; 0 where x rests there.
@@ -157,7 +165,7 @@ class _Work:
         share, of order 1 to 3. Round-off does not fall.
         """
         no_time = 0 * self.tolerance(indices)
-        event_values = np.column_stack([self.states(no_time + ahead * share, indices, end)[3]
+        event_values = np.column_stack([self.states(no_time + ahead * share, indices, end).height
                                         for share in _SHARES]).astype(float)
         with np.errstate(all="ignore"):
             ratio = event_values[:, :-1] / event_values[:, 1:]
@@ -314,14 +322,22 @@ def _double_roots(work: _Work) -> _Roots:
     return _select(roots, _is_accepted(work, roots))
 
 
-def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
-    """Return (indices, shares, values): turning steps in which a value goes through its level.
+class _SignChanges(NamedTuple):
+    """Places within steps where x − level has the other sign than at both ends; one each."""
 
-    ``indices`` are those of brackets with two sign changes; x − level has the other sign at the
-    share of the step, with this value. The search in each step is that of ``_TurningSearch``.
+    indices: Array  # of the brackets
+    share: Array  # place as a share of the step, from its start
+    height: Array  # x − level there
+
+
+def _sign_changes(work: _Work, indices: Array) -> _SignChanges:
+    """Return the sign changes in those of the turning steps in which x goes through its level.
+
+    ``indices`` are those of the brackets in which x may turn; ``_TurningSearch`` looks for its
+    extremum in each.
     """
     search = _TurningSearch.at_start(work, indices)
-    sign_changes: list[tuple[Array, Array, Array]] = []
+    sign_changes: list[_SignChanges] = []
     for iteration in range(_MOST_PLACES):
         sign_changes.append(search.below_level())
         search = search.selected(search.is_open)
@@ -329,8 +345,7 @@ def _sign_changes(work: _Work, indices: Array) -> tuple[Array, Array, Array]:
             break
         # each second place keeps a distance from the last: parabolas alone may creep
         search = search.with_next_place(away=iteration % 2 == 1)
-    steps, shares, values = (np.concatenate(column) for column in zip(*sign_changes, strict=True))
-    return steps, shares, values
+    return _SignChanges(*map(np.concatenate, zip(*sign_changes, strict=True)))
 
 
 @dataclass(frozen=True)
@@ -380,11 +395,12 @@ class _TurningSearch:
         y1 = search._heights(x1)
         return replace(search, y=(y0, y1, y2), total_change=abs(y1 - y0) + abs(y2 - y1))
 
-    def below_level(self) -> tuple[Array, Array, Array]:
-        """Return the indices, shares and values of the steps whose middle place is below 0."""
+    def below_level(self) -> _SignChanges:
+        """Return the middle places of the steps in which y < 0 there."""
         x1, y1 = self.x[1], self.y[1]
         is_below = y1 < 0
-        return (self.indices[is_below], self._shares(x1)[is_below], (self.side * y1)[is_below])
+        return _SignChanges(self.indices[is_below], self._shares(x1)[is_below],
+                            (self.side * y1)[is_below])
 
     @property
     def is_open(self) -> Array:
@@ -455,7 +471,7 @@ class _TurningSearch:
 
     def _heights(self, x: Array) -> Array:
         """Return y after partial steps to the places x."""
-        heights: Array = self.side * self.work.states(self._shares(x), self.indices)[3]
+        heights: Array = self.side * self.work.states(self._shares(x), self.indices).height
         return heights
 
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -215,7 +215,7 @@ class SceneDrawing:
         lines = self._lines(max(frames))
         #: Height of the floor, where there is gravity, and supports of the bodies on it.
         self.floor: float | None = None
-        self.stands: list[tuple[Mesh, Array, float]] = []
+        self.stands: list[_DrawnMesh] = []
         if scene.gravity:
             self.floor = _lowest_height(scene, [solid.corners, *lines])
             self.stands = list(_stands(scene, frames[0], self.floor))
@@ -385,13 +385,29 @@ def _body_colour(i: int) -> str:
     return COLOURS[i % len(COLOURS)]
 
 
+class _DrawnMesh(NamedTuple):
+    """A mesh in space as it is drawn."""
+
+    mesh: Mesh
+    colour: Array  # red, green and blue, from 0 to 1
+    opacity: float = 1.0
+
+
+class _Pivot(NamedTuple):
+    """A body that the ground holds at a point."""
+
+    body: ScenePart
+    point: Array  # in space, shape (3,), m
+    axis: Array | None  # of a hinge, a unit vector in space
+
+
 def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
-            ) -> Iterator[tuple[Mesh, Array, float]]:
-    """Yield the meshes of ground, bodies and ties in space, each with colour and opacity."""
+            ) -> Iterator[_DrawnMesh]:
+    """Yield the meshes of ground, bodies and ties in a frame, its number in ``scene.t``."""
     reach = scene.reach(frame)
     for shape in (*scene.ground, *scene.joints_on(-1, reach)):
         mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
-        yield replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND), 1.0
+        yield _DrawnMesh(replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND))
     # many bodies are small on the picture
     around = (COARSE,) * (sum(len(body.shapes) for body in scene.parts) > _COARSE)
     for i, body in enumerate(scene.parts):
@@ -406,18 +422,18 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
             mesh = (mesh_of_file(shape, files[shape.file]) if shape.file else
                     mesh_of(shape, *around))
             light = 0 * mesh.light if shape.colour else mesh.light
-            yield (Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
-                   colour_of(shape.colour or _body_colour(i)), alpha)
+            yield _DrawnMesh(Mesh(x + mesh.points @ R.T, mesh.normals @ R.T, mesh.faces, light),
+                             colour_of(shape.colour or _body_colour(i)), alpha)
     for tie in scene.ties:
         for mesh, colour in () if scene.hides(tie) else _tie_meshes(scene, tie, frame, reach):
-            yield replace(mesh, light=0 * mesh.light), colour_of(colour), 1.0
+            yield _DrawnMesh(replace(mesh, light=0 * mesh.light), colour_of(colour))
 
 
-def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Array, float]]:
+def _stands(scene: Scene, frame: int, floor: float) -> Iterator[_DrawnMesh]:
     """Yield supports of the bodies that the ground holds: one post, two at a hinge, a plate above.
 
-    The plate is above the point if the body hangs below it. A vertical hinge of a body that reaches
-    down to the floor has no support.
+    ``floor`` is the height of the floor in m. The plate is above the point if the body hangs below
+    it. A vertical hinge of a body that reaches down to the floor has no support.
     """
     up, metal = scene.up, colour_of(STAND)
     r = JOINT * scene.reach(frame)
@@ -442,7 +458,7 @@ def _stands(scene: Scene, frame: int, floor: float) -> Iterator[tuple[Mesh, Arra
             shapes = _post_shapes(pivot, feet, up, r, height)
         for shape in shapes:
             mesh = mesh_of(shape)
-            yield replace(mesh, light=0 * mesh.light), metal, 1.0
+            yield _DrawnMesh(replace(mesh, light=0 * mesh.light), metal)
 
 
 def _ceiling_shapes(pivot: Array, feet: list[Array], up: Array, r: float) -> Iterator[Shape]:
@@ -463,19 +479,18 @@ def _post_shapes(
                     pivot + foot + (0.25 * r - height) * up, axes_about(up))
 
 
-def _pivots(scene: Scene) -> Iterator[tuple[ScenePart, Array, Array | None]]:
-    """Yield (body, point, axis) of bodies fixed to the ground at a point; axis of a hinge or None.
-    """
+def _pivots(scene: Scene) -> Iterator[_Pivot]:
+    """Yield the pivots of the bodies that a point or a hinge fixes to the ground."""
     for i, body in enumerate(scene.parts):
         if is_held(scene.parts, scene.ties, i):
-            yield body, body.x[0], None
+            yield _Pivot(body, body.x[0], None)
     for tie in scene.ties:
         if min(tie.a, tie.b) < 0 and tie.kind in ("ball", "hinge") and not tie.slides:
             body = scene.parts[max(tie.a, tie.b)]
             axis = tie.axis
             if axis is not None and tie.b >= 0:
                 axis = rotation_matrix(body.q[0]) @ axis
-            yield body, tie.on_a if tie.a < 0 else tie.on_b, axis
+            yield _Pivot(body, tie.on_a if tie.a < 0 else tie.on_b, axis)
 
 
 def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tuple[Mesh, str]]:
@@ -525,7 +540,7 @@ def _rail(scene: Scene, tie: Tie, frame: int, radius: float) -> Shape:
                      starts[present] + last * axes[present], radius)
 
 
-def _triangles(meshes: list[tuple[Mesh, Array, float]]) -> Triangles:
+def _triangles(meshes: list[_DrawnMesh]) -> Triangles:
     """Return the triangles of meshes with their colours and opacities as one set.
 
     Light faces are mixed with white. Neighbours in the list with one colour count as one solid.

@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,17 @@ _FEW_ROWS = 16
 
 #: For each body its inertia, the columns of its q and p, and the largest |Ω| in rad/s.
 Limits = list[tuple[list[float], Sequence[int], float]]
+
+
+class _Rotation(NamedTuple):
+    """The rotation of a body in a step."""
+
+    body: str  # "" if no body turns
+    radians: float  # |Ω Δt|; −1, below the rotation of any body, if no body turns
+    dt: float  # s
+
+
+_NO_ROTATION = _Rotation("", -1.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -138,14 +149,14 @@ class Rotations:
 
     def _largest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
-    ) -> tuple[str, float, float]:
-        """Return body, |Ω Δt| and Δt of ``fastest``; "" where no body turns.
+    ) -> _Rotation:
+        """Return the largest rotation in a step from the states q and p, shape (rows, n).
 
         Rows in which a co-moving frame moves are left out, and those that are not finite.
         """
         bodies = self.bodies
         if not bodies:
-            return "", -1.0, 0.0
+            return _NO_ROTATION
         if len(q) == 1:
             return self._largest_of_one(parameters, _only(dt), q[0], p[0])
         columns = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
@@ -166,19 +177,19 @@ class Rotations:
                 if largest < radians[row]:
                     largest, fastest = float(radians[row]), name
                     step = float(np.broadcast_to(dt, len(q))[row])
-        return fastest, largest, step
+        return _Rotation(fastest, largest, step)
 
     def _largest_of_one(
         self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array
-    ) -> tuple[str, float, float]:
-        """Return (body, |Ω dt|, dt) of the largest rotation in a step from one state, q and p (n,).
+    ) -> _Rotation:
+        """Return the largest rotation in a step from one state, q and p of shape (n,).
 
         In Python's floats, which take a quarter of the time of arrays.
         """
         # in a frame that moves rotations along it need not be resolved: no body, and −1 rad
         bodies, largest, fastest = self.bodies, -1.0, ""
         if any(_only(parameters[name]) for name in self._rates if name in parameters):
-            return "", -1.0, 0.0
+            return _NO_ROTATION
         q, p = q.astype(float, copy=False), p.astype(float, copy=False)
         if len(bodies) > _FEW:
             bodies = self._fastest_of_many(parameters, q, p)
@@ -188,7 +199,7 @@ class Rotations:
             radians = abs(_spin(inertia, *([*map(x.__getitem__, body.q)] for x in state)) * dt)
             if largest < radians < math.inf:
                 largest, fastest = radians, name
-        return fastest, largest, dt
+        return _Rotation(fastest, largest, dt)
 
     def _fastest_of_many(
         self, parameters: Mapping[str, Any], q: Array, p: Array
@@ -208,7 +219,7 @@ class Rotations:
 
     def warn(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> bool:
         """Warn if a body's rotation in a step exceeds the limit, and return whether it does."""
-        if self._largest(parameters, dt, q, p)[1] <= self._limit:
+        if self._largest(parameters, dt, q, p).radians <= self._limit:
             return False
         fastest = self.fastest(parameters, dt, q, p)
         return fastest is not None and fastest.warn()

@@ -241,7 +241,7 @@ class Dynamics(Differentiation):
             """Return the accelerations with these values of the inputs."""
             inputs = dict(zip(names, map(float, np.asarray(values)), strict=True))
             motion = self._state_motion(replace(state, parameters={**state.parameters, **inputs}))
-            return np.concatenate([motion.rate(name)[1] for name in targets])
+            return np.concatenate([motion.rate(name).y_rate for name in targets])
 
         target, base = np.concatenate([*targets.values()]), accelerations_with(np.zeros(len(names)))
         if len(target) != len(names):
