@@ -2,8 +2,9 @@
 
     paper.md  results.json  table-N.csv  figure-N.svg  finding-KEY.svg
 
-Every number of the page comes out of the results. ``docs/paper.md``, which is the same on all
-machines, has no pictures and no digits below the round-off floor.
+Every number of the page comes out of the results. ``docs/paper.md`` has no pictures and no digits
+below the round-off floor; limits of convergence and counts of stagnating steps (Tables 8 to 14)
+depend on the last bits, and so on the processor.
 """
 
 from __future__ import annotations
