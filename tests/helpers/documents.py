@@ -28,7 +28,8 @@ SHORTER = [
     (r"--steps 1000000000 --every 1000\b", "--steps 20000 --every 1000", "a quarter of an hour"),
     (r"(sweep) examples/studies/gamma_dt.toml", r"\1 few.toml",
      "a million runs; the study of docs/sweeps.md is few.toml, with four of them"),
-    (r"^(gyrospark examples copy) (pendulum.toml crane.urdf|all --to examples)", r"\1 all --to copies",
+    (r"^(gyrospark examples copy) (pendulum.toml crane.urdf|all --to examples)",
+     r"\1 all --to copies",
      "other pages have copied them here, and what is there is not overwritten"),
     (r"^(gyrospark verify --model (?:double_pendulum|examples/double_pendulum.toml) .*)",
      r"\1 --steps 20", "without optimisation orders are measured for six seconds"),
@@ -49,10 +50,12 @@ SHORTER = [
 NOT_RUN = [
     (r"^pip (install|freeze)\b", "test_bare_machine.py installs what pip makes of the project, and "
                        "test_packaging.py compares the extras that are named"),
-    (r"^(taskset -c 0 )?make (test|generated|docs|bench)", "the first runs these tests, the second writes to the "
-     "repository, the third is typed by test_site.py, the fourth takes minutes"),
+    (r"^(taskset -c 0 )?make (test|generated|docs|bench)",
+     "the first runs these tests, the second writes to the repository, the third is typed by "
+     "test_site.py, the fourth takes minutes"),
     (r"^pytest ", "it writes to the repository"),
-    (r"^gyrospark (run|verify --model) (cassie.xml|robot.xml|ROBOT.xml|orbit.toml)", "files that are not those of the project"),
+    (r"^gyrospark (run|verify --model) (cassie.xml|robot.xml|ROBOT.xml|orbit.toml)",
+     "files that are not those of the project"),
     (r"^gyrospark run examples/pumpjack.xml", "without optimisation seven seconds; test_mjcf.py "
                                               "puts the example together and runs another file"),
     (r"^gyrospark run delta_robot\b", "five seconds to derive and compile; "
