@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ..core.arrays import Array
+from ..core.errors import InputError
 from ..runtime.events.detection import Levels
 from ..runtime.events.location import crossings_of, detectors_for
 from ..runtime.integration.lanes import EnsembleStates
@@ -16,7 +17,10 @@ from ..runtime.steppers.stepper import Stepper
 from .study import Study
 from .tiles import Cells
 
-__all__ = ["CellEnds", "count_of", "first_of", "run_with_events"]
+__all__ = ["NOT_CONVERGED", "CellEnds", "count_of", "first_of", "run_with_events"]
+
+#: The status of REASONS of a cell with an event that no part of a step leads to.
+NOT_CONVERGED = 1
 
 
 @dataclass(frozen=True)
@@ -45,7 +49,8 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
                     group: Array, q: Array, p: Array) -> CellEnds:
     """Integrate cells of equal scheme and number of steps from q and p, and locate their events.
 
-    Event detection does not change the bits of the states. It runs on the caller's thread.
+    Event detection does not change the bits of the states. It runs on the caller's thread. A cell
+    with an event that is not located has the status NOT_CONVERGED.
     """
     every = study.every or steps
     runs = _runs(study, stepper, steps, every, cells, group, q, p)
@@ -53,22 +58,41 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
     ensemble_states = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
     _fill(ensemble_states)
-    crossings = crossings_of(stepper, levels, runs,
-                             [detector.final_brackets() for detector in ensemble_states.detectors],
-                             _fill)
+    try:
+        crossings = crossings_of(
+            stepper, levels, runs,
+            [detector.final_brackets() for detector in ensemble_states.detectors], _fill)
+    except InputError:  # a part of a step of some cell does not converge, though its steps did
+        if len(group) > 1:
+            half = len(group) // 2
+            return _joined([run_with_events(study, stepper, steps, cells, group[part], q[part],
+                                            p[part])
+                            for part in (slice(half), slice(half, None))])
+        crossings = []
+        ensemble_states.status[:] = NOT_CONVERGED
     binding, row_count = ensemble_states.binding, steps // every + 1
     event_results: dict[str, Array] = {}
     for event in study.events:
         cell_crossings = [run_crossings[event.name].shown(binding) for run_crossings in crossings]
         event_results[first_of(event.name)] = np.array(
-            [float(cell.t[0]) if len(cell) else np.nan for cell in cell_crossings])
-        event_results[count_of(event.name)] = np.array([len(cell) for cell in cell_crossings],
-                                                       dtype=float)
+            [float(cell.t[0]) if len(cell) else np.nan for cell in cell_crossings] or [np.nan])
+        event_results[count_of(event.name)] = np.array(
+            [float(len(cell)) for cell in cell_crossings] or [np.nan])
     reports = np.concatenate([np.frombuffer(binding.ffi.buffer(record), dtype=binding.report_type)
                               for record in ensemble_states.reports])
     samples = ensemble_states.rows.q[:, :row_count], ensemble_states.rows.p[:, :row_count]
     return CellEnds(ensemble_states.q, ensemble_states.p, reports, ensemble_states.status, samples,
                     event_results)
+
+
+def _joined(parts: list[CellEnds]) -> CellEnds:
+    """Return the ends of several groups of cells as those of one."""
+    q, p, reports, status = (np.concatenate([getattr(part, name) for part in parts])
+                             for name in ("q", "p", "reports", "status"))
+    samples = tuple(map(np.concatenate, zip(*(part.samples for part in parts), strict=True)))
+    return CellEnds(q, p, reports, status, samples, {
+        name: np.concatenate([part.event_results[name] for part in parts])
+        for name in parts[0].event_results})
 
 
 def _fill(ensemble_states: EnsembleStates) -> None:

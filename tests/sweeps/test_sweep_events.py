@@ -138,3 +138,15 @@ def test_wrong_events_of_a_study_end_in_a_sentence(tmp_path, line: str, text: st
     assert isinstance(done.exception, gs.InputError)
     with pytest.raises(gs.InputError, match=text):
         raise done.exception
+
+
+@pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
+def test_a_cell_whose_event_is_not_located_fails_alone():
+    """Steps of 50 s converge, a part of one does not; the other cell is as it is without it."""
+    choice = {"scheme": "EMS", "steps": 50, "every": 10,
+              "events": [gs.Event("q1", level=0.2, name="low")]}
+    result = gs.sweep("fast-top", {"dt": [1e-3, 50.0]}, **choice)
+    assert result.status.values.tolist() == [0, 1]
+    assert np.isnan([result.event_low_first[1], result.event_low_count[1], result.q[1, 0]]).all()
+    alone = gs.sweep("fast-top", {"dt": [1e-3]}, **choice)
+    assert result.isel(dt=[0]).equals(alone)
