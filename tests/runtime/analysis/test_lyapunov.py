@@ -79,7 +79,7 @@ def test_regular_motion():
 @pytest.mark.parametrize(("every", "steps"), [(40, 1500), (1, 6000), (40, 6000)])
 def test_chaotic_pendulum_is_paired(every, steps):
     """Pairs at any time, though no exponent has converged; the volume is measured without R."""
-    found = gs.lyapunov(pendulum(), *released(2, 2), dt=0.01, steps=steps, every=every,
+    found = gs.lyapunov(pendulum(stages=3), *released(2, 2), dt=0.01, steps=steps, every=every,
                         parameters=PARAMETERS)
     assert found.pairing < 1e-12
     assert np.abs(found.running + found.running[:, ::-1]).max() < 1e-10
