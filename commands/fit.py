@@ -20,7 +20,7 @@ from .options import (
     method_options,
     real_number,
 )
-from .run.starts import start_of, started
+from .run.starts import start_of, stepper_and_start
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -76,7 +76,7 @@ def fit(
     from ..runtime.analysis.fit import fit as fitted
     from ..runtime.analysis.observations import observation_of
 
-    _, step, start, t0 = started(problem, settings, choice, scaled=True)
+    _, step, start, t0 = stepper_and_start(problem, settings, choice, scaled=True)
     # the columns of the table are those of the observation
     observed = _names(observe)
     names = observation_of(step, observed).names

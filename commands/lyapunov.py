@@ -19,7 +19,7 @@ from .options import (
     whole_number,
 )
 from .run.choices import steps_for
-from .run.starts import start_of, started
+from .run.starts import start_of, stepper_and_start
 
 if TYPE_CHECKING:
     from ..runtime.analysis.lyapunov import Lyapunov
@@ -64,7 +64,7 @@ def lyapunov(
     # options are read before the stepper is made
     between = whole_number("--every", every)
     exponent_count = None if count is None else whole_number("--count", count)
-    _, step, start, t0 = started(problem, settings, choice)
+    _, step, start, t0 = stepper_and_start(problem, settings, choice)
     state = start_of(step, start, t0)
     size, number = steps_for(start, t0, {"dt": dt, "steps": steps, "t_end": t_end})
     spectrum = exponents_of(step, state, dt=size, steps=number, every=between,

@@ -56,7 +56,7 @@ class CheckpointState:
     ----------
     run : RunState
         Its coordinates and momenta, running record and work memory.
-    most : int
+    most_iterations : int
         Most iterations of a step since the last stored state.
     status : int
         Failure code of the last step; 0 for none; −1 − i if event i ended the run.
@@ -65,7 +65,7 @@ class CheckpointState:
     """
 
     run: RunState
-    most: int = 0
+    most_iterations: int = 0
     status: int = 0
     event_progress: EventProgress | None = None
 
@@ -97,7 +97,7 @@ def pack(binding: Binding, state: CheckpointState) -> Array:
     """Return a state as bytes, equal for equal states: a digest, then the content."""
     run = state.run
     binding.clear_padding(run.record, run.work)
-    counters = np.array([state.most, state.status], dtype="<i8")
+    counters = np.array([state.most_iterations, state.status], dtype="<i8")
     arrays = [counters, as_bytes(run.q), as_bytes(run.p), binding.image(run.record),
               binding.image(run.work), *_pack(binding, state.event_progress)]
     body = np.concatenate([np.ascontiguousarray(array).view(np.uint8).reshape(-1)

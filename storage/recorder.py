@@ -12,7 +12,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import zarr
@@ -59,6 +59,14 @@ __all__ = ["Recorder"]
 COMMIT_SECONDS = 5.0
 
 
+class _ResumePoint(NamedTuple):
+    """The state from which a stored run continues."""
+
+    state: CheckpointState
+    first_row: int  # of the block in the store, which counts the states from 0
+    rows: Rows  # the block: rows up to the state are as stored, later ones are to be filled
+
+
 class Recorder:
     """Recorder of a run: its state, and the block of rows being filled."""
 
@@ -86,13 +94,16 @@ class Recorder:
         self._latest: dict[str, Any] = {}
         self.observer = observer_of(stepper, run, self.events) if events else None
         self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
-        self.state, self.first, self.rows = self._resume_state()
+        self.state, self.first_row, self.rows = self._resume_state()
         self.pace = ChunkSize(self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
 
-    def _resume_state(self) -> tuple[CheckpointState, int, Rows]:
-        """Return the state to resume from, the first row of its block, and the block's rows."""
+    def _resume_state(self) -> _ResumePoint:
+        """Return the last commit of the store, or the start of the run if there is none.
+
+        Raises InputError for a store whose checkpoint is not that of this run.
+        """
         try:
             checkpoint = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
                                 self.events)
@@ -110,9 +121,9 @@ class Recorder:
         block_rows = self._read(first_row, stored_states - first_row)
         if checkpoint.ended_by is not None:
             self.end = self._rows("tau" if self.binding.clocked else "time",
-                                        self.fields[0].wide, stored_states - 1, 1)
-        block_rows.iterations[stored_states - first_row] = checkpoint.most
-        return checkpoint, first_row, block_rows
+                                  self.fields[0].wide, stored_states - 1, 1)
+        block_rows.iterations[stored_states - first_row] = checkpoint.most_iterations
+        return _ResumePoint(checkpoint, first_row, block_rows)
 
     def _check_checkpoint(self, checkpoint: CheckpointState | None) -> None:
         """Refuse a checkpoint of more steps or rows than the run has, or events than are stored.
@@ -152,13 +163,13 @@ class Recorder:
             EventStore(self.group, self.manifest, self._asked).grow(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
-    def _start(self) -> tuple[CheckpointState, int, Rows]:
-        """Return the state and the block at the start; no step is taken."""
+    def _start(self) -> _ResumePoint:
+        """Return the start of the run, its first row filled; no step is taken."""
         binding, run, block_rows = self.binding, self.run, self._empty()
         block_rows.q[0], block_rows.p[0] = run.q, run.p
         state = RunState.at_start(binding, run.q, run.p)
         status = binding.integrate(self.constants, 0, 1, state, block_rows[:0])
-        return CheckpointState(state, status=status), 0, block_rows
+        return _ResumePoint(CheckpointState(state, status=status), 0, block_rows)
 
     def _states(self, state: CheckpointState) -> int:
         """Return the number of states up to a checkpoint.
@@ -254,13 +265,13 @@ class Recorder:
         """
         run, committed = self.run, time.monotonic()
         while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
-            row = self.state.steps // run.every + 1 - self.first  # the next row in the block
+            row = self.state.steps // run.every + 1 - self.first_row  # the next row in the block
             if row == self.block:
                 self._commit(writer, reusable=True)
                 committed = time.monotonic()
                 if self._has_ended():
                     return
-                self.first, row = self.first + self.block, 0
+                self.first_row, row = self.first_row + self.block, 0
                 self.rows = self._next_block(writer)
             self._advance(row)
             if self.state.ended_by is not None:
@@ -312,15 +323,15 @@ class Recorder:
         crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, work_of_steps,
                                               self._latest.get(name))
                      for name, crossings_of_event in new_events.items()}
-        block_row = run.steps // run.every + 1 - self.first  # of the last row
+        block_row = run.steps // run.every + 1 - self.first_row  # of the last row
         # a longer run that resumes here needs them, for the row that its steps complete
         iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
         if block_row == self.block:
-            self.first, block_row = self.first + self.block, 0
+            self.first_row, block_row = self.first_row + self.block, 0
             self.rows = self._next_block(writer)
         self.rows.assign(np.s_[block_row : block_row + 1],
                          row_of(partial_run, work_of_steps + partial_run.work[-1:]))
-        self.last_part, self.state = partial_run, replace(self.state, most=iterations)
+        self.last_part, self.state = partial_run, replace(self.state, most_iterations=iterations)
         self.end = np.array([run.t_end], partial_run.t.dtype)
         if ends_within(self.events, partial_run, run.dt):
             self.end = partial_run.t[-1:]
@@ -362,7 +373,7 @@ class Recorder:
         if end is None or self.state.ended_by is not None:
             return
         self.state = replace(self.state, status=-1 - end.event)
-        row_in_block = self.state.steps // self.run.every + 1 - self.first
+        row_in_block = self.state.steps // self.run.every + 1 - self.first_row
         self.rows.assign(np.s_[row_in_block : row_in_block + 1], end.row)
         self.rows.work[row_in_block] += self._report(self.state).work
         self.end = end.at.t  # in scaled time τ
@@ -382,18 +393,19 @@ class Recorder:
             crossings = self._commit_events()
         self._latest |= {name: rows.elapsed[-1] for name, rows in crossings.items() if len(rows)}
         state, run = self.state, self.run
-        count = self._states(state) - self.first
-        row = state.steps // run.every + 1 - self.first  # of a row that is begun
+        count = self._states(state) - self.first_row
+        row = state.steps // run.every + 1 - self.first_row  # of a row that is begun
         begun = state.steps % run.every and state.ended_by is None and self.last_part is None
-        iterations_so_far = int(self.rows.iterations[row]) if begun else state.most
+        iterations_so_far = int(self.rows.iterations[row]) if begun else state.most_iterations
         # the counts before this commit, behind which the writer appends its events
         counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}
         self.counts = self.counts + [len(crossings.get(name, ())) for name in counts]
-        checkpoint = replace(state, most=iterations_so_far, event_progress=self._event_progress())
+        checkpoint = replace(state, most_iterations=iterations_so_far,
+                             event_progress=self._event_progress())
         block_rows = self.rows
         if count < self.block:  # more rows come into it while these are written
             block_rows = block_rows[:count].copy()
-        writer.put(Batch(self.first, count, block_rows, pack(self.binding, checkpoint),
+        writer.put(Batch(self.first_row, count, block_rows, pack(self.binding, checkpoint),
                          self._run_attributes(checkpoint), self.end, counts, crossings, reusable))
 
     def _event_progress(self) -> EventProgress | None:

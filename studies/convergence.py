@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from ..core.inertia import RepName
 from ..core.real_types import RealName
@@ -69,12 +70,16 @@ FIGURE_16 = {
 }
 
 
-def measure(
-    engine: Engine, study: ConvergenceStudy
-) -> tuple[list[float], list[float], list[float]]:
-    """Return Δt, relative periodic errors and their round-off floors: one entry for each of STEPS.
+class PeriodicErrors(NamedTuple):
+    """Periodic errors: the error of largest size over 0.32 s, relative to |H₀| or |l₃,₀|."""
 
-    The periodic error is the error of largest size over 0.32 s, relative to |H₀| or |l₃,₀|.
+    dt: list[float]  # s, one entry for each of ``STEPS``, as the next two
+    errors: list[float]
+    floors: list[float]  # round-off of the errors
+
+
+def measure(engine: Engine, study: ConvergenceStudy) -> PeriodicErrors:
+    """Return the periodic errors of a scheme for each Δt.
     """
     errors, floors = [], []
     for dt in STEPS:
@@ -82,7 +87,7 @@ def measure(
         size = engine.size(case, study.quantity)
         errors.append(abs(engine.peak(case, study.quantity)) / size)
         floors.append(engine.floor(case, study.quantity) / size)
-    return list(STEPS), errors, floors
+    return PeriodicErrors(list(STEPS), errors, floors)
 
 
 def figure_10(engine: Engine) -> Figure:
@@ -149,7 +154,7 @@ def _influence_claim(engine: Engine, stages: int) -> Claim:
     """
     with_mean, _, with_100_means = FIGURE_16[stages]
     dt, errors, floors = measure(engine, with_mean)
-    errors_of_100 = measure(engine, with_100_means)[1]
+    errors_of_100 = measure(engine, with_100_means).errors
     influences = [(h, abs(b / a - 1))
                   for h, a, b, floor in zip(dt, errors, errors_of_100, floors, strict=True)
                   if min(a, b) > 10 * floor]

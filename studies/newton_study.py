@@ -22,7 +22,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -124,6 +124,14 @@ def march(
     return march
 
 
+class _NewtonEnd(NamedTuple):
+    """How the iteration of a step ended."""
+
+    iterations: int
+    error: float  # last size of the tested quantity: dx, d(q, p) or r
+    failure: str = ""
+
+
 class _Run:
     """Buffers and pointers of one march: each iteration is two compiled calls and one solution."""
 
@@ -152,11 +160,10 @@ class _Run:
         b = self.b
         return b.unknowns - (b.multipliers if self.is_state else b.multipliers - b.m)
 
-    def solve(self) -> tuple[int, float, str]:
+    def solve(self) -> _NewtonEnd:
         """Solve r(x) = 0 of one step by Newton's method: J(x) dx = r(x), x ← x − dx.
 
-        Return the number of iterations, the last size of the tested quantity (dx, d(q,p) or r),
-        and why the step failed, "" if it did not. The solution stays in ``self.x``.
+        The solution stays in ``self.x``.
         """
         rule = self.rule
         origin = self._origin()
@@ -168,21 +175,21 @@ class _Run:
             if rule.stops_on == "r":
                 error = self._size(self.r)
                 if error < rule.tolerance:
-                    return iteration, error, ""
+                    return _NewtonEnd(iteration, error)
             try:
                 dx = np.linalg.solve(self.J, self.r)
             except np.linalg.LinAlgError:
-                return iteration, error, "singular matrix"
+                return _NewtonEnd(iteration, error, "singular matrix")
             y -= dx
             if rule.stops_on != "r":
                 # the unknowns before the first constraint's row are q and p
                 error = self._size(dx if rule.stops_on == "dx" else dx[: self.constraints])
             if not math.isfinite(float(dx @ dx)):
-                return iteration, error, "not finite"
+                return _NewtonEnd(iteration, error, "not finite")
             if rule.stops_on != "r" and error < rule.tolerance:
                 break
         np.subtract(y, origin, out=self.x)
-        return iteration, error, ""
+        return _NewtonEnd(iteration, error)
 
     def _linearise(self, y: Array, origin: Array) -> None:
         """Evaluate residual r and Jacobian J at the iterate y, with g as the rule asks.

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core.arguments import listed, proposal
 from ...core.errors import InputError
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from ...runtime.steppers.stepper import Stepper
     from ...runtime.tuning.tune import Tuned
 
-__all__ = ["check_span", "steps_for", "tuned", "with_options"]
+__all__ = ["check_span", "numbers_of_run", "steps_for", "with_options"]
 
 
 def with_options(
@@ -89,13 +89,23 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
     return rates
 
 
-def tuned(
+class RunNumbers(NamedTuple):
+    """The start, the step and the length of a run."""
+
+    start: Start
+    step_size: Any  # dt, in scaled time dtau
+    length: dict[str, Any]  # {"steps": ...} or {"t_end": ...}
+    tuning: Tuned | None  # the result of ``gs.tune``, if it chose numbers
+
+
+def numbers_of_run(
     step: Stepper, state: Start, defaults: RunDefaults, t0: float,
     options: Mapping[str, str | None], search: Mapping[str, Any]
-) -> tuple[Start, Any, dict[str, Any], Tuned | None]:
-    """Return start, dt or dtau, "steps" or "t_end" of the run, and the result of ``gs.tune``.
+) -> RunNumbers:
+    """Return the numbers of a run, with those that ``gs.tune`` chooses if it is asked for.
 
-    ``options`` has dt, dtau, step_error, steps and t_end, ``search`` arguments of ``gs.tune``.
+    ``options`` has dt, dtau, step_error, steps and t_end as text, ``search`` has arguments of
+    ``gs.tune``; without them and step_error there is no search.
     """
     from ...runtime.integration.run_arguments import step_argument
     from ...runtime.tuning.tune import tune
@@ -114,10 +124,10 @@ def tuned(
             options = {**options, "dt": step_argument(step.binding, options["dt"], options["dtau"])}
         dt, span = _span(defaults, options)
         if not search:
-            return state, dt, span if clocked else _whole(span, t0, dt), None
+            return RunNumbers(state, dt, span if clocked else _whole(span, t0, dt), None)
         tuning = tune(step, state, dt=dt, steps=steps_of(span, t0, dt), **search)
-    return (state.replace(parameters={**state.parameters, **tuning.parameters}), dt,
-            span if clocked else _whole(span, t0, dt), tuning)
+    return RunNumbers(state.replace(parameters={**state.parameters, **tuning.parameters}), dt,
+                      span if clocked else _whole(span, t0, dt), tuning)
 
 
 def steps_for(

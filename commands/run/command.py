@@ -25,7 +25,7 @@ from ..options import (
     solver_from,
     whole_number,
 )
-from .choices import check_span, tuned, with_options
+from .choices import check_span, numbers_of_run, with_options
 from .outputs import check_targets, events_of, integrate_to, stored_location
 from .report import (
     about_tuning,
@@ -35,7 +35,7 @@ from .report import (
     result_of,
     warn_of_rest,
 )
-from .starts import start_of, started
+from .starts import start_of, stepper_and_start
 
 if TYPE_CHECKING:
     from ...runtime.results.trajectory import Trajectory
@@ -143,7 +143,7 @@ def run(
     times = {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end}
     check_span(problem, times)
     choice["frame"] = "symmetries" if frame else None
-    paper_problem, step, start, t0 = started(problem, settings, choice, scaled=True)
+    paper_problem, step, start, t0 = stepper_and_start(problem, settings, choice, scaled=True)
     if show:
         check_bodies(step.manifest)
     if not as_json:  # properties of the stepper, before a step is taken
@@ -152,8 +152,7 @@ def run(
     defaults, search = with_options(step, start, gamma, alpha, frame)
     state = start_of(step, defaults, t0)
     method = solver_from(solver)
-    # step_size: dt or dtau; length: "steps" or "t_end" of the run
-    state, step_size, length, tuning = tuned(step, state, defaults, t0, times, search)
+    state, step_size, length, tuning = numbers_of_run(step, state, defaults, t0, times, search)
     arguments: dict[str, Any] = {
         "dtau" if step.binding.clocked else "dt": step_size, **length,
         "every": whole_number("--every", every), "solver": method,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core.arguments import proposal
 from ...core.errors import InputError
@@ -18,15 +18,26 @@ if TYPE_CHECKING:
     from ...runtime.rigid_body.problems import Problem
     from ...runtime.steppers.stepper import Stepper
 
-__all__ = ["arguments_of", "refuse_repeated", "settings_of", "start_of", "started"]
+__all__ = ["arguments_of", "refuse_repeated", "settings_of", "start_of", "stepper_and_start"]
 
 
-def started(
+class StepperAndStart(NamedTuple):
+    """A stepper, and the numbers with which its runs start."""
+
+    paper_problem: Problem | None  # None for a named model or a model file
+    stepper: Stepper
+    defaults: RunDefaults
+    t0: float  # s
+
+
+def stepper_and_start(
     problem: str, settings: tuple[str, ...], choice: dict[str, Any], *, scaled: bool = False
-) -> tuple[Problem | None, Stepper, RunDefaults, float]:
-    """Return the problem of the paper or None, the stepper, the defaults of the run, and t0.
+) -> StepperAndStart:
+    """Return the stepper and the start of a problem, a named model or a model file.
 
-    Systems in scaled time are refused unless ``scaled``.
+    ``settings`` are the NAME=VALUE of --set, ``choice`` the options of ``spec_from``. Raises
+    InputError for settings that the problem does not have, and for systems in scaled time unless
+    they are allowed by ``scaled``.
     """
     from ...api import model_stepper, stepper_of
 
@@ -37,14 +48,15 @@ def started(
     if entry is not None and entry.kind == "problem":
         # a problem of the paper has one body, and its exact motion where that is known
         paper_problem = entry.make(**options)
-        return (paper_problem, stepper_of(spec_from(**choice, system=paper_problem.system)),
-                RunDefaults.of_problem(paper_problem), t0)
+        return StepperAndStart(
+            paper_problem, stepper_of(spec_from(**choice, system=paper_problem.system)),
+            RunDefaults.of_problem(paper_problem), t0)
     spec = spec_from(**choice, system=problem if entry is None else entry.name)
     step, defaults = (model_stepper(spec, settings=settings_of(settings)) if entry is None else
                       model_stepper(spec, options=options))
     if not scaled:
         step._refuse_scaled(command="this command")
-    return None, step, defaults, t0
+    return StepperAndStart(None, step, defaults, t0)
 
 
 def refuse_repeated(settings: tuple[str, ...]) -> None:

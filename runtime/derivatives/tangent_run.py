@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -35,6 +35,23 @@ if TYPE_CHECKING:
 __all__ = ["tangents_of", "with_tangents"]
 
 
+class _RunTangents(NamedTuple):
+    """The tangents of a run at its stored states, and at points within its steps."""
+
+    rows: TangentRows
+    #: an array (2 n, k) for each point, or the InputError that says why it has no derivatives
+    at_points: list[Any]
+    point_times: list[Any]  # derivatives of the times of the points, (k,) each
+
+
+class _Directions(NamedTuple):
+    """Directions of the start along which a run is differentiated."""
+
+    columns: Array  # shape (rows, k)
+    names: list[str]  # of the k columns
+    with_multipliers: bool  # whether derivatives of the multipliers are computed too
+
+
 def tangents_of(
     stepper: Stepper, run: RunArguments, tangents: Tangents | TangentRows
 ) -> TangentRows:
@@ -42,7 +59,7 @@ def tangents_of(
 
     Raises InputError for directions that are none; StepFailed as the run itself does.
     """
-    return _propagate(stepper, run, tangents, ())[0]
+    return _propagate(stepper, run, tangents, ()).rows
 
 
 def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Trajectory:
@@ -122,15 +139,14 @@ def _stack(
 
 def _propagate(
     stepper: Stepper, run: RunArguments, request: Tangents | TangentRows, points: Sequence[Point]
-) -> tuple[TangentRows, list[Any], list[Any]]:
-    """Return the tangents of the stored states, and lists for the points and for their times.
+) -> _RunTangents:
+    """Return the tangents of a run along the directions of ``request``, also at the ``points``.
 
-    The lists have an array for each point, (2 n, k) and (k,); the tangent of a point without
-    derivatives is the InputError that says why.
+    Points are states within steps, such as events.
     """
     tangent_run = _TangentRun(stepper, run, request, points)
     tangent_run.advance()
-    return tangent_run.rows(), tangent_run.point_tangents, tangent_run.point_times
+    return _RunTangents(tangent_run.rows(), tangent_run.point_tangents, tangent_run.point_times)
 
 
 class _TangentRun:
@@ -176,21 +192,20 @@ class _TangentRun:
         self.point_times: list[Any] = [None] * len(points)
         self.switched = 0
 
-    def _directions(
-        self, request: Tangents | TangentRows
-    ) -> tuple[Array, list[str], bool]:
-        """Return the directions of the start, (rows, k), a name for each column, and a flag.
+    def _directions(self, request: Tangents | TangentRows) -> _Directions:
+        """Return the directions of the start that a caller asks for.
 
-        The flag says whether derivatives of multipliers are asked for.
+        Raises InputError for an input that is not constant in the run.
         """
         if not isinstance(request, Tangents):  # a run that goes on along the directions of another
-            return request._directions, request.names, request.multipliers is not None
+            return _Directions(request._directions, request.names, request.multipliers is not None)
         for name in request.parameters if self.run.inputs is not None else ():
             if name in self.own.input_names:
                 raise InputError(f"Input {name!r} has a value for each step in this run, so that "
                                  "it is no direction; take the gradient by \"inputs\".")
         start = Start(self.space, request)
-        return np.ascontiguousarray(start.directions), start.names, request.multipliers
+        return _Directions(
+            np.ascontiguousarray(start.directions), start.names, request.multipliers)
 
     def advance(self) -> None:
         """Take all steps, piece by piece, with a stop before each step that has points in it."""

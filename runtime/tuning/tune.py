@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from numpy.typing import ArrayLike
 
@@ -304,6 +304,14 @@ def _span(step_error: Any, t_end: Any, t: Any, **excluded: Any) -> Fraction:
 # ---------------------------------------------------------------- rules
 
 
+class _StepCount(NamedTuple):
+    """A number of steps whose error is small enough, as measured by pilot runs."""
+
+    steps: int
+    pilot: Pilot  # the pilot run with this number of steps
+    pilots: tuple[Pilot, ...]  # all pilot runs, in their order
+
+
 class _Rules:
     """Rules for some parameters of a run: means, least squares, searches."""
 
@@ -389,15 +397,15 @@ class _Rules:
 
     def _steps(
         self, parameters: Mapping[str, Any], span: Fraction, bound: float, t_end: Any = None
-    ) -> tuple[int, Pilot, tuple[Pilot, ...]]:
-        """Return the number of steps that suffices, its pilot run, and all pilot runs.
+    ) -> _StepCount:
+        """Return the least number of steps over ``span`` seconds with an error up to ``bound``.
 
-        The arguments are those of ``tuned_step``, with numbers for the rules.
+        ``parameters`` has numbers in place of rules; ``bound`` is that of the motion, relative.
         """
         search = StepSearch(self.stepper, span, bound,
                             replace(self.run, parameters=dict(parameters)), self.report, t_end)
         with before_start("dt"):
-            return (*search.best(), tuple(search.pilots))
+            return _StepCount(*search.best(), tuple(search.pilots))
 
     def _directions(self, pilot: RunArguments, *, longer: bool) -> list[Direction]:
         """Return the free rates of the frame, which are searched.
