@@ -12,7 +12,8 @@ import numpy as np
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.generator.multibody.models import multiply, turn
+from gyrospark.core.inertia import quaternion_product
+from gyrospark.generator.multibody.models import turn
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 
 E1, E2, E3 = np.eye(3)
@@ -42,7 +43,7 @@ class Steady:
         space, spins, parts = turn(axis, rate * t), iter(self.spins), []
         for block in np.split(self.q, np.cumsum(self.blocks)[:-1]):
             if len(block) == 4:
-                parts.append(multiply(space, multiply(block, turn(E3, next(spins, 0.0) * t))))
+                parts.append(quaternion_product(space, block, turn(E3, next(spins, 0.0) * t)))
             else:
                 along, across = axis * (axis @ block), np.cross(axis, block)
                 parts.append(along + cos(rate * t) * (block - along) + sin(rate * t) * across)
