@@ -63,9 +63,10 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
              parameters: Mapping[str, Any]) -> Accuracy:
     """Integrate a motion with the step 4 dt, halved six times, and compare its ends.
 
-    The reference has a step four times shorter than the shortest: for a method of order r its error
-    is 4^−r of the error at the shortest step. Raises StepFailed if the reference does not get to
-    its end.
+    q and p, shapes (n,), are the start; ``steps`` steps of dt are the length of the motion. The
+    reference has a step four times shorter than the shortest: for a method of order r its error is
+    4^−r of the error at the shortest step. Raises StepFailed if the reference does not get to its
+    end.
     """
     longest, count = 4 * dt, max(1, min(steps, _MOST_STEPS) // 4)
 

@@ -170,9 +170,9 @@ def measure_order(
 ) -> MeasuredOrder | None:
     """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
 
-    The longest step is dt, doubled until three errors stand out of round-off, or halved until two
-    neighbouring slopes agree. None if there are no two. ``sizes(h)`` returns the sizes of q and p
-    whose ε is the round-off of steps of length h.
+    q and p, shapes (n,), are the start. The longest step is dt, doubled until three errors stand
+    out of round-off, or halved until two neighbouring slopes agree. None if there are no two.
+    ``sizes(h)`` returns the sizes of q and p whose ε is the round-off of steps of length h.
     """
     measurements: list[MeasuredOrder] = []
     h, doubled = dt, False
@@ -219,7 +219,7 @@ def _halving_errors(
     """Return e(h), e(h/2), … relative to the sizes, down to round-off; None if a step fails.
 
     e(h) is the difference of the states after 8 h of steps of h/2 and of h: of order p it falls as
-    2⁻ᵖ. ``sizes`` are those of q and of p.
+    2⁻ᵖ. q and p, shapes (n,), are the start, ``sizes`` the sizes of q and of p.
     """
     ends: list[tuple[Array, Array]] = []
     errors: list[float] = []
@@ -245,6 +245,8 @@ def _halving_errors(
 
 def trend(t: Array, series: Array) -> tuple[float, float]:
     """Return the change over the run of a straight line fitted to a series, and the residual range.
+
+    ``t`` and ``series`` have the shape (samples,); fewer than three samples have no line.
     """
     if len(t) < 3:
         return 0.0, float(np.ptp(series)) if len(series) else 0.0

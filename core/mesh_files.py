@@ -75,7 +75,10 @@ def _stl(content: bytes) -> Floats:
 
 
 def _obj(content: bytes) -> Floats:
-    """Return the triangles of an OBJ file; faces with more corners become fans of triangles."""
+    """Return the triangles of an OBJ file, shape (triangles, 3, 3): corners and coordinates.
+
+    Faces with more than three corners become fans of triangles.
+    """
     _check_number(content.count(b"\nf "))  # a face has a triangle or more
     vertices: list[list[float]] = []
     faces: list[tuple[int, int, int]] = []

@@ -361,10 +361,11 @@ def as_dense(matrix: Array | csr_array) -> Array:
 def _newton_step(
     system: Constrained, G: Array | csr_array, W: Array | csr_array, defect: Array
 ) -> Array:
-    """Return Gᵀ W⁻¹ d of a defect d = g or f, or name the constraints that make W singular.
+    """Return Gᵀ W⁻¹ d, shape (n,), of a ``defect`` d = g or f, shape (m,).
 
-    With S = diag(|W_ii|^−½): Gᵀ S (S W S)⁻¹ S d, so that the condition of S W S, which is checked,
-    does not depend on the units of the constraints.
+    G has the shape (m, n), and W = G Gᵀ or f_p Gᵀ the shape (m, m). Raises an error that names the
+    constraints that make W singular. With S = diag(|W_ii|^−½): Gᵀ S (S W S)⁻¹ S d, so that the
+    condition of S W S, which is checked, does not depend on the units of the constraints.
     """
     if not len(defect):
         return np.zeros(G.shape[1])

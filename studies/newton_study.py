@@ -194,7 +194,8 @@ class _Run:
     def _linearise(self, y: Array, origin: Array) -> None:
         """Evaluate residual r and Jacobian J at the iterate y, with g as the rule asks.
 
-        C takes x = y − origin, the increment from the state for IMS and EMS; the paper iterates,
+        Shapes: y and ``origin`` (unknowns,), r (unknowns,), J (unknowns, unknowns). The compiled
+        code takes x = y − origin, the increment from the state for IMS and EMS; the paper iterates,
         and measures, the state itself.
         """
         q, p, x, r, J = self.pointers

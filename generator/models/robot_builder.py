@@ -169,7 +169,8 @@ def _evaluate_follower(
 ) -> Floats:
     """Return the coordinate or rate of a joint, by its leader's: c = ratio · c_leader + offset.
 
-    ``leaders``: name of a follower → its law. Rates (``is_angle`` false) have no offset.
+    ``leaders``: name of a follower → its law; ``values``: name of a joint → its coordinates, or its
+    rates, shape (numbers,). Rates (``is_angle`` false) have no offset.
     """
     if name not in leaders:
         return values[name]
@@ -327,7 +328,8 @@ class RobotBuilder:
     def _body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
         """Add the body of a limb with its pose and velocity at the start.
 
-        ``motion`` is the velocity of the limb's origin and its angular velocity, in space.
+        ``motion`` is the velocity of the limb's origin, m/s, and its angular velocity, rad/s, both
+        in space and of shape (3,).
         """
         mass, centre, inertia = self.robot.mass_of(limb)
         pose, (v, w) = self.poses.bodies[limb], motion
@@ -483,8 +485,10 @@ class RobotBuilder:
     ) -> bool:
         """Add two or three slides of the ground; the last may be a hinge normal to them.
 
-        A travel s_i of d = Σ s_i e_i is measured along the dual direction of e_i. Returns False if
-        the directions e_i are dependent, or the hinge is not normal to them.
+        ``axes`` and ``points`` have a unit vector and a point in space, (3,), for each joint of the
+        limb. A travel s_i of d = Σ s_i e_i is measured along the dual direction of e_i. Returns
+        False, and adds nothing, if the directions e_i are dependent, or the hinge is not normal to
+        them.
         """
         joints, build = self.robot.bodies[limb].joints, self.builder
         has_hinge = joints[-1].kind == "hinge"
@@ -517,7 +521,8 @@ class RobotBuilder:
     ) -> bool:
         """Add two hinges at right angles as a universal joint, with the angles about both arms.
 
-        Returns False if the axes do not meet.
+        ``axes`` and ``points`` have a unit vector and a point in space, (3,), for each hinge.
+        Returns False, and adds nothing, if the axes do not meet.
         """
         joints, build = self.robot.bodies[limb].joints, self.builder
         offset = points[1] - points[0]

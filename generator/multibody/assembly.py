@@ -498,9 +498,10 @@ class Assembly:
         return np.concatenate(p)
 
     def _poses_at(self, q: Array, of: Mapping[Frame, Pose] | None = None) -> dict[Frame, Pose]:
-        """Return poses at coordinates q, with the velocities of the poses ``of``.
+        """Return the poses at coordinates q, shape (n,), with the velocities of the poses ``of``.
 
-        By default these are the described poses. Angular velocities keep their body axes.
+        ``of`` is by default the poses that the model describes. Angular velocities are in body
+        axes, and keep their components there.
         """
         poses, offset = dict(self.poses if of is None else of), 0
         for body in self.components.bodies:

@@ -408,11 +408,12 @@ class Velocities:
     def keep(
         self, numbers: NumericSystem, links: Sequence[Connection], q: Array, p: Array
     ) -> Array:
-        """Return momenta p = B u on the constraints with the given velocities and rates.
+        """Return momenta p = B u, shape (n,), on the constraints with the given velocities.
 
-        With y = S u, |y|² is twice the kinetic energy. Among the u that satisfy the constraints
-        g_q H_p + g_t = 0 and A H_p + a = 0, the result has the least |D u − d| and, among several,
-        the least |y − S u₀|, where u₀ are the velocities along the tree.
+        q and p, of the same shape, are the start with the velocities along the tree. With y = S u,
+        |y|² is twice the kinetic energy. Among the u that satisfy the constraints g_q H_p + g_t = 0
+        and A H_p + a = 0, the result has the least |D u − d| and, among several, the least |y − S
+        u₀|, where u₀ are the velocities along the tree.
 
         Raises
         ------
@@ -496,7 +497,8 @@ class Velocities:
     ) -> None:
         """Refuse given velocities that u does not have; warn where rounding of input explains it.
 
-        ``residual`` is R y − d of ``keep``; an entry up to ``scale`` is round-off.
+        ``residual`` is R y − d of ``keep``, with an entry for each component of each target, as d
+        has; an entry up to ``scale`` is round-off.
         """
         # the entries of each target in d and the residual end at its entry of ``ends``
         ends = np.cumsum([len(target.value) for target in targets])

@@ -75,9 +75,9 @@ class _Statics:
                    for form, expressions in self.velocities)
 
     def __call__(self, x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Return the residual at x, shape (n + m,), and rows, columns and values of the matrix.
+        """Return the residual r at x = (q, λ), shape (n + m,), and r_x as rows, columns and values.
 
-        Values of equal row and column are added.
+        The three arrays of r_x have one length; values of equal row and column are added.
         """
         r, entries = np.zeros(len(x)), []
         for form, sign, slopes, matrix in self.parts:
@@ -198,7 +198,11 @@ def _implicit_step(
 
 
 def _solve(rows: Array, columns: Array, values: Array, right: Array) -> Array:
-    """Return the solution of a sparse system, from its entries; NaN for a singular one."""
+    """Return x of A x = ``right``, NaN if A is singular.
+
+    The sparse A has the entries ``values`` at ``rows`` and ``columns``, three arrays of one length;
+    entries at one place are added.
+    """
     from scipy.sparse import csc_array  # takes 0.1 s
     from scipy.sparse.linalg import splu
 

@@ -183,6 +183,11 @@ class Fitting:
         clock: tuple[Any, Array] | None = None,
     ) -> None:
         """Keep the run and its measurements: ``data`` at the states after ``sample_steps`` steps.
+
+        Shapes: sample_steps (samples,), data (samples, columns), sigma (1,) or (c,), c the number
+        of residuals of a sample. ``free`` names the parameters to fit; ``start``: whether the start
+        is fitted too. ``clock`` is t0 and the times of the samples, shape (samples,), in scaled
+        time.
         """
         self.step, self.observation, self.run = step, observation, run
         self.sample_steps, self.data, self.sigma = sample_steps, data, sigma
@@ -517,7 +522,7 @@ def _linearise_and_report(
 
 
 def _refuse_unordered(times: Array, t0: float) -> None:
-    """Refuse times of samples that do not increase from the start's."""
+    """Refuse times of samples, shape (samples,), that do not increase, or begin before t0."""
     if not np.isfinite(times).all():
         raise InputError("A time in t is not finite; leave out samples that are missing.")
     intervals = np.diff(times)

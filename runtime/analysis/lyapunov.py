@@ -269,7 +269,8 @@ class Benettin:
     def _decompose(self, step: int, q: Array, p: Array) -> None:
         """Replace the directions by an orthonormal basis of their span, and store log R_ii.
 
-        c = Q R are the directions in unitary coordinates of the present state, where Ω is J.
+        c = Q R, shape (2 n, count), are the directions in unitary coordinates of the state q, p
+        after ``step`` steps, where Ω is J. Raises InputError if they are not finite.
         """
         form_before = self.unit.T @ self.frame.J @ self.unit
         self.frame = self._frame(step, q, p)
@@ -376,10 +377,11 @@ def _sub_steps(steps: KeptSteps, begin: int, count: int) -> KeptSteps:
 
 
 def _errors(logs: Array, lengths: Array) -> Array:
-    """Return standard errors of the means of logs over time, by means over blocks.
+    """Return the standard errors of Σ logs/Σ lengths, shape (count,), by means over blocks.
 
-    Of B equal blocks the error is the standard deviation of their means over √B; of B = 4, 8, 16,
-    32 the largest is taken, since blocks that are too short are correlated.
+    ``logs`` has log R_ii of each interval, shape (intervals, count), ``lengths`` its duration in s,
+    shape (intervals,). Of B equal blocks the error is the standard deviation of their means over
+    √B; of B = 4, 8, 16, 32 the largest is taken, since blocks that are too short are correlated.
     """
     block_limit, fewest_blocks = _BLOCKS
     errors: Array = np.full(logs.shape[1], np.nan)

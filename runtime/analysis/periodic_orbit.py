@@ -372,7 +372,10 @@ class OrbitSearch:
             return None
 
     def _evaluate(self, q: Array, p: Array, dt: Any, parameters: dict[str, Any]) -> Guess:
-        """Return a guess with its gap z(T) − z(0) and the tangents of the gap."""
+        """Return the guess q, p, shapes (n,), with its gap z(T) − z(0) and the tangents of its run.
+
+        z is (q, p), shape (2 n,), T = ``steps`` · dt.
+        """
         run = self.stepper.integrate(
             Start(q, p, parameters, self.t0), dt=dt, steps=self.steps, every=self.steps,
             tangents=Tangents(start="all", dt=True,

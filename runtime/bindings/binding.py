@@ -72,8 +72,9 @@ class Binding(Compiled):
     ) -> tuple[int, float]:
         """Solve r(x) = 0 of a step, its first half T1, by Newton's method.
 
-        The Jacobian is computed anew in every iteration. x is dropped: a diagnosis asks how the
-        iteration ends. Returns the status and the size of the last increment relative to the state.
+        The Jacobian is computed in every iteration; the solution x is not returned, for a diagnosis
+        asks how the iteration ends. q and p have the shape (n,). Returns the status, 0 for success,
+        and the size of the last increment relative to the state.
         """
         x, iterations = self.new(self.unknowns), self.ffi.new("int *")
         status = self.function("T1")(parameters, options, dt, self.pointer(q), self.pointer(p),
@@ -89,7 +90,8 @@ class Binding(Compiled):
     ) -> tuple[int, Array, Array, Array]:
         """Evaluate the second half T2 of a step, the state after it, from the solution x of T1.
 
-        Return the status, q1, p1 and the multipliers of the step.
+        q and p, shapes (n,), are the state before the step, x has the shape (unknowns,). Returns
+        the status, 0 for success, q1 and p1, shapes (n,), and the multipliers of the step.
         """
         q1, p1 = self.new(self.n), self.new(self.n)
         multipliers = self.new(max(self.multipliers, 1))

@@ -79,7 +79,7 @@ class RunState:
     def at_start(
         cls, binding: Compiled, q: Array, p: Array, work: WorkMemory | None = None
     ) -> RunState:
-        """Return a state of copies of q and p, before the first step.
+        """Return the state before the first step, with copies of q and p, shapes (n,).
 
         ``work`` may be memory that another run has used; by default it is new.
         """

@@ -631,7 +631,8 @@ def _check(
 ) -> None:
     """Raise the error of a kept run that failed, or that does not end at ``end`` as it did before.
 
-    ``status`` is the C's, 0 for success; ``end`` is None where the end is not compared.
+    ``status`` is the status of the compiled code, 0 for success; ``end`` is (q, p), shapes (n,), or
+    None if the end is not compared.
     """
     if status:
         stepper._run(run)  # raises the error that says why, with the states before it

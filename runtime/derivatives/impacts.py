@@ -238,7 +238,10 @@ class _JumpEquations:
         return total
 
     def _module_derivatives(self, p: Array, mu: Any, lam: Array) -> tuple[Array, Array]:
-        """Call the C: return ``impulse_derivatives`` and ``rate_derivatives``."""
+        """Return the derivatives of the impulses φ_qᵀ μ + Gᵀ λ and of the rate φ̇ by the state.
+
+        Shapes (n, rows) and (1, rows), by the compiled code: by q, p, parameters and t.
+        """
         n, gap = self.n, self._hit.gap
         impulses = self._allocate(self._quantity_count)
         impulses[gap] = mu

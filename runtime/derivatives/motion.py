@@ -321,7 +321,10 @@ def joint_inertia(motion: StateMotion, names: Sequence[str]) -> tuple[Array, lis
 
 
 def _solve(A: Array, b: Array, names: Sequence[str]) -> Array:
-    """Return A⁻¹ b, or raise InputError, which names the bodies and joints, if A is singular."""
+    """Return A⁻¹ b for A of shape (k, k) and columns b.
+
+    Raises InputError, which names the bodies and joints of ``names``, if A is singular.
+    """
     try:
         x: Array = np.linalg.solve(A, b)
     except np.linalg.LinAlgError:

@@ -225,7 +225,7 @@ def null_space(rows: Array) -> Array:
 
 
 def _orthogonal(x: Array, basis: Sequence[Array]) -> Array | None:
-    """Return x less its projection on the orthonormal ``basis``, of length 1.
+    """Return the unit vector along x − Σ v (v·x), v in the orthonormal ``basis``; shapes (n,).
 
     None if x is in the span of the basis: the remainder is below 1e-10 |x|.
     """

@@ -146,9 +146,10 @@ class Objective:
             parameters=stepper._parameters_with_inputs(parameters, self._inputs)))
 
     def _moves(self, y: Array, state: Array, moved_state: Array) -> bool:
-        """Whether the derivative of consistent(z₀ + B y) is not that at a consistent state.
+        """Whether the derivative of consistent(z₀ + B y) differs from the one that the run takes.
 
-        IMS and EMS differentiate no momenta of a start.
+        ``state`` is z₀ + B y and ``moved_state`` its projection, shapes (2 n,). The run takes the
+        derivative at a consistent state, y = 0; IMS and EMS differentiate no momenta of a start.
         """
         if not self._stepper.m or {*self._wrt} <= {"inputs", "dt"}:
             return False

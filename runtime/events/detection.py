@@ -323,7 +323,9 @@ class EventDetector:
     ) -> None:
         """Bracket the steps in which a value may touch its level, all but the last one.
 
-        A turning shows in a step with a neighbour on either side: the last step waits for the next.
+        ``q``, ``p``, shapes (rows, n), and ``differences``, x − level of shape (rows, events), are
+        the states from step ``first_step`` on; rows from ``first_row`` on are new. A turning shows
+        in a step with a neighbour on either side, so that the last step waits for the next.
         """
         # the step before ``first_row`` is examined once more: only now has it neighbours on both
         # sides

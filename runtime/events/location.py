@@ -160,7 +160,9 @@ class _Work:
     def slopes(self, indices: Array, ahead: int, end: tuple[Array, Array] | None = None) -> Array:
         """Return the limit of (x − level)/share beside a state on the level; 0 where x rests there.
 
-        ``ahead`` is 1 just after the state, −1 just before it. The limit is an estimate: of shares
+        A slope for each of the ``indices`` of brackets; ``end`` has the states (q, p) on the level,
+        shapes (indices, n), by default those at the starts of the steps. ``ahead`` is 1 just after
+        the state, −1 just before it. The limit is an estimate: of shares
         from 2⁻⁵ to 2⁻⁸⁰ the smallest three are taken over which the value falls like a power of the
         share, of order 1 to 3. Round-off does not fall.
         """
@@ -235,7 +237,11 @@ class _BestStates:
         self._size = self.time_in_step - 1  # |x − level| of the best state; below 0: none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
-        """Return value − level after partial steps to the places x, for these indices of roots."""
+        """Return (x − level)/(known zeros) after partial steps to the places ``x`` in the brackets.
+
+        ``x`` is 0 at the start of a bracket and 1 at its end; ``roots`` are the indices of the
+        brackets, of the same shape (roots,). The best states so far are kept.
+        """
         share = self._low[roots] + x * self._width[roots]
         time_in_step, q, p, event_values = self._work.states(share, self.indices[roots])
         at_start, at_end = self._known[roots].T

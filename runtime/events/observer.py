@@ -212,8 +212,9 @@ class Observer:
     def close(self, state: RunState, ahead: tuple[Array, Array] | None = None) -> None:
         """Detect events in the last step without a next one; go back if one ends the run.
 
-        ``ahead`` is the state after the next step, for runs that a terminal event may end: the
-        detection in the last step is then final, and the run need not return before it.
+        ``ahead`` is the state (q, p) after the next step, shapes (n,), for runs that a terminal
+        event may end: the detection in the last step is then final, and the run does not go back
+        before it.
         """
         if self.end is None:
             self._detector.bracket_last_step(ahead)

@@ -129,8 +129,9 @@ def _finish_impact_steps(
 ) -> None:
     """Advance targets from an impact to the end of its step, where t is at that end or after it.
 
-    From there they take the steps of the run: ``places`` gets the steps and the rest from there. A
-    target within the step of its impact is one part of a step away.
+    t, shape (targets,), are the times asked for. From the end of that step the targets take steps
+    of the run: ``places`` gets the number of steps and the remainder from there. A target within
+    the step of its impact is one partial step away.
     """
     impacts = np.flatnonzero(known_states.is_impact[places.rows])
     if not len(impacts):

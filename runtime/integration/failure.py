@@ -106,7 +106,9 @@ def _detail(status: int, increment: float | None, iterations: int) -> str:
 def _tried_by_newton(
     binding: Binding, run: Any, q: Array, p: Array, t: Any
 ) -> tuple[int, float | None]:
-    """Return the status of the step by full Newton, and its last increment relative to the state.
+    """Return the status of the step from q, p by full Newton, and its last relative increment.
+
+    q and p have the shape (n,); the status is 0 if Newton's method converges.
     """
     options = binding.options(run.tolerance, run.max_iterations, "newton")
     return binding.first_half(binding.parameters(run.parameters, t), options, run.dt, q, p,
@@ -116,7 +118,10 @@ def _tried_by_newton(
 def _smaller_step(
     binding: Binding, run: Any, q: Array, p: Array, t: Any
 ) -> tuple[float | None, float]:
-    """Return the first of Δt/2, Δt/4, ... that succeeds, or None, and the smallest one tried."""
+    """Return the first of Δt/2, Δt/4, ... that succeeds, or None, and the smallest one tried.
+
+    Every step starts from q, p, shapes (n,), at time t.
+    """
     parameters, dt = binding.parameters(run.parameters, t), run.dt
     options = binding.options(run.tolerance, run.max_iterations, run.solver)
     for _ in range(_HALVINGS):

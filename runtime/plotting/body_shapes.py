@@ -191,8 +191,10 @@ def _disc(body: ScenePart, half: Array) -> Shape | None:
 
 
 def _top_on(body: ScenePart, joints: list[Held], foot: Array, k: int) -> Iterator[Shape]:
-    """Yield a top that stands on ``foot`` with its principal axis k; its stem ends at the
-    farthest joint."""
+    """Yield a top that stands on ``foot`` with its principal axis k, 0 to 2.
+
+    ``foot`` is a point in body axes, shape (3,), m. The stem ends at the farthest joint.
+    """
     lever = body.centre - foot
     height = float(np.linalg.norm(lever))
     axes = _axes_with_third(body.axes, k)
@@ -280,7 +282,8 @@ def _frame(body: ScenePart, half: Array) -> Iterator[Shape]:
 def _bar(body: ScenePart, joints: list[Held], ordered: Array, thick: float) -> Iterator[Shape]:
     """Yield a bar along the longest axis of a body, to its ends or its joints beyond.
 
-    ``ordered`` are the half lengths in ascending order. A joint beside the bar has a bar to it.
+    ``ordered`` are the half lengths in ascending order, shape (3,), and ``thick`` is the usual
+    radius, in m. A joint beside the bar has a bar to it.
     """
     e = body.axes[:, int(np.argmax(body.sizes["box"]))]
     radius = float(np.clip(ordered[1], 0.7 * thick, 1.3 * thick))

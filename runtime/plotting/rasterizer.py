@@ -290,8 +290,9 @@ def _outline(
 ) -> None:
     """Darken pixels in front of another solid, which separates overlapping solids.
 
-    ``index`` and ``depth`` are those of ``rasterize``; ``lit`` is false for lines, which have no
-    outline.
+    ``image`` is changed, shape (height, width, 3); ``index`` and ``depth``, (height, width), are
+    the nearest triangle of each pixel, −1 for none, and its depth. ``lit`` is false for the
+    triangles of lines, which have no outline.
     """
     solid_of_pixel = np.where(index >= 0, np.where(lit[index], solid_of_triangle[index], -2), -1)
     edge = np.zeros(solid_of_pixel.shape, dtype=bool)
@@ -363,7 +364,10 @@ class _Lamp:
 
 
 def _blur(image: Array, radius: int) -> Array:
-    """Return means over squares of 2 radius + 1 pixels, 0 outside of the image."""
+    """Return means over squares of 2 radius + 1 pixels of an image of shape (height, width).
+
+    Pixels outside of the image count as 0.
+    """
     for axis in (0, 1):
         padded = np.pad(image, [(radius + 1, radius) if k == axis else (0, 0) for k in (0, 1)])
         # sums over a window as differences of cumulative sums, one axis after the other

@@ -315,9 +315,10 @@ def _second_moments(moments: Array) -> Array:
 
 
 def _sizes_of(moments: Array, mass: float | None) -> dict[str, Array]:
-    """Return the half edges of the box, and the semi-axes of the ellipsoid, of equal inertia.
+    """Return half edges of the box, and semi-axes of the ellipsoid, of equal inertia, (3,) each.
 
-    a_i² = S_i/(factor · m); without a mass the largest is 1, of the box as of the ellipsoid.
+    ``moments`` are the principal moments, shape (3,), kg m², ``mass`` is in kg. a_i² = S_i/(factor
+    · m); without a mass the largest is 1, of the box as of the ellipsoid.
     """
     lengths = np.sqrt(_second_moments(moments) / (1.0 if mass is None else mass))
     lengths = np.maximum(lengths, _THIN * lengths.max())  # a flat body is drawn with a thickness

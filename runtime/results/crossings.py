@@ -111,7 +111,7 @@ class Crossings:
 
 
 def _within(t: Array, begin: Any, end: Any, ahead: int) -> Array:
-    """Return a mask of the times from ``begin`` to ``end``, None for no end.
+    """Return a mask, shape (crossings,), of the times t from ``begin`` to ``end``, None for no end.
 
     ``ahead`` is 1, or −1 in a run backwards in time.
     """

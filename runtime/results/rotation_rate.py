@@ -204,9 +204,10 @@ class Rotations:
     def _fastest_of_many(
         self, parameters: Mapping[str, Any], q: Array, p: Array
     ) -> dict[str, BodyAt]:
-        """Return the fastest body in one state of those with moments, and of those with tensors.
+        """Return the fastest of the bodies with moments, and of those with tensors, by their names.
 
-        Arrays select it: of many bodies all speeds as floats would take longer.
+        q and p, shapes (n,), are one state. Arrays select it: of many bodies all speeds as floats
+        would take longer.
         """
         fastest = {}
         for names, places, inertia in self._groups:

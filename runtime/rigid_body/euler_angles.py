@@ -79,9 +79,9 @@ def _outer_angles(
 ) -> tuple[Array, Array]:
     """Return the first and the last angle about axes of space, from half their sum and difference.
 
-    Where the ``middle`` angle is within ``_LOCK`` of 0 or π only the sum, or the difference, of the
-    others is determined: the last letter of the sequence gets 0. With ``turning`` axes that is the
-    first angle about axes of space.
+    Angles are in rad, all of one shape. Where the ``middle`` angle is within ``_LOCK`` of 0 or π
+    only the sum, or the difference, of the others is determined: the last letter of the sequence
+    gets 0. With ``turning`` axes that is the first angle about axes of space.
     """
     first_angle, last_angle = half_sum - half_difference, half_sum + half_difference
     at_low_end, at_high_end = middle < _LOCK, middle > np.pi - _LOCK

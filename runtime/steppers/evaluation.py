@@ -288,7 +288,7 @@ class Evaluation:
                         **features)
 
     def _state(self, q: ArrayLike, p: ArrayLike) -> tuple[Array, Array]:
-        """Return checked copies of q and p of one state, in the stepper's type."""
+        """Return checked copies of q and p of one state, shapes (n,), in the stepper's type."""
         as_array = self.binding.array
         try:
             return as_array("q", q, (self.n,)), as_array("p", p, (self.n,))

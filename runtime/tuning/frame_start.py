@@ -128,7 +128,8 @@ class Velocities:
     def root_of_mass(self, q: Array, p: Array) -> Array:
         """Return W with WᵀW = H_pp⁻¹, H_pp by differences: exact where H is quadratic in p.
 
-        With H_pp = V diag(λ) Vᵀ, W = diag(λ^−½) Vᵀ; directions without inertia are left out.
+        q and p have the shape (n,), W the shape (k, n). With H_pp = V diag(λ) Vᵀ it is
+        diag(λ^−½) Vᵀ, without the n − k directions in which H_pp has no inertia.
         """
         size = float(np.abs(p).max()) or 1.0
         steps = size * np.eye(len(p))
@@ -157,9 +158,9 @@ def start_rates(
 ) -> tuple[Array, list[int]]:
     """Return the rates ω_i that minimise |q̇ − Ω q|, Ω = Σ ω_i A_i, and the directions left out.
 
-    These have the rate 0. Norms are those of the kinetic energy. The acceleration in the frame is
-    q̈ − 2 Ω q̇ + Ω² q.
-    Directions are left out one by one while this more than halves the acceleration in the frame.
+    Rates have the shape (directions,), 0 for those that are left out, in rad/s; q and p the shape
+    (n,). Norms are those of the kinetic energy. The acceleration in the frame is q̈ − 2 Ω q̇ + Ω²
+    q; directions are left out one by one while this more than halves the acceleration in the frame.
     """
     position, momenta = (np.array(x, dtype=float) for x in (q, p))
     root, velocity = velocities.root_of_mass(position, momenta), velocities(position, momenta)

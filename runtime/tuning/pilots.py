@@ -130,9 +130,10 @@ class Pilots:
                         for (name, mean), u in zip(self.means.items(), inverse, strict=True)}
 
     def run(self, x: Array, refinement: int = 1) -> Trajectory | None:
-        """Return the run of a trial x, rates and γ_m/γ, with steps of Δt/refinement.
+        """Return the run of a trial x with steps of Δt/refinement.
 
-        None if a step does not converge.
+        x has the rates of the frame in rad/s and then γ_m/γ of each body, shape (unknowns,). None
+        if a step does not converge.
         """
         self._runs += 1
         if self._report is not None:

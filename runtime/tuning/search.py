@@ -209,7 +209,8 @@ class Search:
     def _levenberg_marquardt(self, x: Array, best: int) -> list[int]:
         """Return the indices of the runs of Levenberg-Marquardt steps from a trial.
 
-        They minimise Σ_j w_j e_j², e_j the error of path j. A bisection towards ``best`` follows if
+        The trial x has the shape (unknowns,); runs are counted by ``pilots``. The steps minimise
+        Σ_j w_j e_j², e_j the error of path j. A bisection towards ``best`` follows if
         the last run makes a path less accurate.
         """
         pilots, indices, damping = self.pilots, list[int](), 1e-3
