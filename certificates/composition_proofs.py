@@ -98,7 +98,7 @@ class OrderConditions:
         """Return each number of each palindrome as an affine function of the unknowns.
 
         A palindrome of ``size`` numbers is fixed by its first half. Where the sum is 1, the middle
-        number is 1 − 2 Σ of those before, or one half of it each for two middle numbers.
+        number is 1 − 2 Σ of the numbers before, or one half of it each for two middle numbers.
         """
         palindromes, first = [], 0  # ``first``: index of the palindrome's first unknown
         for size, summed in self._parts:

@@ -149,7 +149,7 @@ class Examination:
         if it were one of another system. The residual at x = 0 (SPARK; for IMS and EMS at the start
         itself) is (-H_p, H_q - F, g) in the limit of a short step; its last rows are A H_p + a. A
         composition of flows has no residual: H and g are compared, and the line on energy shows
-        that its flows are those of H.
+        that its flows are flows of H.
         """
         system, step = self.system, self.step
         solves = step.binding.solves
@@ -296,7 +296,7 @@ class Examination:
 
     @property
     def _scheme(self) -> SchemeManifest:
-        """The record of the scheme in the stepper's manifest: stages, order, what it keeps."""
+        """The record of the scheme in the stepper's manifest: stages, order, invariants."""
         return self.step.manifest.scheme
 
     # ------------------------------------------------------------ constraints and energy
@@ -305,7 +305,7 @@ class Examination:
         """Yield the lines of g = 0, of f = g_q H_p = 0 and of A H_p + a = 0.
 
         Row 0, the start, is the user's and left out. ``unit`` times the size of a constraint's
-        terms bounds what is solved in each step.
+        terms bounds the residual of each step.
         """
         unit = 16 * self.round_off.epsilon
         # sizes of terms of g and f, and the largest |g| and |f| of the run, all over its states

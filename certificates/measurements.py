@@ -110,7 +110,7 @@ def constraint_scales(
     stepper: Stepper, run: Trajectory, parameters: Mapping[str, float],
     sizes: tuple[Array, Array],
 ) -> tuple[Array, Array]:
-    """Return the scales of g and of f = g_q H_p, an entry for each row, from those of q and p.
+    """Return the scales of g and of f = g_q H_p, an entry for each row, from the scales of q and p.
 
     ``sizes`` are r and s, shape (n,) each. The scales are Σ_i |∂g/∂q_i| r_i and
     Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i, the largest over the run; if r and s are the round-off of q

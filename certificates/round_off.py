@@ -135,7 +135,8 @@ class RoundOff:
     def _largest(self, expressions: Sequence[sp.Expr], errors: Mapping[sp.Symbol, Any]) -> Floats:
         """Return δ of each expression, the largest of its error bounds over the run, in ε.
 
-        ``errors`` are those of symbols; others are exact. Bounds that are not finite are left out.
+        ``errors`` has the error of each inexact symbol; others are exact. Bounds that are not
+        finite are left out.
         """
         largest = np.zeros(len(expressions))
         for symbol_values, _ in self.states(expressions):

@@ -8,8 +8,8 @@ time: for a rotation vector 2 t u, C = cos(t|u|) and Z = sin(t|u|)/|u|, so that 
     (ii)  at t = 0 it is the identity,
     (iii) |q|² = 1 and qᵀp = 0 stay.
 
-Fields come from H(q, p): q̇ = H_p, ṗ = −H_q, so that 2 l̇ = Λ(q̇) p + Λ(q) ṗ; the constraint force is
-a multiple of q, and Λ(q) q = 0. All equations hold modulo |q|² = 1 and p = 2 Λ(q)ᵀ l.
+Fields come from H(q, p): q̇ = H_p, ṗ = −H_q, so that 2 l̇ = Λ(q̇) p + Λ(q) ṗ; the constraint force
+is a multiple of q, and Λ(q) q = 0. All equations hold modulo |q|² = 1 and p = 2 Λ(q)ᵀ l.
 """
 
 from __future__ import annotations
@@ -92,7 +92,7 @@ class _Flow:
     force: Sequence[sp.Expr] = (sp.S.Zero,) * 3
 
     def proofs(self) -> Iterator[Proof]:
-        """Yield the proofs that the field is that of H, and of (i) to (iii)."""
+        """Yield the proofs that the flow's field is the field of H, and of (i) to (iii)."""
         # sines and cosines are symbols with relations, ``squares``: everything is a polynomial
         ring = Quotient({**unit_quaternions([q]), **self.squares})
         state = {**dict(zip(q, self.q, strict=True)), **dict(zip(l, self.l, strict=True))}

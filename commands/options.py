@@ -124,7 +124,7 @@ def spec_from(
     order: str | None = None,
     composition: str | None = None,
 ) -> Spec:
-    """Return the checked spec of these options."""
+    """Return the checked spec that the options of a command describe."""
     count = None if stages is None else whole_number("--stages", stages)
     degree = None if order is None else whole_number("--order", order)
     spec = Spec.checked(scheme, count, rep, system, real, tableau, degree, composition)

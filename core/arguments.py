@@ -186,7 +186,7 @@ def as_text(name: str, value: Any) -> str:
 def as_items(name: str, value: Any, content: str) -> list[Any]:
     """Return the items of a list, tuple or other row, or raise InputError, also for text.
 
-    ``content`` says of what the list is, for the error.
+    ``content`` is the noun of the entries in the error, such as "names".
     """
     items = None
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):

@@ -130,7 +130,7 @@ def _refusal(
 ) -> str:
     """Return the sentence for arguments that do not fit a function, which is called ``shown_name``.
 
-    ``bound``: its first parameter is self. The first of these that applies: former and unknown
+    ``bound``: its first parameter is self. The first reason that applies: former and unknown
     names, too many arguments, one given twice, missing ones.
     """
     parameters = list(inspect.signature(function).parameters.values())[bound:]

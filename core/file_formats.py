@@ -44,7 +44,7 @@ class FileFormat:
     tabular : bool
         Whether it has named columns, which a caller may choose, and Euler angles among them.
     extra, packages : str and tuple of str
-        What has to be installed for it, and what is imported.
+        Packages to install, and modules that are imported.
     """
 
     ending: str

@@ -24,7 +24,7 @@ class Raw(str):
 
 
 def _escape(content: object) -> str:
-    """Return a text with HTML's signs escaped; ``Raw`` as it is."""
+    """Return a text with HTML's signs escaped; ``Raw`` unchanged."""
     return content if isinstance(content, Raw) else html.escape(str(content))
 
 

@@ -44,7 +44,7 @@ def catch_signals() -> contextlib.AbstractContextManager[Interrupts]:
     """Yield a record of the signals that end a process; in other threads than the main one, none.
 
     Signals that are ignored (nohup, a shell's background) stay ignored. A second one raises
-    ``KeyboardInterrupt``: what is stored stays whole.
+    ``KeyboardInterrupt``: stored rows stay complete.
     """
     numbers = [getattr(signal, name) for name in _SIGNALS if hasattr(signal, name)]
     return _handling([n for n in numbers if signal.getsignal(n) is not signal.SIG_IGN])

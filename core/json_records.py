@@ -122,7 +122,7 @@ def _decoder(hint: Any) -> Decoder:
 
 
 def _of_union(types_of_union: tuple[Any, ...]) -> Decoder:
-    """Return a decoder that takes the first of these types that fits."""
+    """Return a decoder of the first type of a union that fits the value."""
     decoders = [_decoder(argument) for argument in types_of_union]
 
     def decode(value: Any) -> Any:

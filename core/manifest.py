@@ -264,7 +264,7 @@ class FrameManifest:
 
 @dataclass(frozen=True, kw_only=True)
 class TableauManifest:
-    """A tableau of a user: what it lacks, and each condition with what was found."""
+    """A tableau of a user: the properties it lacks, and the residual of each condition."""
 
     name: str
     remarks: tuple[str, ...]

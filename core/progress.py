@@ -192,7 +192,7 @@ def log_progress(
     Raises
     ------
     InputError
-        For a value that is none of these.
+        For any other value.
     """
     if progress is None:
         _install()

@@ -38,7 +38,7 @@ class Real:
     suffix : str
         Of a literal (``f``, ``L``) and of the functions of ``<math.h>`` in lower case.
     limits : str
-        What the names of the type's limits in ``<float.h>`` begin with.
+        Prefix of the type's limits in ``<float.h>``, as DBL in DBL_MAX.
     bytes : int
         The most it takes in memory.
     dtype : type

@@ -59,7 +59,7 @@ _SOLVERS: dict[SolverName, Solver] = {name: Solver(name) for name in get_args(So
 
 
 def as_solver(value: Any) -> Solver:
-    """Return a solver by its name, or as it is.
+    """Return the solver of a name; a ``Solver`` unchanged.
 
     Raises InputError for anything else, with the names.
     """

@@ -68,7 +68,7 @@ def generate(
     system : System, optional
         Takes the place of the named system and representation.
     model : Model, optional
-        What the spec's model file or named model is, if it has been made already.
+        The model of the spec's file or name, if it has been built already.
     tableau : Tableau, optional
         Takes the place of the scheme's or the file's.
     allow_invalid : bool

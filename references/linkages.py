@@ -228,7 +228,7 @@ def _slider_crank() -> Model:
     """Return the spatial slider-crank as bodies and joints in exact numbers.
 
     The crank turns about x, its pin at (0, 0.1, 0.2); the rod, along (2, −1, −2)/3, leads to the
-    slider on the x axis at 0.2 m. The velocities are those of the crank's 6 rad/s.
+    slider on the x axis at 0.2 m. The velocities follow from the crank's 6 rad/s.
     """
     from ..generator.multibody.multibody import Multibody
 

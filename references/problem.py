@@ -58,7 +58,7 @@ class Reference:
     form : str
         The form of its model: TOML, Python, or Lagrangian.
     make : callable
-        Returns the model, with numbers as exact as they are given.
+        Returns the model, with the exact values of its numbers.
     seconds : str
         The time of comparison, in digits.
     groups : mapping of str to sequence of str

@@ -127,7 +127,7 @@ def fields_of_events(
 ) -> dict[str, list[StoredField]]:
     """Return the arrays of each event of a run, in the order of ``Crossings.columns``.
 
-    ``events`` are those of the attributes: impacts have a restitution.
+    ``events``, name → attributes as stored: impacts have a restitution.
     """
     real = REALS[manifest.real]
     state = (("coordinate", len(manifest.system.coordinates)),)
@@ -148,7 +148,7 @@ def fields_of_events(
 
 
 def names_of(fields: Iterable[StoredField]) -> list[str]:
-    """Return the names of the arrays that have these fields, with those of wide numbers' bytes."""
+    """Return the names of the arrays of the fields, and of the bytes of wide numbers."""
     return [name for stored_field in fields
             for name in (stored_field.name, wide_name(stored_field.name))[: 1 + stored_field.wide]]
 

@@ -106,7 +106,7 @@ def resume(
     """Resume the run in a store, to the bits of a run that was never interrupted.
 
     The store has the source of the stepper; compensation terms, the predictor's history and the
-    running record are those of its last commit.
+    running record are read from its last commit.
 
     Parameters
     ----------

@@ -74,7 +74,7 @@ class Recorder:
                  path: Path, group: zarr.Group) -> None:
         """Open a store for a run; events take the order that they have in the store.
 
-        ``group`` is the root of the store at ``path``, from whose last commit the run goes on.
+        ``group`` is the root of the store at ``path``, from whose last commit the run continues.
         """
         self.binding, self.run, self.path, self.group = stepper.binding, run, path, group
         self.stepper = stepper

@@ -316,7 +316,7 @@ def stored_values(
 ) -> Array:
     """Return rows of an array, wide ones in their own type.
 
-    Raises InputError if what is stored is damaged.
+    Raises InputError if the stored array is damaged.
     """
     try:
         array_rows = np.asarray(array[first_row : first_row + count])

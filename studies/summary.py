@@ -79,7 +79,7 @@ def requirements(results: Iterable[Result]) -> list[Claim]:
 
 
 def iterations_note(results: Iterable[Result]) -> str:
-    """Return why cells of Tables 8-14 differ so often; "" without any of these tables."""
+    """Return why cells of Tables 8-14 differ so often; "" without these tables."""
     if not any(table.number >= FIRST_ITERATION_TABLE for table in tables_of(results)):
         return ""
     return ("Table 8 and the later tables measure an iteration, not a scheme, and the paper "

@@ -55,7 +55,7 @@ def compare_value(
     floor
         Below it a number is round-off.
     misprint
-        What an erratum says of this cell.
+        The erratum of this cell.
     reason
         Why the cell differs, if it does and we know; the note of a cell that was not printed.
     """

@@ -29,7 +29,7 @@ DURATION = 0.32  # s, as in Tables 4 and 5
 class ZeroCase:
     """A scheme with its Δt and the zero that erratum 25 gives for it.
 
-    The error is that of H, for EMS, which keeps H, that of l₃.
+    The error is that of H; for EMS, which conserves H, the error of l₃.
     """
 
     scheme: SchemeName

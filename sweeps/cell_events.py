@@ -86,7 +86,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
 
 
 def _joined(parts: list[CellEnds]) -> CellEnds:
-    """Return the ends of several groups of cells as those of one."""
+    """Return the ends of several groups of cells as one group."""
     q, p, reports, status = (np.concatenate([getattr(part, name) for part in parts])
                              for name in ("q", "p", "reports", "status"))
     samples = tuple(map(np.concatenate, zip(*(part.samples for part in parts), strict=True)))

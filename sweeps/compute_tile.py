@@ -129,7 +129,7 @@ def _in_scaled_time(
     """Return the starts of cells with t and e = −H as last coordinate and momentum, in scaled time.
 
     ``structs`` has a row of parameters for each row of q and p, on which H depends. Where time is
-    not scaled q and p are returned as they are.
+    not scaled q and p are returned unchanged.
     """
     binding = stepper.binding
     if not binding.clocked:
@@ -237,7 +237,7 @@ def _consistent(
     consistent = np.ones(len(q), dtype=bool)
 
     def check(rows: Array, keeps_f: bool) -> Array:
-        """Return whether the starts of these cells are consistent, with the first one's parameters.
+        """Return whether the starts of cells are consistent, with the parameters of the first cell.
         """
         parameters = _struct(stepper, structs[rows[0]])
         return defects_of_starts(stepper.binding, keeps_f, parameters, q[rows], p[rows],

@@ -81,7 +81,7 @@ def sweep(
     dask: Any = None,
     progress: Progress = None,
 ) -> xarray.Dataset:
-    """Integrate a model for every combination of what varies.
+    """Integrate a model for every combination of the values of the axes.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ def sweep(
     solver : str or Solver
         As for ``Stepper.integrate``.
     events : Event or list of Event, optional
-        What to look for in every cell; ``model.events`` are those of a model. Results are
+        Events to detect in every cell, such as ``model.events``. Results are
         ``event_<name>_first``, the first time (NaN where there is none), and
         ``event_<name>_count``.
     keep : list of str, optional
@@ -232,7 +232,8 @@ def _prepare(
 ) -> None:
     """Create the store, or check that the existing one belongs to this study.
 
-    ``attributes`` are those of a new store; what is not the study's may differ in an existing one.
+    ``attributes`` go into a new store; an existing one may differ in those that are not the
+    study's.
     """
     if is_new(path, resume, "sweep"):
         with created_atomically(path) as fresh:

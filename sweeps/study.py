@@ -61,7 +61,7 @@ class Study:
     every : int or None
         Keep every so many states of each cell; None keeps none but the last.
     events : tuple of Event
-        What is looked for in every cell.
+        Events that are detected in every cell.
     seed : int or None
         With which random points were drawn.
     """

@@ -111,7 +111,7 @@ def _scheme(label: str) -> tuple[str, int | None]:
 def base_parameters(
     stepper: Stepper, start: RunDefaults, parameter_values: Mapping[str, Any], varied: set[str]
 ) -> tuple[dict[str, Any], dict[str, Rule]]:
-    """Return the parameters that all cells have in common, and rules of those that follow others.
+    """Return the parameters that all cells share, and the rules of parameters that follow others.
 
     γ and α without a value are means by the model's rules, of the moments of each cell where these
     vary; the rates of a frame are 0.

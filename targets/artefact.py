@@ -100,7 +100,7 @@ class Built:
     Attributes
     ----------
     target : Target
-        What it is.
+        Description in one line.
     path : Path
         The file or folder.
     files : tuple of str
@@ -131,7 +131,7 @@ class Built:
                 f"{name} = {x:g}" for name, x in self.options.parameters.items()))]))
 
     def check(self) -> str:
-        """Load the artefact again and compare its bits with those of the same C compiled here.
+        """Load the artefact again and compare its bits with the same C compiled here.
 
         Returns
         -------
@@ -166,7 +166,7 @@ def _environment() -> jinja2.Environment:
 
 
 def filled(template: str, **values: Any) -> str:
-    """Return a template of ``texts/`` with values in it; a file without any as it is."""
+    """Return a template of ``texts/`` with values in it; a file without placeholders unchanged."""
     if not values:
         return _TEXTS.joinpath(template).read_text(encoding="utf-8")
     return _environment().get_template(f"{template}.jinja").render(values)

@@ -95,7 +95,7 @@ def build(
     -------
     Built
         ``.path``, ``.files``, ``.platforms``, and ``.check()``, which loads the artefact again and
-        compares its bits with those of the same C compiled here.
+        compares its bits with the same C compiled here.
 
     Raises
     ------

@@ -18,7 +18,7 @@ C_FLAGS = ("-std=c11", "-O2", "-ffp-contract=off")
 
 
 class DifferentBitsError(GyrosparkError):
-    """An artefact whose numbers differ from those of its C."""
+    """An artefact whose numbers differ from the numbers of its C."""
 
 
 def native_bits(stepper: Written, options: Options, steps: int) -> str:
@@ -71,7 +71,7 @@ def _bits(library: ctypes.CDLL, stepper: Written, options: Options, steps: int) 
 def refuse_difference(
     artefact: str, bits: str, built: Built, steps: int, stepper: Written | None = None
 ) -> str:
-    """Compare bits of an artefact with those of native C; return the sentence of a check.
+    """Compare bits of an artefact with bits of native C; return the sentence of a check.
 
     ``stepper`` is one of the artefact's steppers, by default the first. Raises DifferentBitsError
     if the bits differ.

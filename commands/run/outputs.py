@@ -38,7 +38,7 @@ class RunOutcome:
     last : Trajectory
         Ends with the last stored state.
     steps : int
-        Taken now: a run that is gone on with has more.
+        The number is read now, for a resumed run has more.
     out : str or None
         What was written.
     trouble : Exception or None

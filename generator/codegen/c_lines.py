@@ -15,7 +15,7 @@ def fitted(text: str) -> str:
     """Return C with lines of at most ``WIDTH`` characters, without two empty lines in a row.
 
     Lines of code are broken after commas (a line without a comma stays long); a comment of one line
-    becomes one of several. Equations in the comment at the top stay as they are.
+    becomes one of several. Equations in the comment at the top are not wrapped.
     """
     lines: list[str] = []
     for line in _EMPTY.sub("\n\n", text).split("\n"):

@@ -206,7 +206,7 @@ class _StepCode(NamedTuple):
 
 
 def _step_code(derived: Derived, elements: bool | None) -> _StepCode:
-    """Return the code of a step; ``elements`` is that of ``program_of``."""
+    """Return the code of a step; ``elements``: whether kernels are those of element templates."""
     element_sums = _elements(derived, elements)
     flows = flows_of(derived) if isinstance(derived.scheme, SplittingScheme) else None
     kernels = [] if element_sums else _step_kernels(derived, flows)

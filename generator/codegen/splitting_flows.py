@@ -88,7 +88,7 @@ def _space_tables(scheme: SplittingScheme) -> dict[str, Any]:
 def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     """Return the kernels on lanes of a composition of flows, and the bytes of its runs.
 
-    A trajectory is in each lane; the memory is that of a run of many trajectories.
+    Each lane has a trajectory, in the work memory of a run of many trajectories.
     """
     scheme, real = derived.scheme, derived.real
     assert isinstance(scheme, SplittingScheme)

@@ -24,7 +24,7 @@ MAX_CHARACTERS = 20_000
 
 
 class ParameterValues:
-    """The values of [parameters] and [inputs]; each may be a formula of those above it."""
+    """The values of [parameters] and [inputs]; each may be a formula of the ones above."""
 
     def __init__(self, content: TomlTable) -> None:
         """Read [parameters] and [inputs], whose names numbers and formulas of the file may have."""

@@ -121,7 +121,7 @@ def parse_number(
 ) -> float:
     """Return the number of a text, e.g. "pi/6" or "2*r", with the values of other names.
 
-    It is a double that knows more digits than any type has. ``units`` are those of ``grammar`` that
+    The double carries more digits than any type has. ``units`` are those of ``grammar`` that
     it may have: "30 deg" is pi/6. Raises InputError with the position and the cure, for whatever is
     no finite number.
     """

@@ -167,7 +167,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfC
 def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
     """Return the bodies, joints and actuators of the text of an MJCF file.
 
-    Raises InputError with what is wrong with it, and the cure; MissingDependencyError without
+    Raises InputError with the fault of the text and its cure; MissingDependencyError without
     MuJoCo.
     """
     model, meshes, cables = compile_mjcf(text, path)
@@ -336,7 +336,7 @@ class _Reader:
         return looks
 
     def _contacts(self) -> None:
-        """Count bodies with geoms that may collide with those of another body, as extras.
+        """Count, as extras, the bodies whose geoms may collide with geoms of another body.
 
         Two geoms collide if the type of one is among the affinities of the other; parent and child
         do not, unless ``filterparent`` is off.

@@ -413,7 +413,7 @@ class Assembly:
         no layout: they have neither an angle nor a reaction to show.
         """
         def layout(link: Connection, *, is_counted: bool) -> JointLayout:
-            """Return the layout of a joint with those of its constraints that the system has."""
+            """Return the layout of a joint, with those of its constraints that the system keeps."""
             return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
                             parameters, values, is_counted=is_counted)
 

@@ -251,7 +251,7 @@ def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
 
 
 def build_chain(rods: int, rep: RepName = "gamma") -> Model:
-    """Return the chain of ``chain``, made anew: nothing is read from the cache."""
+    """Build the model that ``chain`` returns, without its cache."""
     build = Multibody(f"chain_{rods}", dt=0.002, steps=1000,
                       description=f"{rods} rods on ball joints.")
     parent: Frame = build.ground

@@ -573,7 +573,7 @@ class Multibody:
 
         For bodies of closed loops; without a loop, model both as one body.
         ``rotation`` is the attitude of b in the axes of a, a 3 × 3 matrix or SciPy Rotation; by
-        default their relative attitude at the start. Other arguments are those of ``ball``.
+        default their relative attitude at the start. Other arguments as for ``ball``.
         The end of a beam is clamped: three constraints, and a potential of half a segment.
         """
         q = None if rotation is None else attitude(f"{name!r}", None, rotation)
@@ -649,7 +649,7 @@ class Multibody:
         """Keep one axis of a and b in common: two constraints, ``name: axis 1`` and ``axis 2``.
 
         For bodies that have a point in common anyway, such as tops in one place, it is a hinge.
-        ``axis``, ``rate`` and ``angle`` are those of ``revolute``.
+        ``axis``, ``rate`` and ``angle`` as for ``revolute``.
         """
         return self._join(self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle))
 
@@ -1079,7 +1079,7 @@ class Multibody:
         return self._components.symbols[name]
 
     def input(self, name: str, value: float = 0.0) -> sp.Symbol:
-        """Return a symbol for forces, torques and motors that a run may give anew in each step.
+        """Return a symbol for forces, torques and motors whose value may change in each step.
 
         The output of a controller is one; ``value`` is the default.
         """
@@ -1242,7 +1242,7 @@ class Multibody:
         a, b, **gap
             As of ``contact``, without a restitution.
         close : joint, or several
-            With points given by ``on_a`` and ``on_b``; axes are those of the start.
+            With points given by ``on_a`` and ``on_b``; axes as at the start.
 
         Raises
         ------
@@ -1371,7 +1371,7 @@ class Multibody:
         ----------
         body : Body, Frame or str
             The body whose axes the shape is given in, or ``ground``. It is drawn with all shapes
-            that it is given, instead of what its inertia suggests.
+            that it is given, instead of a solid of equal inertia.
         shape : Shape
 
         Raises

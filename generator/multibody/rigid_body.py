@@ -160,7 +160,7 @@ def angular_velocity(
 def body_force(torque: Sequence[sp.Expr]) -> list[sp.Expr]:
     """Return the generalised force F = 2 L(q)ᵀ τ of a torque τ in body axes, four entries.
 
-    Its power is that of the torque, F·q̇ = τ·2L(q)q̇ = τ·Ω, and it keeps q on the sphere:
+    Its power is the power of the torque, F·q̇ = τ·2L(q)q̇ = τ·Ω, and it keeps q on the sphere:
     q·F = 0.
     """
     return [2 * sum(a * b for a, b in zip(column, torque, strict=True))

@@ -396,7 +396,7 @@ def chosen(
 ) -> DiscreteDifference:
     """Return the difference of x where a < b and y elsewhere, for constant a and b.
 
-    Mean, slopes, change and ends are those of the selected expression.
+    Mean, slopes, change and ends belong to the selected expression.
     """
     def select(below: sp.Expr, above: sp.Expr) -> sp.Expr:
         """Return ``below`` where a < b, ``above`` elsewhere."""

@@ -143,8 +143,8 @@ class FastTableau:
             T_ij = ½ + o_ij + e_ij,  T_i'j = ½ + o_ij − e_ij,  o_ij' = −o_ij,  e_ij' = e_ij.
 
         A row has o_ij and e_ij of the first half of the columns, then e_ij of the middle column.
-        The rows are those of the first half, and the middle row, which has e = 0. The last row of ν
-        and column of ν̃, of the end of the step, are omitted: they are all ones.
+        The rows are the first half of the rows, and the middle row, which has e = 0. The last row
+        of ν and column of ν̃, of the end of the step, are omitted: they are all ones.
 
         The tables of μ̂ and ν̃ are the negative transposes of those of μ and ν with o and e
         exchanged, so that μ̂_ij = 1 − μ_ji and ν̃_ij = 1 − ν_ji hold exactly in rounded numbers.

@@ -287,7 +287,8 @@ class _Search:
     ) -> dict[Monomial, sp.Expr]:
         """Return monomial → coefficient without the terms of δ·R(q) m.
 
-        ``coefficients`` are those of H − V before, ``body`` is (q, m) of one body, and ``delta`` δ.
+        ``coefficients`` belong to H − V before the subtraction, ``body`` is (q, m) of one body, and
+        ``delta`` δ.
         """
         q, m = body
         m_in_space = rotation_matrix(q) * sp.Matrix(m)
@@ -433,7 +434,7 @@ class _Search:
         return m_by_l
 
     def _q(self, indices: Sequence[int]) -> list[sp.Symbol]:
-        """Return the coordinates of these indices."""
+        """Return the coordinates q_i of the indices i."""
         return [self.system.q[i] for i in indices]
 
     def _force_on(self, b: int) -> tuple[Vector, sp.Expr]:

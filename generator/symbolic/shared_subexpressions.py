@@ -72,7 +72,7 @@ class Shared(sp.Function):  # type: ignore[misc]
 
 
 def share(e: sp.Expr) -> sp.Expr:
-    """Return e as number · Shared(factor); atoms stay as they are."""
+    """Return e as number · Shared(factor); atoms are not wrapped."""
     coefficient, factor = e.as_coeff_Mul()
     return e if factor.is_Atom or isinstance(factor, Shared) else coefficient * Shared(factor)
 

@@ -86,7 +86,7 @@ def curvature(
 
 @lru_cache(maxsize=1024)  # each scheme and the derivatives of a system ask for the same ones
 def shortest(expression: sp.Expr) -> sp.Expr:
-    """Return the expression as it is, expanded or factored: whichever has fewest operations.
+    """Return the expression unchanged, expanded or factored: the form of fewest operations.
 
     Polynomials of many symbols are not factored: it takes seconds each and finds nothing.
     """

@@ -75,7 +75,7 @@ def _values_of(
 ) -> dict[sp.Symbol, Any]:
     """Return symbol of e → its number or column; refuse a name that ``columns_of`` lacks.
 
-    ``kind`` says in the message what the name should be, ``cure`` ends the message.
+    ``kind`` is the noun of the message, such as "input"; ``cure`` ends the message.
     """
     values: dict[sp.Symbol, Any] = {}
     for symbol in sorted(e.free_symbols, key=str):

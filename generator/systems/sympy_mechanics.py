@@ -206,7 +206,7 @@ def _solve_speeds(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp
 def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
     """Warn of a velocity of a point that is not the rate of its place; return whether there is one.
 
-    The velocities are used as they are: a base that moves may be at rest in them.
+    The velocities are used all the same: a base that moves may be at rest in them.
     """
     pair = next(motion.contradictions(bodies), None)
     if pair is not None:

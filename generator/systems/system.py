@@ -99,8 +99,8 @@ class System:
     -----
     All symbols stand for real numbers. Expressions may have SymPy's Abs, sign, Heaviside, Min, Max,
     Piecewise, floor, ceiling and Mod (``switching_functions``); Heaviside(0) is ½ unless it is said
-    otherwise. Derivatives are those of the side where q and p are. A constraint must have a
-    continuous derivative all the same, and EMS takes of H what is continuous.
+    otherwise. Derivatives are taken on the side where q and p are. A constraint must have a
+    continuous derivative all the same, and EMS uses the continuous part of H.
     """
 
     q: tuple[sp.Symbol, ...]

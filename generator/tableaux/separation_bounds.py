@@ -128,7 +128,7 @@ def _bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
 
 
 def _new_bound(e: sp.Expr, cache: dict[sp.Expr, _Bound]) -> _Bound:
-    """Return the bound of a number E = U/(mΛ) from those of its operands.
+    """Return the bound of a number E = U/(mΛ) from the bounds of its operands.
 
     A product has u = Π u_i, m = Π m_i, λ = Π λ_i; a sum has the common denominators
     m = lcm(m_i), λ = Π λ_i and u = Σ u_i (m/m_i)(λ/λ_i).

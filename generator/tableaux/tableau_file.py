@@ -244,7 +244,7 @@ class _Reader:
         return claims
 
     def name(self, name: Any) -> str:
-        """Return the tableau's name, or refuse what is no identifier in C."""
+        """Return the tableau's name; refuse a name that is no identifier in C."""
         is_text = isinstance(name, str) and not isinstance(name, _Number)
         if not is_text or not NAME.fullmatch(name) or name in KEYWORDS:
             raise self.error(
@@ -267,7 +267,7 @@ class _Reader:
     def length(self, key: str, entries: Any, meaning: str, low: int, high: int) -> int:
         """Return the number of entries of a list, which must be from ``low`` to ``high``.
 
-        ``meaning`` says in errors what the number is, as "p + 1".
+        ``meaning`` names the number in errors, as "p + 1".
         """
         if not isinstance(entries, list):
             raise self.error(f"{key} is {_describe(entries)}; write a list of numbers.")

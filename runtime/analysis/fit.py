@@ -340,7 +340,7 @@ class Fitting:
     def fewest(self, point: Point) -> int:
         """Return the length of the first horizon: samples enough for more residuals than unknowns.
 
-        Sets ``samples``, which the fit sets anew for each horizon.
+        Sets ``samples`` as a side effect; the fit sets it for each horizon.
         """
         self.samples = 1
         columns = int(self.residuals(point).shape[1])
@@ -397,7 +397,7 @@ def fit(
     free : sequence of str, optional
         Names of parameters, and "start". By default all but ``fixed``, inputs, γ and α.
     fixed : sequence of str
-        What is not fitted.
+        Names of parameters that are not fitted.
     sigma : float or array_like, shape (C,), optional
         One standard deviation of the noise, of attitudes three numbers in rad. By default that of
         the residuals.
@@ -419,7 +419,7 @@ def fit(
         For unknown names, with the nearest; for data of another shape, and for NaN; for times
         between steps.
     StepFailed
-        When the first guess, or what the shorter horizons lead to, has a step without a solution.
+        When the first guess, or the fit of a shorter horizon, has a step without a solution.
 
     Notes
     -----

@@ -145,7 +145,7 @@ def _evaluate_trial(
 ) -> tuple[Point, Linear] | None:
     """Return the point at y, linearised; None if |r|² is not below a bound or the run fails.
 
-    The other arguments are those of ``minimise``. J is computed only where r is accepted.
+    The other arguments as for ``minimise``. J is computed only where r is accepted.
     """
     try:
         trial = move(point, y)

@@ -57,7 +57,7 @@ class Observation:
     turning : list of BodyAt
         Bodies whose angular velocity is measured; three columns of data for each come next.
     columns : list of int
-        Columns of (q, p) that are measured as they are; a column of data for each.
+        Columns of (q, p) that are measured themselves; a column of data for each.
     function : callable or None
         In place of both.
     names : list of str

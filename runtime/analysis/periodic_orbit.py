@@ -179,7 +179,7 @@ def periodic_orbit(
     InputError
         For unusable arguments, with the allowed ones.
     GyrosparkError
-        If Newton's method does not converge: with what was reached. If it comes to an equilibrium.
+        If Newton's method does not converge, with the gap reached, or comes to an equilibrium.
     StepFailed
         When a step at the start finds no solution.
     """

@@ -49,7 +49,7 @@ class QuadBinding(Binding):
     def _function(self, name: str) -> Callable[..., Any]:
         """Return a function of the module that takes arrays and numbers of mpf.
 
-        Each is packed into bytes for the call, and what C has changed is read back into it.
+        Each array is packed into bytes for the call, and unpacked after it if C writes to it.
         """
         function = getattr(self.lib, f"{PREFIX}{self.name}_{name}")
 
@@ -111,7 +111,7 @@ class QuadBinding(Binding):
         return ParameterStruct(block)
 
     def sets(self, parameters: ParameterStruct) -> int:
-        """Return 1: the parameters are those of one run."""
+        """Return 1: the parameters belong to one run."""
         return 1
 
     def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:

@@ -141,7 +141,7 @@ class Binding(Compiled):
     ) -> tuple[Array, Array]:
         """Return states completed, in scaled time, by t in q and e = −H(q, p, t) in p.
 
-        q and p have shape (N, n), t (N,). Where time is not scaled they are returned as they are.
+        q and p have shape (N, n), t (N,). If time is not scaled they are returned unchanged.
         """
         if not self.clocked:
             return q, p

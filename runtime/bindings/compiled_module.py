@@ -173,7 +173,7 @@ class Compiled:
     def _cffi_value(self, argument: Any) -> Any:
         """Return a NumPy long double as a cffi value: cffi itself would round it to double.
 
-        Other arguments are returned as they are.
+        Other arguments are returned unchanged.
         """
         if not isinstance(argument, np.longdouble):
             return argument

@@ -56,7 +56,7 @@ class InputRows:
     Attributes
     ----------
     names : list of str
-        What the inputs are called.
+        Names of the inputs.
     values : array, shape (runs, rows, inputs)
         Of one run where all have the same.
     hold : int
@@ -136,7 +136,7 @@ def as_inputs(
     """Return the inputs of a run of ``steps`` steps, or of ``runs`` such runs; None for None.
 
     The array has the shape (runs, rows, inputs), with 1 run where all have the same inputs, and 1
-    row where they stay. Inputs that are checked already are returned as they are. Raises InputError
+    row where they stay. Inputs that are checked already are returned unchanged. Raises InputError
     for unknown or missing names, other shapes, what is no finite number.
     """
     if inputs is None or isinstance(inputs, InputRows):

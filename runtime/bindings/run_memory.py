@@ -96,7 +96,7 @@ class RunState:
                 + binding.image(self.work).size)
 
     def assign(self, binding: Compiled, source: RunState) -> None:
-        """Overwrite this state, the record and the solver's memory with those of ``source``."""
+        """Copy state, record and solver memory from ``source``."""
         self.q[:], self.p[:] = source.q, source.p
         binding.image(self.record)[:] = binding.image(source.record)
         binding.image(self.work)[:] = binding.image(source.work)

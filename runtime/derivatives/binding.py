@@ -162,7 +162,7 @@ class DerivativeBinding:
     def count_switches(
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps
     ) -> int:
-        """Return how many of these steps end on another side of a switch of H or the forces."""
+        """Return how many of the steps cross a switch of H or the forces between start and end."""
         binding = self.own
         if not self._has("count_switches"):
             return 0

@@ -80,8 +80,8 @@ class Gradient:
         What was asked for; ``gradient[name]`` gives one of them, or any parameter, dt or t0.
     switched_steps : int
         Steps that end on another side of a switch of H or the forces (``Piecewise``, abs(x)) than
-        they begin. Derivatives are those of the sides that their stages are on; where a force
-        jumps, they are those of the discrete run, and not of the motion.
+        they begin. Derivatives are taken on the sides where their stages are; where a force
+        jumps, they belong to the discrete run, and not to the motion.
     """
 
     value: Any
@@ -102,7 +102,7 @@ class Gradient:
         """Return the gradient from the cotangent z̄ of all rows, q, p, parameters, Δt and t0.
 
         z̄ has 2n + parameters + 2 numbers. In scaled time the last coordinate is the time, so that
-        its cotangent is that of t0, and q and p are those that a user sees, without it.
+        its cotangent belongs to t0, and q and p are returned without it.
         q and p of z̄ are pulled back through the projection of the start. ``inputs`` has the
         derivatives by each row of inputs; by default the run is one step, whose inputs are
         parameters.

@@ -336,7 +336,7 @@ def _solve(A: Array, b: Array, names: Sequence[str]) -> Array:
 @explain_arguments
 @dataclass(frozen=True, eq=False, repr=False)
 class Accelerations:
-    """Accelerations of states; made by ``Stepper.accelerations``. Leading axes are those of q.
+    """Accelerations of states; made by ``Stepper.accelerations``. Leading axes as of q.
 
     Attributes
     ----------

@@ -54,7 +54,7 @@ class CotangentSlopes:
     z_bar : tuple of 2 array, shape (rows,)
         The cotangent of start, parameters and Δt so far, and its slope.
     inputs : tuple of 3 array, shape (steps, inputs)
-        Slopes of the inputs; the cotangents of the inputs, and the slopes of these.
+        Slopes of the inputs; cotangents of the inputs, and slopes of the cotangents.
     """
 
     w: tuple[Array, Array]
@@ -169,7 +169,7 @@ class Hessian:
     Attributes
     ----------
     matrix : array, shape (k, k)
-        By what ``names`` says; the symmetric part of what was computed.
+        Second derivatives by ``names``: the symmetric part of the computed matrix.
     asymmetry : float
         The largest entry of the other part, relative to the largest of the matrix: round-off.
     names : tuple of str
@@ -418,7 +418,7 @@ def _add_explicit(
 ) -> None:
     """Add to ``z_bar`` the derivatives by parameters at fixed states, and by the times of rows.
 
-    t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt.
+    t_k = t0 + k Δt: the cotangent of t_k adds to that of t0, and k times to that of Δt.
     """
     names = stepper.binding.parameter_names
     for name, slope in cotangents.parameters.items():
@@ -428,7 +428,7 @@ def _add_explicit(
 
 
 def _stored_rows(run: RunArguments, steps: KeptSteps, rows: Array) -> Array:
-    """Return the rows of those stored states that are before these steps, shape (·, 2 n).
+    """Return the rows of the stored states before the steps, shape (·, 2 n).
 
     ``rows`` has a row for each stored state of the run.
     """

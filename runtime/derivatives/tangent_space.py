@@ -70,7 +70,7 @@ class Tangents:
         Raises
         ------
         InputError
-            Naming the value and what is allowed.
+            Naming the value and the allowed ones.
         """
         for name in ("dt", "t0", "project", "multipliers"):
             as_flag(name, getattr(self, name))

@@ -50,7 +50,7 @@ class Objective:
         """Project the start, and keep a basis of the tangent space there: x has its coordinates.
 
         ``span`` is {"t_end": ...} or {"steps": ...}, ``options`` are further arguments of
-        ``integrate``; the others are those of ``value_and_gradient``.
+        ``integrate``; other arguments as for ``value_and_gradient``.
         """
         if {"q", "p"} & {*wrt}:
             raise InputError("x has coordinates of the tangent space for the start: ask for "

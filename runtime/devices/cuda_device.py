@@ -18,7 +18,7 @@ __all__ = ["CudaDevice", "compile_cubin"]
 
 
 def _cuda() -> Any:
-    """Return cuda-core and what it does not have, imported when a card is first asked for."""
+    """Return cuda-core and the driver's functions that it lacks, imported at the first use."""
     try:
         from cuda import core
         from cuda.bindings import driver
@@ -32,7 +32,7 @@ def _cuda() -> Any:
 def compile_cubin(name: str, text: str, architecture: str) -> Any:
     """Return the machine code of a CUDA text for an architecture such as ``"sm_90"``, by NVRTC.
 
-    No product is contracted with a sum, so that the bits are those of the C on a CPU.
+    No product is contracted with a sum, so that a CPU gives the same bits.
     """
     core = _cuda().core
     options = core.ProgramOptions(name=f"{name}.cu", arch=architecture, std="c++17", fma=False)

@@ -22,7 +22,7 @@ class Memory:
     Attributes
     ----------
     handle
-        What the device knows it by.
+        Handle of the device.
     shape, dtype
         Of the array, whose last axis is contiguous.
     """

@@ -110,7 +110,7 @@ def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
 def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     """Refuse features without an implementation on a card.
 
-    Raises InputError in one sentence: what it is, and what to do instead.
+    Raises InputError with the refused argument and the cure.
     """
     manifest, n = stepper.manifest, stepper.n
     # an argument is absent if it is None or an empty sequence, such as no events

@@ -194,7 +194,7 @@ class DeviceStates(EnsembleStates):
         return [self.runs.first.stored(step_count) + 1 for step_count in self.steps.tolist()]
 
     def report(self, i: int) -> RunRecord:
-        """Return the running record of a trajectory, whose errors are those of stored states alone.
+        """Return the running record of a trajectory, with errors at stored states alone.
 
         Profile control records no errors of each step. With forces, whose work it does not sum up,
         errors of the energy are NaN.

@@ -51,7 +51,7 @@ class Levels:
     def of(cls, binding: Binding, manifest: Manifest, events: tuple[Event, ...]) -> Levels:
         """Return the levels of events in runs of a stepper.
 
-        The column of an event is that of its quantity in (q, p, quantities), as C counts them.
+        The column of an event is the index of its quantity in (q, p, quantities), as C counts.
         """
         system = manifest.system
         # a name that a quantity shares with a coordinate or momentum is the quantity's
@@ -146,7 +146,7 @@ class Brackets:
                      for name in names))
 
     def of(self, chosen: Array) -> Brackets:
-        """Return the brackets of these indices, or of a mask."""
+        """Return the brackets selected by indices or by a mask."""
         return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
                         self.before[chosen], self.after[chosen], self.turning[chosen],
                         self.on_level[chosen], self.past[chosen])
@@ -339,7 +339,7 @@ class EventDetector:
         self, first_step: int, row: Array, event: Array, q: Array, p: Array, differences: Array, *,
         turning: bool = False, on_level: bool = False,
     ) -> None:
-        """Add the steps that begin at these rows as brackets of these events, one for each pair.
+        """Add a bracket for each pair of ``row`` and ``event``: the step that begins at the row.
 
         ``row`` and ``event`` have the same length; row 0 of q, p and the differences x − level,
         (rows, events), is the state after ``first_step`` steps.

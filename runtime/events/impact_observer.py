@@ -154,7 +154,7 @@ class ImpactObserver:
                        events={name: hits.crossings for name, hits in impacts.items()})
 
     def _call(self, steps: int, every: int, state: RunState, rows: Rows) -> int:
-        """Take steps up to the last, or to what stops them; return 0 or the status of a failure.
+        """Take steps up to the last one or a terminal event; return 0 or the status of a failure.
 
         C returns before the end if its memory for impacts is full, if a gap stays closed or a
         terminal impact happens, which sets ``end``, and for starts and systems that have no

@@ -97,7 +97,7 @@ def row_of(last: Trajectory, work: Array) -> Rows:
 
 
 def report_to_end(report: Report, partial_run: Trajectory, work: float) -> Report:
-    """Return the report of a run that ends with a partial step, from that of its whole steps.
+    """Return the report of a run that ends with a partial step, from its whole steps' report.
 
     ``work``, in J, is the work of the whole run.
     """
@@ -124,7 +124,7 @@ def counted_from_start(
 ) -> CrossingsType:
     """Return the crossings of the last part of a step, counted from the start of the run.
 
-    ``steps``, ``elapsed`` and ``work`` are those of the whole steps, ``latest`` the time since the
+    ``steps``, ``elapsed`` and ``work`` belong to the whole steps, ``latest`` is the time since the
     start of the last crossing in them. A crossing at the end of the last whole step is in both: it
     counts once.
     """

@@ -236,7 +236,7 @@ class Observer:
                 for name, event_crossings in crossings.items()}
 
     def reported(self, report: Report, _count: int) -> Report:
-        """Return the report of the run as it is."""
+        """Return the report of the run unchanged."""
         return report
 
     def results(self, trajectory: Trajectory, crossings: dict[str, Crossings]) -> Trajectory:

@@ -137,7 +137,7 @@ def section(
     event : Event
         The level to cross, and in which direction: ``gs.Event("x", direction=1)``.
 
-    The others are those of ``Stepper.integrate_ensemble``. No states are stored but the points.
+    Other arguments as for ``Stepper.integrate_ensemble``. Only the points are stored.
 
     Raises
     ------

@@ -46,7 +46,7 @@ _TYPED = 1e-12
 
 @dataclass(frozen=True)
 class Defects:
-    """|g| and |f| of states, and the bounds of these; arrays with one entry a state."""
+    """|g| and |f| of states, and bounds of both; arrays with one entry a state."""
 
     g: Array
     f: Array
@@ -119,7 +119,7 @@ def moved_onto_constraints(
 def text_of_move(binding: Binding, start: Array, end: Array, names: Sequence[str]) -> str:
     """Return a sentence on how far a projection moved q or p, (n,); empty if by round-off alone.
 
-    ``names`` are those of the entries.
+    ``names`` has a name for each entry.
     """
     start, end = (np.asarray(x, dtype=float) for x in (start, end))
     distances = np.abs(end - start)

@@ -462,7 +462,7 @@ def epsilon_of_times(stepper: Stepper) -> float:
 def _times(stepper: Stepper, times: ArrayLike) -> Array:
     """Return the times, a number or a row, as an array (times,) of the stepper's numbers.
 
-    Raises InputError for what is no number, and for more than one axis.
+    Raises InputError for a time that is no number, and for more than one axis.
     """
     rows = np.atleast_1d(as_numbers("times", times))
     if rows.ndim != 1:

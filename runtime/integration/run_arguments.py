@@ -64,7 +64,7 @@ class RunArguments:
     """The arguments of an integration, checked, in the stepper's own type of numbers.
 
     Each stage of a call takes this record and returns another: ``Stepper._run_arguments`` checks
-    what the caller gave, ``Stepper._resolve`` replaces searches among the parameters by numbers,
+    the caller's values, ``Stepper._resolve`` replaces searches among the parameters by numbers,
     ``Stepper._checked_run`` checks the parameters and the start.
     """
 
@@ -672,7 +672,7 @@ def _as_parameter(
 
 @lru_cache(maxsize=16)
 def _names_with_inertia(parameters: tuple[str, ...]) -> list[str]:
-    """Return the names of those parameters that are γ or α of a body."""
+    """Return the names of the parameters that are γ or α of a body."""
     names = dict.fromkeys(parameters)
     return [name for name in parameters if has_inertia(name, names)]
 
@@ -795,7 +795,7 @@ def _nearest_count(end: Fraction, begin: Fraction, step: Fraction) -> tuple[int,
 
 
 def _fraction(name: str, value: Any) -> Fraction:
-    """Return the exact value of a number of any type; InputError for what is no number."""
+    """Return the exact value of a number of any type; InputError for anything else."""
     as_real(name, value)
     number = exact(value)
     assert isinstance(number, Fraction), shown(value)

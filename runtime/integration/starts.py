@@ -128,7 +128,7 @@ def start_parameters(
     """Return the parameters of a start and those that win over them, γ and α by their rules.
 
     ``names`` are the parameters of the system. Raises InputError for parameters that are the
-    inertia of no body, where the model's own are those of one.
+    inertia of no body, if the model's own are the inertia of a body.
     """
     # ``_spare`` are parameters that a stepper may ignore
     values: dict[str, Any] = {name: number_or_rule

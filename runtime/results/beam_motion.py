@@ -41,7 +41,7 @@ class BeamMotion:
     """One beam of a trajectory; made by ``Trajectory.beam``.
 
     A beam of N segments has its sections between neighbouring segments, and at its clamps: K of
-    them. Every array has a row for each stored state, N+1 of them; units are those of SI.
+    them. Every array has a row for each stored state, N+1 of them; units are SI.
 
     Attributes
     ----------

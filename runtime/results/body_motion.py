@@ -36,7 +36,7 @@ class BodyMotion:
     Body axes are those in which the inertia was given. Their origin is the centre of mass of a body
     that moves freely, and the fixed point of one that turns about it (``Multibody.top`` and the
     systems of one rigid body). Every array has a row for each stored state, N+1 of them, in
-    doubles; units are those of SI for SI input.
+    doubles, in SI units for SI input.
 
     Attributes
     ----------
@@ -272,8 +272,8 @@ def turned(q: Array, vectors: Array) -> Array:
 def total_momenta(run: Trajectory) -> tuple[Array, Array]:
     """Return Σ p and Σ (l + x × p) of the bodies of a run in space, shape (N+1, 3) each.
 
-    Here p is that of the centre of mass, and l = R(q) ½ L(q) p_q.
-    Raises InputError where not all coordinates are those of bodies with quaternion and position.
+    Here p is the momentum of the centre of mass, and l = R(q) ½ L(q) p_q.
+    Raises InputError unless all coordinates belong to bodies with quaternion and position.
     """
     bodies = bodies_of(run.manifest).values()
     if sum(bool(body_columns.x) for body_columns in bodies) * 7 != run.q.shape[1]:
@@ -310,7 +310,7 @@ class PlacedMotion(BodyMotion):
         """Unit quaternions from body to space axes, scalar first, shape (N+1, 4), without jumps.
 
         The eigenvector of the largest eigenvalue of Bar-Itzhack's K(R) (J. Guid. Control Dyn. 23,
-        2000), whose signs are those of the state before. The model has the first two columns of R
+        2000), with the sign of the state before. The model has the first two columns of R
         as quantities; the third is their cross product.
         """
         if not self._placed.axes:
@@ -344,5 +344,5 @@ class PlacedMotion(BodyMotion):
 
     @property
     def _p(self) -> Array:
-        """Raise InputError: the momenta of the model are those of other coordinates."""
+        """Raise InputError: the momenta of the model belong to other coordinates."""
         raise InputError(self._unknown("the momentum"))

@@ -173,9 +173,9 @@ class Output:
     labels : str
         The entry of the manifest's system with names along the last dimension.
     split : bool
-        Whether each of these is an array of its own in files, ``quantity_<name>``.
+        Whether each number is an array of its own in files, ``quantity_<name>``.
     dtype : str
-        NumPy's code in stores; "" is that of the stepper's numbers.
+        NumPy's code in stores; "" for the type of the stepper's numbers.
     of_steps : bool
         Whether it belongs to the step that ends at a state: the start has none.
     panel : str

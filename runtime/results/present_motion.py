@@ -132,7 +132,7 @@ class PresentJoint(_SingleState, JointMotion):
     """
 
     def __init__(self, run: Present, name: str, columns: JointAt) -> None:
-        """Keep vectors of the joint that depend on parameters alone until one of these changes."""
+        """Cache the joint's vectors that depend on parameters alone, until a parameter changes."""
         super().__init__(run, name, columns)  # type: ignore[arg-type]
         entries = [e for e in (*columns.axis_a, *columns.axis_b, *columns.zero)
                    if isinstance(e, str)]

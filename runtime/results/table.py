@@ -168,7 +168,7 @@ def table_of_run(
         labels["body"] = list(run.bodies), "name of the body"
 
     def read() -> Iterator[Block]:
-        """Yield the arrays of the run in blocks of states, with those of its bodies."""
+        """Yield the arrays of the run and of its bodies in blocks of states."""
         for rows, block in run._blocks():
             arrays = states_of(block)
             for name, array in bodies.items():

@@ -202,7 +202,7 @@ class Trajectory(Shown):
 
         To go on from it gives the states of one longer run to round-off; a ``Simulation`` and a
         store go on to the bit. Of inputs that change, it has those of the step that ended there.
-        γ and α that are the means of their moments are found anew for other moments.
+        γ and α by a rule are computed again for other moments.
 
         Raises
         ------

@@ -142,7 +142,7 @@ class Shown:
         return draw_trajectory(self._run, target)
 
     def plot_phase(self, *coordinates: str, path: str | os.PathLike[str] | None = None) -> Any:
-        """Draw phase portraits: each of these coordinates, or the first six, against its momentum.
+        """Draw phase portraits: each named coordinate, or the first six, against its momentum.
 
         Returns a matplotlib figure, which Jupyter shows; .png, .svg or .pdf where a path is given.
 

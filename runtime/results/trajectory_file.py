@@ -211,7 +211,7 @@ def _event_arrays(
 
 
 def _trajectory(fields: dict[str, Any]) -> Trajectory:
-    """Return the trajectory of these fields."""
+    """Return the trajectory that the fields describe."""
     from .trajectory import Trajectory  # which imports this module
 
     return Trajectory(**fields)
@@ -274,7 +274,7 @@ def _events(about: Any, crossings: dict[str, dict[str, Array]]) -> dict[str, Any
 
 
 def _tangents(about: Any, tangents: dict[str, dict[str, Array]]) -> TangentRows | None:
-    """Return the tangents of a run with those of its events, or None.
+    """Return the tangents of a run and of its events, or None.
 
     ``tangents`` has their arrays by the prefix of an event, the run's by "". Raises ``ValueError``
     for arrays of inconsistent shapes.

@@ -414,7 +414,7 @@ def _evaluate_at(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int)
 
 
 def _times(t: ArrayLike) -> Array:
-    """Return times in seconds as doubles; raise InputError for what is no finite real number."""
+    """Return times in seconds as doubles; InputError unless they are finite real numbers."""
     times: Array = converted_to(np.float64, as_numbers("t", t))
     if not np.isfinite(times).all():
         raise InputError(f"The times {t!r} are not all finite; give seconds as finite numbers.")

@@ -270,7 +270,7 @@ class Differentiation(Evaluation):
         parameters: Mapping[str, Number] | None = None, d: Mapping[str, Number] | None = None,
         inputs: Inputs | Mapping[str, Any] | ArrayLike | None = None, project: bool = False,
     ) -> Gradient:
-        """Return the derivative along a direction of what ``vjp`` takes (wq, wp) back to.
+        """Return the derivative of Φ'(z)ᵀ (wq, wp), the cotangents of ``vjp``, along a direction.
 
         ``hvp(start, dq, dp, wq, wp, dt=…)`` or ``hvp(q, p, dq, dp, wq, wp, dt=…)`` returns
         Σ_a w_a ∇²Φ_a v, where Φ(q, p; θ, Δt, t0) is a step from a start that is projected onto the
@@ -392,7 +392,7 @@ class Differentiation(Evaluation):
             again. "none" runs backwards in time and keeps nothing, and refuses a gradient where
             this does not lead back to the start.
         solver : {"auto", "newton", "fixed-point"}
-            What the run had.
+            Solver of the run.
 
         Returns
         -------
@@ -461,7 +461,7 @@ class Differentiation(Evaluation):
         kinds = self._rows_of(run, solver)
 
         def checked(arrays: Mapping[str, Any]) -> Any:
-            """Return cotangents of stored states, checked as those of ``gradient``."""
+            """Return cotangents of stored states, checked as ``gradient`` checks them."""
             return cotangents_of(self, kinds, arrays)  # type: ignore[arg-type]
 
         stepper: Any = self

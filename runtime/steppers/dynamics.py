@@ -280,7 +280,7 @@ class Dynamics(Differentiation):
         return StateMotion(self._motion_binding(), values, time, *state)
 
     def _values(self, parameters: Mapping[str, Number]) -> dict[str, Any]:
-        """Return the checked parameters, in a frame at rest: there q̈ is that of the motion."""
+        """Return the checked parameters, with rates of the frame 0: q̈ is taken in space."""
         values = dict(self.check_parameters(parameters))
         at_rest = self.binding.number(Fraction(0))
         return values | {symmetry.name: at_rest for symmetry in self.symmetries}

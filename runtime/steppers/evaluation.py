@@ -37,7 +37,7 @@ class Evaluation:
     """Compiled functions of states: H, velocities, constraints; the base of ``Stepper``."""
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
-        """Load the compiled module of these files, and what the manifest says of them."""
+        """Load the compiled module of the generated files, and read their manifest."""
         self.name = name
         self.files = complete(files)
         self.manifest = read_manifest(name, self.files)
@@ -212,7 +212,7 @@ class Evaluation:
     ) -> tuple[Array, Array]:
         """Return g(q, t) and the constraint on the momenta (qᵀp for a body), m entries each.
 
-        With velocity constraints the second goes on with A H_p + a.
+        With velocity constraints the second array ends with A H_p + a.
         """
         (q, p), run = self._at_start(start, p, parameters, t)
         g, f = self.binding.defects(run, q[None], p[None])

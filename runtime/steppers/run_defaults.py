@@ -145,7 +145,7 @@ def _map_leaves(content: Any, change: Any) -> Any:
 
 
 def _exact_text(value: Any) -> str:
-    """Return a number as text that keeps all its digits, or the name of a parameter as it is."""
+    """Return a number as text that keeps all its digits, or the name of a parameter unchanged."""
     return value if isinstance(value, str) else str(exact(value))
 
 

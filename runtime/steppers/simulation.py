@@ -581,7 +581,7 @@ class Simulation:
         return isinstance(self._run, RecordingRun)
 
     def _image(self) -> tuple[Any, ...]:
-        """Return state and memory of the run, as they are between two steps."""
+        """Return state and memory of the run between two steps."""
         self._acquire()
         try:
             return self._run.image

@@ -97,7 +97,7 @@ class Stepper(Dynamics):
     manifest : dict
         All that the generator says of the stepper.
     symmetries : tuple of Symmetry, with name, A, J and condition
-        What a co-moving frame may move along.
+        Symmetries along which a co-moving frame may move.
     warnings : list of str
         Properties that a tableau of your own lacks: symplecticity, symmetry, fixed-point iteration,
         the order that its weights allow; and where H or forces switch, as |x| does at 0.
@@ -161,7 +161,7 @@ class Stepper(Dynamics):
     ) -> tuple[Array, Array]:
         """Return (q, p) one step of ``dt`` seconds later, from a start or (q, p).
 
-        ``inputs`` are those of this step, and may be others in the next.
+        ``inputs`` hold in this step alone.
 
         If a call starts at the state that the last call in this thread returned (where the system
         depends on time, one ``dt`` later), with the other arguments unchanged, the solver's memory
@@ -602,7 +602,7 @@ class Stepper(Dynamics):
         """Return the parameters of one run or of many, with a number for each input.
 
         Without ``inputs`` none is added. ``parameters`` is a dict or a list of dicts; other
-        arguments are returned as they are, for the checks of the caller to refuse.
+        arguments are returned unchanged, for the checks of the caller to refuse.
         """
         if inputs is None and type(parameters) is dict:
             return dict(parameters)
@@ -701,5 +701,5 @@ class Stepper(Dynamics):
 def stepper_of(
     name: str, files: tuple[tuple[str, str], ...], derive: Derive | None = None
 ) -> Stepper:
-    """Return the stepper of these sources, the same object for equal sources in a process."""
+    """Return the stepper of generated files, the same object for equal files in a process."""
     return Stepper(name, dict(files), derive)

@@ -159,8 +159,9 @@ def start_rates(
     """Return the rates ω_i that minimise |q̇ − Ω q|, Ω = Σ ω_i A_i, and the directions left out.
 
     Rates have the shape (directions,), 0 for those that are left out, in rad/s; q and p the shape
-    (n,). Norms are those of the kinetic energy. The acceleration in the frame is q̈ − 2 Ω q̇ + Ω²
-    q; directions are left out one by one while this more than halves the acceleration in the frame.
+    (n,). Norms are taken in the metric of the kinetic energy. The acceleration in the frame is q̈ −
+    2 Ω q̇ + Ω² q; directions are left out one by one while this more than halves the acceleration
+    in the frame.
     """
     position, momenta = (np.array(x, dtype=float) for x in (q, p))
     root, velocity = velocities.root_of_mass(position, momenta), velocities(position, momenta)

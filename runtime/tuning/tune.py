@@ -400,7 +400,7 @@ class _Rules:
     ) -> _StepCount:
         """Return the least number of steps over ``span`` seconds with an error up to ``bound``.
 
-        ``parameters`` has numbers in place of rules; ``bound`` is that of the motion, relative.
+        ``parameters`` has numbers in place of rules; ``bound`` is relative to the motion.
         """
         search = StepSearch(self.stepper, span, bound,
                             replace(self.run, parameters=dict(parameters)), self.report, t_end)

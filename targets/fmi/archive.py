@@ -118,7 +118,7 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
 def _compilers(
     version: int, platforms: tuple[str, ...], purpose: str
 ) -> dict[Platform, list[str]]:
-    """Return the command that compiles for each of the platforms of these names.
+    """Return the command that compiles for each named platform.
 
     "own" is this machine's platform, which its own C compiler serves. A platform that is named,
     even if it is this one, is compiled by zig.

@@ -90,7 +90,7 @@ class Fmu:
         return compile_fmu(folder, manifest.name, self.version, platforms)
 
     def check(self, built: Built) -> str:
-        """Compare its attitude and momenta with those of native C, and a repeated run.
+        """Compare attitude and momenta of the FMU with native C, and with a repeated run.
 
         Raises InputError where it holds no library for this machine; GyrosparkError where the
         library does not load, or bits differ.
