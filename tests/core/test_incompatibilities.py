@@ -140,7 +140,7 @@ def from_command():
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("gyrospark.api.model_stepper",
                       lambda spec, **given: (systems.stepper("eccentric"), None))
-        starts.started("model.toml", (), dict.fromkeys(
+        starts.stepper_and_start("model.toml", (), dict.fromkeys(
             ("scheme", "stages", "rep", "tableau", "real")))
 
 
