@@ -16,7 +16,7 @@ from .errors import InputError
 if TYPE_CHECKING:
     from .shapes import Shape
 
-__all__ = ["READABLE", "located", "read_triangles"]
+__all__ = ["READABLE", "locate", "read_triangles"]
 
 #: Endings of files that can be read.
 READABLE = (".stl", ".obj")
@@ -104,11 +104,11 @@ def _obj(content: bytes) -> Floats:
 def located_all(
     visuals: Mapping[str, Iterable[Shape]], model: str | Path
 ) -> dict[str, list[Shape]]:
-    """Return the shapes of bodies with the paths of their meshes; see ``located``."""
-    return {body: [located(shape, model) for shape in shapes] for body, shapes in visuals.items()}
+    """Return the shapes of bodies with the paths of their meshes; see ``locate``."""
+    return {body: [locate(shape, model) for shape in shapes] for body, shapes in visuals.items()}
 
 
-def located(shape: Shape, model: str | Path) -> Shape:
+def locate(shape: Shape, model: str | Path) -> Shape:
     """Return a shape with the path of its mesh, of the name that a model file gives it.
 
     ``package://NAME/…`` and ``model://NAME/…`` are searched for upwards from the model's folder;

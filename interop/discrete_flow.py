@@ -384,7 +384,7 @@ class DiscreteFlow:
         """
         dz = self.stepper.binding.new(self._row_count, len(dx))
         dz[self._fixed_rows] = dx.T
-        return np.ascontiguousarray(space.projected(dz))
+        return np.ascontiguousarray(space.project(dz))
 
     def _sizes(self, x: Array) -> Array:
         """Return the size of each entry of x, shape (size,), in which a difference is small.

@@ -24,7 +24,7 @@ from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
 from ..runtime.events.last_step import counted_from_start, ends_within, report_to_end, row_of
 from ..runtime.events.location import first_terminal_event
-from ..runtime.events.observer import observed, observer_of
+from ..runtime.events.observer import integrate_observed, observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
 from ..runtime.results.crossings import Crossings
@@ -310,8 +310,8 @@ class Recorder:
         t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
         elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
         try:
-            partial_run = observed(self.stepper, run.part_of_step(state.q, state.p, t),
-                                   self.events, None)
+            partial_run = integrate_observed(self.stepper, run.part_of_step(state.q, state.p, t),
+                                             self.events, None)
         except StepFailed as error:
             # a failure is stored as a status of C, from which its reason is read again
             status = next(code for code, text in REASONS.items() if text == error.reason)

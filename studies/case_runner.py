@@ -122,7 +122,7 @@ class Engine:
         """Return all parameters of the case's stepper."""
         return self.problem(case).parameters | {case.rep: self.parameter(case)}
 
-    def thinned(self, values: Sequence[_Value]) -> list[_Value]:
+    def thin(self, values: Sequence[_Value]) -> list[_Value]:
         """Return the values, in short mode only every third, with both ends."""
         if not self.short:
             return list(values)

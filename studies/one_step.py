@@ -82,9 +82,9 @@ class _Step:
 
     def sweep(self, order: int) -> None:
         """Go once through P, H_p, Q and Λ with the powers of h up to ``order``."""
-        self.Lambda = [x.truncated(order) for x in self.Lambda]
-        self.P = [[x.truncated(order) for x in p] for p in self.P]
-        self.Q = [[x.truncated(order) for x in q] for q in self.Q]
+        self.Lambda = [x.truncate(order) for x in self.Lambda]
+        self.P = [[x.truncate(order) for x in p] for p in self.P]
+        self.Q = [[x.truncate(order) for x in q] for q in self.Q]
         forces = self.forces()
         self.P = [self.stage(self.p0, row, forces) for row in self.A_hat]
         rates = [self.velocity(q, p) for q, p in zip(self.Q, self.P, strict=True)]
@@ -100,21 +100,21 @@ class _Step:
         g = [dot(q, q) - self.constant(1) for q in self.Q[1:]]
         for i, row in enumerate(self.inverse_product):
             change = sum((defect * a for defect, a in zip(g, row, strict=True)), self.constant(0))
-            self.Lambda[i] += change.shifted(h=-2, gamma=1)
+            self.Lambda[i] += change.shift(h=-2, gamma=1)
 
     def stage(self, start: Vector, row: Vector, rates: list[Vector]) -> Vector:
         """Return start + h Σ_j a_j rate_j, where ``row`` has the coefficients a_j."""
         stage = list(start)
         for a, rate in zip(row, rates, strict=True):
             if a != 0:
-                stage = [x + (v * a).shifted(h=1) for x, v in zip(stage, rate, strict=True)]
+                stage = [x + (v * a).shift(h=1) for x, v in zip(stage, rate, strict=True)]
         return stage
 
     def relative(self, q: Vector, p: Vector) -> Vector:
         """Return ιw/4 with w = q̄∘p and ι = (1/γ, 1/I₁, 1/I₂, 1/I₃)."""
         radial, *vector = quaternion_product(conjugate(q), p)
         inner = [x * over(j, 4) for x, j in zip(vector, self.top.inverse_inertia, strict=True)]
-        return [(radial * QQ(1, 4)).shifted(gamma=-1), *inner]
+        return [(radial * QQ(1, 4)).shift(gamma=-1), *inner]
 
     def velocity(self, q: Vector, p: Vector) -> Vector:
         """Return H_p = ¼ q∘(ιw)."""

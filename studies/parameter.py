@@ -75,7 +75,7 @@ FIGURE_15 = (ParameterSweep("2-LIIIA-B", 0.001), ParameterSweep("3-LIIIA-B", 0.0
 
 def measure(engine: Engine, sweep: ParameterSweep) -> tuple[list[float], list[float]]:
     """Return 1/γ, or 1/α, in 1/(kg m²) and the signed periodic errors over 0.32 s."""
-    inverses = engine.thinned(INVERSES)
+    inverses = engine.thin(INVERSES)
     return inverses, [engine.peak(sweep.case(inverse), sweep.quantity) for inverse in inverses]
 
 

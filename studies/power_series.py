@@ -58,7 +58,7 @@ class PowerSeries:
 
     __rmul__ = __mul__
 
-    def shifted(self, h: int = 0, gamma: int = 0) -> PowerSeries:
+    def shift(self, h: int = 0, gamma: int = 0) -> PowerSeries:
         """Return the series times h^h γ^gamma, with powers ``h`` and ``gamma`` of either sign.
 
         Raises
@@ -75,7 +75,7 @@ class PowerSeries:
         """Return a_ng; 0 where there is none."""
         return self.terms.get((h, gamma), 0)
 
-    def truncated(self, order: int) -> PowerSeries:
+    def truncate(self, order: int) -> PowerSeries:
         """Return the series with another order; a higher one adds no terms."""
         return PowerSeries(self.terms, order)
 

@@ -83,7 +83,7 @@ from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude, read_rep
 from .toml_tables import TomlTable
 
-__all__ = ["build_from", "finished", "join", "read_bodies"]
+__all__ = ["build_from", "build_model", "join", "read_bodies"]
 
 MAX_BODIES = 100
 MAX_SEGMENTS = 1000
@@ -152,7 +152,7 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     if "time_scale" in content:
         builder.time_scale(formulas.read(content, "time_scale", content.formula("time_scale"),
                                          motion))
-    return finished(builder, content)
+    return build_model(builder, content)
 
 
 def _add_other_frames(
@@ -180,7 +180,7 @@ def _add_impacts(
         build_from(table, lambda table: _stop(builder, table, formulas))
 
 
-def finished(builder: Multibody, content: TomlTable) -> Model:
+def build_model(builder: Multibody, content: TomlTable) -> Model:
     """Return the model, without the constraints that the file leaves out.
 
     ``without`` names them, and ``redundant = "leave out"`` leaves out all that others imply.

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core.errors import InputError
-from ...core.mesh_files import READABLE, located
+from ...core.mesh_files import READABLE, locate
 from ...core.shapes import Shape
 from ..multibody.body import Frame
 from ..multibody.multibody import Multibody
@@ -62,7 +62,7 @@ def add_visuals(
 
 def _is_readable(shape: Shape, path: Path) -> bool:
     """Whether a shape needs no file, or one that exists in a format that is read here."""
-    file = Path(located(shape, path).file)
+    file = Path(locate(shape, path).file)
     return not shape.file or (file.suffix.lower() in READABLE and file.is_file())
 
 

@@ -37,7 +37,7 @@ from ..multibody.multibody import Multibody
 from ..parsing.text_file import is_robot, model_text
 from .bounded_xml import read_xml
 from .mjcf_builder import parse_mjcf
-from .multibody_file import build_from, finished, join
+from .multibody_file import build_from, build_model, join
 from .robot_options import MjcfOptions, SdfOptions, UrdfOptions
 from .robot_tree import IDENTITY, Mount
 from .sdf import parse_sdf
@@ -240,7 +240,7 @@ class Loops:
     def model(self, builder: Multibody) -> Model:
         """Return the model, without the constraints that the file leaves out."""
         try:
-            return finished(builder, self.content)
+            return build_model(builder, self.content)
         except InputError as error:
             # an error of a key names the file already
             if str(error).startswith("The model file"):

@@ -209,7 +209,7 @@ class Fitting:
         every = max(1, int(np.gcd.reduce(sample_steps)))
         inputs = self.run.inputs
         if halvings and inputs is not None:
-            inputs = inputs.refined(factor)  # each row is held for as many of the shorter steps
+            inputs = inputs.refine(factor)  # each row is held for as many of the shorter steps
         binding = self.step.binding
         free_parameters = {name: as_real(name, point.parameters[name], binding.number)
                            for name in self.free}
@@ -319,10 +319,10 @@ class Fitting:
         units[units == 0] = 1.0  # no unknown has an effect
         return Linear((r / self.sigma).ravel(), jacobian, units)
 
-    def moved(self, point: Point, y: Array) -> Point:
+    def apply_step(self, point: Point, y: Array) -> Point:
         """Return the point after a step y: parameters θ(y), and z + B y on the constraints."""
         count = len(self.free)
-        parameters = self.coordinates.moved(point.parameters, y[:count])
+        parameters = self.coordinates.apply_step(point.parameters, y[:count])
         z = np.concatenate([point.q, point.p])
         if self.start:
             z = z + point.basis @ y[count:]
@@ -503,7 +503,7 @@ def _minimise_horizons(
         fitting.samples = count
         linearise = fitting.linearise if report is None else partial(
             _linearise_and_report, fitting.linearise, report, horizon)
-        minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.moved,
+        minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.apply_step,
                            fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
                            iteration_limit if is_last else _EARLY, fitting.truncation(point))
         point, iterations = minimum.point, iterations + minimum.iterations

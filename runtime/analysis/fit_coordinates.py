@@ -132,7 +132,7 @@ class Coordinates:
             column += 1
         return jacobian
 
-    def moved(self, parameters: Mapping[str, float], y: Array) -> dict[str, float]:
+    def apply_step(self, parameters: Mapping[str, float], y: Array) -> dict[str, float]:
         """Return θ(y): L + y of each body, θ e^y of a positive parameter, θ + y of others."""
         moved_parameters, column = dict(parameters), 0
         for body in self._bodies:

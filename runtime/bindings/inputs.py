@@ -94,7 +94,7 @@ class InputRows:
         """Return the inputs of a slice of the runs."""
         return replace(self, values=self.values[runs]) if len(self.values) > 1 else self
 
-    def taken(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
+    def rows_of(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
         """Return the inputs of ``count`` steps of each of several runs, a row per step.
 
         Entry i has the steps from ``steps[i]`` on of run ``runs[i]``. Behind the last row it
@@ -117,9 +117,9 @@ class InputRows:
 
     def of_steps(self, count: int) -> InputRows:
         """Return the inputs of run 0 for ``count`` steps, a row per step; the last row repeats."""
-        return self.taken(np.zeros(1, int), np.zeros(1, int), count)
+        return self.rows_of(np.zeros(1, int), np.zeros(1, int), count)
 
-    def refined(self, factor: int) -> InputRows:
+    def refine(self, factor: int) -> InputRows:
         """Return the inputs for steps ``factor`` times smaller: each row is held for as many more.
         """
         return replace(self, hold=self.hold * factor)

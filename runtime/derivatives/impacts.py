@@ -30,7 +30,7 @@ from ..integration.run_arguments import RunArguments
 from .binding import ImpactStep
 from .kept_steps import SingleStep
 from .points import Point, rate_of
-from .tangent_space import solved
+from .tangent_space import solve
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -211,9 +211,9 @@ class _JumpEquations:
         f = primal.defects(primal.parameters(run.parameters, self._t), hit.q[None],
                            hit.before[None])[1][0]
         # f is affine in p with the derivative W by −y; λ by the normal equations of Gᵀ
-        y = solved(self.W, f[: len(self.W)])
+        y = solve(self.W, f[: len(self.W)])
         impulse = hit.after - hit.before - self.phi_q * hit.impulse
-        return y, solved(self.G @ self.G.T, self.G @ impulse)
+        return y, solve(self.G @ self.G.T, self.G @ impulse)
 
     def f_derivatives(self, p: Array) -> Array:
         """Return the derivatives of f at (q, p), shape (m, rows)."""
@@ -287,7 +287,7 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     # r is taken at momenta that keep f = 0: p − Gᵀ y
     projected_before, projected_after = (p - G_T @ y for p in (hit.before, hit.after))
     d_projection = jump.impulse_derivatives(projected_before, 0, y)
-    d_projection = d_projection + G_T @ solved(jump.W, along(
+    d_projection = d_projection + G_T @ solve(jump.W, along(
         jump.f_derivatives(projected_before), jump.dp_before - d_projection))
     r_before, r_after = (jump.rate_derivatives(p) for p in (projected_before, projected_after))
     r_p = r_after[:, n : 2 * n]
@@ -302,4 +302,4 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     residual = np.concatenate([rate_residual, f_residual])
     R = np.concatenate([jump.phi_q[:, None], G_T], axis=1)
     by_impulses = np.concatenate([r_p, jump.f_p]) @ R
-    return np.concatenate([jump.dq, dp_fixed - R @ solved(by_impulses, residual)])
+    return np.concatenate([jump.dq, dp_fixed - R @ solve(by_impulses, residual)])

@@ -48,7 +48,7 @@ def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptS
                 stepper, run, step, kept_run.state.q.copy(), kept_run.state.p.copy())
             yield impact_step
             kept_run = kept_run.binding.begin(
-                run.continued(step + 1, impact_step.q[1], impact_step.p[1]), step + 1)
+                run.continue_from(step + 1, impact_step.q[1], impact_step.p[1]), step + 1)
 
 
 def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:

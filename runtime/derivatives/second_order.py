@@ -29,7 +29,7 @@ from ..integration.run_arguments import RunArguments
 from .binding import DerivativeBinding, KeptSteps
 from .gradient import Cotangents, as_bytes
 from .kept_steps import refuse_run, singular, split, step_bytes
-from .tangent_space import TangentSpace, solved
+from .tangent_space import TangentSpace, solve
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -146,13 +146,13 @@ def pulled_back_slope(
         rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array, z_slope: Array
     ) -> tuple[Array, Array]:
         """Return rowsᵀ A⁻¹ G z and its slope; rows, A and z come with their slopes."""
-        y = solved(A, G @ z)
-        y_slope = solved(A, G_slope @ z + G @ z_slope - A_slope @ y)
+        y = solve(A, G @ z)
+        y_slope = solve(A, G_slope @ z + G @ z_slope - A_slope @ y)
         return rows.T @ y, rows_slope.T @ y + rows.T @ y_slope
 
     if space.binding.keeps_momentum:
         f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
-        # the transposes of ``TangentSpace.projected`` in reverse order: first that of p
+        # the transposes of ``TangentSpace.project`` in reverse order: first that of p
         W, W_slope = f_p @ G.T, f_p_slope @ G.T + f_p @ G_slope.T
         of_p, of_p_slope = correction(f, f_slope, W.T, W_slope.T, z_bar[n : 2 * n],
                                       z_bar_slope[n : 2 * n])
@@ -385,7 +385,7 @@ def _directions(
             names.append(name)
             columns.append(binding.own.new(binding.rows))
             columns[-1][2 * n + labels.index(name)] = 1
-    D = space.projected(np.ascontiguousarray(np.array(columns).T))
+    D = space.project(np.ascontiguousarray(np.array(columns).T))
     # inputs are parameters to the C; each step has its own, which the projection does not move
     if run.inputs is not None:
         D[[2 * n + labels.index(u) for u in stepper.binding.input_names]] = 0

@@ -110,7 +110,7 @@ class TangentSpace:
         self._energy = (binding.energy_derivatives(parameters, q, p) if binding.own.clocked
                         else None)
 
-    def projected(self, dz: Array) -> Array:
+    def project(self, dz: Array) -> Array:
         """Return directions whose rows q and p are moved onto the constraints, each the nearest.
 
             dq ← dq − Gᵀ (G Gᵀ)⁻¹ dg,   dp ← dp − Gᵀ (f_p Gᵀ)⁻¹ df
@@ -120,17 +120,17 @@ class TangentSpace:
         """
         n, G, directions = self.n, self._G, dz.copy()
         if len(G):
-            directions[:n] -= G.T @ solved(G @ G.T, self.g @ directions)
+            directions[:n] -= G.T @ solve(G @ G.T, self.g @ directions)
         # f depends on the projected dq too: the rows of q come first
         if len(G) and self.binding.keeps_momentum:
-            directions[n : 2 * n] -= G.T @ solved(self._f_p @ G.T, self.f @ directions)
+            directions[n : 2 * n] -= G.T @ solve(self._f_p @ G.T, self.f @ directions)
         if self._energy is not None:
             # e = −H: de = −dH of the projected direction, so that H + e stays 0
             directions[2 * n - 1] = -(self._energy @ directions)
         return directions
 
     def pulled_back(self, z_bar: Array) -> Array:
-        """Return the transpose of ``projected`` applied to cotangents, shape (rows,) or (rows, k).
+        """Return the transpose of ``project`` applied to cotangents, shape (rows,) or (rows, k).
 
             z̄ ← z̄ − f_zᵀ (f_p Gᵀ)⁻ᵀ G p̄,   then   z̄ ← z̄ − g_zᵀ (G Gᵀ)⁻¹ G q̄
         """
@@ -140,9 +140,9 @@ class TangentSpace:
             of_energy, cotangent[2 * n - 1] = cotangent[2 * n - 1].copy(), 0
             cotangent -= np.multiply.outer(self._energy, of_energy)
         if len(G) and self.binding.keeps_momentum:
-            cotangent -= self.f.T @ solved((self._f_p @ G.T).T, G @ cotangent[n : 2 * n])
+            cotangent -= self.f.T @ solve((self._f_p @ G.T).T, G @ cotangent[n : 2 * n])
         if len(G):
-            cotangent -= self.g.T @ solved(G @ G.T, G @ cotangent[:n])
+            cotangent -= self.g.T @ solve(G @ G.T, G @ cotangent[:n])
         return cotangent
 
     @property
@@ -176,7 +176,7 @@ class TangentSpace:
                     f"{row @ dq[:, worst]:.3g}. Give a direction with G dq = 0, or project=True.")
 
 
-def solved(A: Array, b: Array) -> Array:
+def solve(A: Array, b: Array) -> Array:
     """Return A⁻¹ b in the type of the arrays; A has the shape (n, n), b (n,) or (n, k).
 
     LAPACK takes float and double; long double and float128 are eliminated here, with row pivots.
@@ -276,7 +276,7 @@ class Start:
                 self.names.append(name)
         if not columns:
             raise InputError("No direction is asked for; give start, parameters, dt or t0.")
-        self.directions = space.projected(np.ascontiguousarray(np.array(columns).T))
+        self.directions = space.project(np.ascontiguousarray(np.array(columns).T))
 
 
 def _state_directions(space: TangentSpace, tangents: Tangents) -> Array:

@@ -19,7 +19,7 @@ from ..results.diagnostics import Report
 from ..results.outputs import flat_multipliers
 from ..results.trajectory import Trajectory
 from .location import first_terminal_event
-from .observer import observed, with_row
+from .observer import integrate_observed, with_row
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
@@ -46,7 +46,7 @@ def ended_between(
     # a run of one step of length ``rest``, with events of its own
     partial_arguments = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
     try:
-        partial_run = observed(stepper, partial_arguments, events, None)
+        partial_run = integrate_observed(stepper, partial_arguments, events, None)
     except StepFailed as error:
         raise StepFailed(step=run.steps + 1, t=error.t, reason=error.reason, trajectory=trajectory,
                          increment=error.increment, dt=error.dt, detail=error.detail,

@@ -153,7 +153,7 @@ class _Work:
             time_in_step = time_in_step + self.runs.dt[owner]
             # a positive share leads into the next step, with its inputs
             t, step = t + time_in_step, step + (share > 0)
-        inputs = None if inputs_of_runs is None else inputs_of_runs.taken(owner, step)
+        inputs = None if inputs_of_runs is None else inputs_of_runs.rows_of(owner, step)
         q, p = partial_steps(self.stepper, q, p, t, dt, columns, self.fill, inputs)
         return _PartialSteps(time_in_step + dt, q, p, self._values(indices, t + dt, q, p))
 

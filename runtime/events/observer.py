@@ -36,14 +36,14 @@ from .location import TerminalEvent, crossings_of, detectors_for, first_terminal
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Observer", "observed", "observer_of", "observer_to_end", "with_events",
+__all__ = ["Observer", "integrate_observed", "observer_of", "observer_to_end", "with_events",
            "with_row"]
 
 #: Largest number of bracketed steps that wait for their location.
 _MOST = 2**14
 
 
-def observed(
+def integrate_observed(
     stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact],
     progress: Callable[[int], None] | None, end_event: str = "",
 ) -> Trajectory:

@@ -266,8 +266,8 @@ def _advance(
     steps. Their times and steps are not changed.
     """
     input_rows, step_counts = trajectory._inputs, targets.steps[group]
-    inputs = None if input_rows is None else input_rows.taken(0 * step_counts, step_counts,
-                                                              step_limit)
+    inputs = None if input_rows is None else input_rows.rows_of(0 * step_counts, step_counts,
+                                                                step_limit)
     columns = {name: np.full(len(group), number, stepper.binding.number_type)
                for name, number in trajectory.parameters.items()}
     ensemble = run_together(stepper, targets.q[group], targets.p[group], targets.t[group], dt,
@@ -322,7 +322,7 @@ def partial_steps(
         columns = {name: column[indices] for name, column in parameters.items()}
         ensemble = run_together(stepper, q[indices], p[indices], t0[indices], dt[indices], columns,
                                 fill, 1,
-                                None if inputs is None else inputs.taken(indices, 0 * indices))
+                                None if inputs is None else inputs.rows_of(indices, 0 * indices))
         q[indices], p[indices] = ensemble.q, ensemble.p
     return q, p
 

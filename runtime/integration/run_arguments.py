@@ -117,11 +117,11 @@ class RunArguments:
         return replace(self.at_step(self.steps), q=q.copy(), p=p.copy(), t0=t, dt=self.rest,
                        steps=1, every=1, inputs=None, stored_steps=None, rest=0, t_end=None)
 
-    def continued(self, steps: int, q: Array, p: Array) -> RunArguments:
+    def continue_from(self, steps: int, q: Array, p: Array) -> RunArguments:
         """Return the run that begins in the state (q, p) after ``steps`` steps of this one."""
         inputs = self.inputs
         if inputs is not None and inputs.hold:
-            inputs = inputs.taken(np.zeros(1, int), np.array([steps]), max(1, self.steps - steps))
+            inputs = inputs.rows_of(np.zeros(1, int), np.array([steps]), max(1, self.steps - steps))
         return replace(self, q=q, p=p, t0=self.t0 + steps * self.dt, inputs=inputs)
 
     def pilot(self, steps: int) -> Self:
@@ -130,11 +130,11 @@ class RunArguments:
                        max_iterations=50, open_end=False,
                        inputs=None if self.inputs is None else self.inputs.of_steps(steps))
 
-    def refined(self, factor: int) -> Self:
+    def refine(self, factor: int) -> Self:
         """Return the same run with steps of dt/factor, stored as often as before."""
         return replace(self, dt=self.dt / factor, steps=self.steps * factor,
                        every=self.every * factor,
-                       inputs=None if self.inputs is None else self.inputs.refined(factor))
+                       inputs=None if self.inputs is None else self.inputs.refine(factor))
 
     def with_inputs(self, inputs: InputRows | None) -> RunArguments:
         """Return the run with inputs; its parameters have those that stay, and nan for others."""
@@ -312,7 +312,7 @@ class EnsembleArguments:
         failed, steps = (status != 0)[:, None], self.first.steps
         parameters = dict(self.parameters)
         if self.inputs is not None:  # constant within this step: parameters do
-            rows = self.inputs.taken(np.arange(len(self)), np.full(len(self), steps)).values[:, 0]
+            rows = self.inputs.rows_of(np.arange(len(self)), np.full(len(self), steps)).values[:, 0]
             columns = np.broadcast_to(rows, (len(self), len(self.inputs.names))).T
             parameters |= dict(zip(self.inputs.names, columns, strict=True))
         t0 = binding.times(self.t0[:, None], self.dt[:, None], np.array([steps]))[:, 0]

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from ..events.detection import EventDetector
     from ..events.observer import Observer
 
-__all__ = ["FIRST_STEPS", "ChunkSize", "advance_and_detect", "course", "ended_at", "failure_of",
-           "fill", "finished", "integrate", "next_chunk", "thin", "trajectory_of"]
+__all__ = ["FIRST_STEPS", "ChunkSize", "advance_and_detect", "ended_at", "failure_of", "fill",
+           "integrate", "march", "next_chunk", "require_end", "thin", "trajectory_of"]
 
 #: Takes steps as ``Binding.integrate`` does.
 StepOn = Callable[[RunConstants, int, int, RunState, Rows], int]
@@ -103,12 +103,12 @@ def integrate(
         After Ctrl-C, with everything computed until then.
     """
     with catch_ctrl_c() if run.steps > 1 else _WITHOUT_INTERRUPTS as interrupts:
-        trajectory, status, state = course(binding, manifest, run, lambda: interrupts.requested,
-                                           progress, observer, constants, pace)
-    return finished(binding, manifest, run, trajectory, status, state, interrupts)
+        trajectory, status, state = march(binding, manifest, run, lambda: interrupts.requested,
+                                          progress, observer, constants, pace)
+    return require_end(binding, manifest, run, trajectory, status, state, interrupts)
 
 
-def finished(
+def require_end(
     binding: Binding, manifest: Manifest, run: RunArguments, trajectory: Trajectory, status: int,
     state: RunState, interrupts: Interrupts,
 ) -> Trajectory:
@@ -134,7 +134,7 @@ def ended_at(step: int, steps: int) -> str:
     return f"Stopped at step {step:,} of {steps:,}."
 
 
-def course(
+def march(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, observer: Observer | None = None,
     constants: RunConstants | None = None, pace: ChunkSize | None = None,
@@ -180,7 +180,7 @@ def fill(
     stop: Callable[[], bool], progress: Callable[[int], None] | None = None,
     step_on: StepOn | None = None, pace: ChunkSize | None = None,
 ) -> tuple[int, Rows]:
-    """Fill the rows of a run from its start, as ``course`` does; return the status and the rows.
+    """Fill the rows of a run from its start, as ``march`` does; return the status and the rows.
 
     The rows returned are new ones with more room where those given were too few. ``step_on`` is
     ``binding.integrate`` or takes its arguments, and observes each step.

@@ -25,7 +25,7 @@ from .body_shapes import METAL
 from .html_view import with_visuals
 from .meshes import MESHES, IndexedMesh, MeshesName
 from .scene import ROD, Scene, Tie, scene_of
-from .solids import COLOURS, Mesh, joined, mesh_of
+from .solids import COLOURS, Mesh, join_meshes, mesh_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -202,7 +202,7 @@ class _Document:
                     solid, points=solid.points[vertices], normals=solid.normals[vertices],
                     faces=faces.reshape(-1, 3)))
         for shape_colour, solid_parts in solids.items():
-            solid_mesh = joined(solid_parts)
+            solid_mesh = join_meshes(solid_parts)
             yield self._primitive({"POSITION": self._numbers(solid_mesh.points, "<f4", _VERTICES),
                                    "NORMAL": self._numbers(solid_mesh.normals, "<f4", _VERTICES)},
                                   solid_mesh.faces, shape_colour)

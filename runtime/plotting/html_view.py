@@ -18,7 +18,7 @@ from ...core.arguments import choose
 from ...core.file_formats import checked_path, result_file
 from ...core.shapes import Shape
 from ...core.warnings import warn
-from .meshes import BUDGET, MESHES, IndexedMesh, MeshesName, encoded, read_meshes
+from .meshes import BUDGET, MESHES, IndexedMesh, MeshesName, encode, read_meshes
 from .scene import DRAWN, DrawnName, Scene, scene_of
 from .solids import encoded_solids
 
@@ -195,7 +195,7 @@ def _content(
     view.js and scene.js read these keys. A position that stays is one row.
     """
     mesh_numbers = {file: i for i, file in enumerate(meshes)}
-    encoded_meshes = {i: [encoded(mesh)] for i, mesh in enumerate(meshes.values())}
+    encoded_meshes = {i: [encode(mesh)] for i, mesh in enumerate(meshes.values())}
     return {
         "meshes": {**encoded_solids(), **encoded_meshes},
         "ground": _shapes_content(scene.ground, mesh_numbers),

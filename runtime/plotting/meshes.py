@@ -19,7 +19,7 @@ from ...core.errors import InputError
 from ...core.mesh_files import read_triangles
 from ...core.records import dataclass
 
-__all__ = ["MESHES", "IndexedMesh", "MeshesName", "encoded", "read_meshes"]
+__all__ = ["MESHES", "IndexedMesh", "MeshesName", "encode", "read_meshes"]
 
 Array = NDArray[np.float64]
 MeshesName = Literal["small", "full", "none"]
@@ -45,14 +45,14 @@ class IndexedMesh:
         """Return the mesh of triangles, shape (m, 3, 3), with each vertex once."""
         points = corners.reshape(-1, 3) + 0.0  # of one sign where they are 0
         first, index = _unique_rows(points)
-        return IndexedMesh(points[first], index.reshape(-1, 3)).cleaned()
+        return IndexedMesh(points[first], index.reshape(-1, 3)).clean()
 
     @property
     def extent(self) -> float:
         """The longest side of its bounding box."""
         return float(np.ptp(self.points, axis=0).max())
 
-    def cleaned(self) -> IndexedMesh:
+    def clean(self) -> IndexedMesh:
         """Return the mesh without triangles that are lines, or that are there twice.
 
         Each triangle is rotated so that its smallest vertex number comes first; equal ones are then
@@ -64,14 +64,14 @@ class IndexedMesh:
         triangles = np.take_along_axis(t, (smallest_corner + np.arange(3)) % 3, axis=1)
         return IndexedMesh(self.points, triangles[np.sort(_unique_rows(triangles)[0])])
 
-    def clustered(self, cell: float) -> IndexedMesh:
+    def cluster(self, cell: float) -> IndexedMesh:
         """Return the mesh with the vertices in each cell of this width replaced by their mean."""
         low = self.points.min(axis=0)
         # to the nearest multiple: vertices of a flat side are in one layer, in spite of rounding
         cells = np.floor((self.points - low) / cell + 0.5).astype(np.int64)
         index = _unique_rows(cells)[1]
         points = np.stack([np.bincount(index, self.points[:, k]) for k in range(3)], axis=1)
-        return IndexedMesh(points / np.bincount(index)[:, None], index[self.triangles]).cleaned()
+        return IndexedMesh(points / np.bincount(index)[:, None], index[self.triangles]).clean()
 
 
 def _unique_rows(vertices: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -102,7 +102,7 @@ def read_meshes(
         return meshes_by_file, reasons
     # cells along the longest mesh; 0: not clustered yet
     cells, longest = 0.0, max(mesh.extent for mesh in meshes_by_file.values())
-    while (size := sum(len(encoded(mesh)["data"]) for mesh in meshes_by_file.values())) > budget:
+    while (size := sum(len(encode(mesh)["data"]) for mesh in meshes_by_file.values())) > budget:
         # the number of triangles grows like the square of the cells along a side; 5 % are spare,
         # and at least a fifth is left out, so that the loop ends
         cells = cells * min(0.8, 0.95 * (budget / size) ** 0.5) if cells else _CELLS
@@ -111,11 +111,11 @@ def read_meshes(
         # all meshes have cells of one size, but small ones have at least _LEAST along each
         for file, mesh in meshes_by_file.items():
             cell = min(longest / cells, mesh.extent / _LEAST)
-            meshes_by_file[file] = mesh.clustered(max(cell, 1e-12))  # of a mesh without extent
+            meshes_by_file[file] = mesh.cluster(max(cell, 1e-12))  # of a mesh without extent
     return meshes_by_file, reasons
 
 
-def encoded(mesh: IndexedMesh) -> Mapping[str, Any]:
+def encode(mesh: IndexedMesh) -> Mapping[str, Any]:
     """Return a mesh as JSON: its bounds, and its vertices and triangles in base64.
 
     Vertices are sorted 16-bit integers between the bounds, as differences along each axis in turn;

@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from ...core.records import dataclass
 from ...core.shapes import Shape, axes_about
-from .meshes import IndexedMesh, encoded
+from .meshes import IndexedMesh, encode
 
-__all__ = ["COARSE", "COLOURS", "Mesh", "colour_of", "encoded_solids", "joined", "mesh_of",
+__all__ = ["COARSE", "COLOURS", "Mesh", "colour_of", "encoded_solids", "join_meshes", "mesh_of",
            "mesh_of_file", "tube"]
 
 Array = NDArray[np.float64]
@@ -97,7 +97,7 @@ def encoded_solids() -> Mapping[str, list[dict[str, Any]]]:
     def by_tint(mesh: Mesh) -> list[dict[str, Any]]:
         """Return a mesh for each lightness of faces: pages draw each in one colour."""
         return [{"tint": tint,
-                 **encoded(IndexedMesh.of(mesh.points[mesh.faces[mesh.light == tint]]))}
+                 **encode(IndexedMesh.of(mesh.points[mesh.faces[mesh.light == tint]]))}
                 for tint in np.unique(mesh.light).tolist()]
 
     return {name: by_tint(mesh) for name, mesh in solids.items()}
@@ -145,7 +145,7 @@ def _wheel(r: float, half: float) -> Profile:
     return lower + [(x, -z) for x, z in reversed(lower)]
 
 
-def joined(meshes: list[Mesh]) -> Mesh:
+def join_meshes(meshes: list[Mesh]) -> Mesh:
     """Return several meshes as one."""
     first_vertices = np.cumsum([0] + [len(mesh.points) for mesh in meshes[:-1]])
     return Mesh(np.concatenate([mesh.points for mesh in meshes]),
@@ -229,7 +229,7 @@ def _revolve(profile: Profile, sectors: int, around: int) -> Mesh:
         n = np.stack([starts[k], ends[k]])
         n /= np.linalg.norm(n, axis=1, keepdims=True)
         rings.append(_grid(revolved(line[k:k + 2]), revolved(n), lighter))
-    return joined(rings)
+    return join_meshes(rings)
 
 
 def _box(half: Array) -> Mesh:
@@ -263,4 +263,4 @@ def _box(half: Array) -> Mesh:
         n = np.broadcast_to(normals[row, 0], (4, 3))
         faces = np.array([[0, 1, 2], [0, 2, 3]])
         caps.append(Mesh(ends, n, faces if row == 0 else faces[:, ::-1], np.zeros(2)))
-    return joined([sides, *caps])
+    return join_meshes([sides, *caps])

@@ -25,7 +25,7 @@ from ...core.inertia import quaternion_product
 from ...core.manifest import SectionManifest
 from ..compilation.body_columns import JointAt, numbers
 from ..rigid_body.quaternion import left_matrix
-from .body_motion import turned
+from .body_motion import rotate
 from .joint_motion import multipliers_at_states
 
 if TYPE_CHECKING:
@@ -186,12 +186,12 @@ class BeamMotion:
         tau = self._number(section.damping)
         if tau:
             (name_a, _), (name_b, _) = self._sides(joint)
-            omega_a = turned(_conjugate(q_a), self._spin(name_a))
-            omega_b = turned(_conjugate(q_b), self._spin(name_b))
+            omega_a = rotate(_conjugate(q_a), self._spin(name_a))
+            omega_b = rotate(_conjugate(q_b), self._spin(name_b))
             u_rate_doubled = w * (omega_b - omega_a) + np.cross(u, omega_a + omega_b)
             strain = strain + tau / 2 * u_rate_doubled
         m = ratio * self._numbers(section.stiffness) * strain
-        moment = turned(q_a, w * m + np.cross(u, m))
+        moment = rotate(q_a, w * m + np.cross(u, m))
         if section.extension:  # the term with the axes of a acts on a at P_b, that of b at P_a
             (point_a, point_b), (term_a, term_b) = self._points(joint), self._elastic_forces(joint)
             moment = moment + np.cross(point_b - point_a, term_a - term_b) / 2
@@ -244,7 +244,7 @@ class BeamMotion:
                 # q and −q are one attitude: the nearer one makes the mean of the shorter way
                 q = q_a + np.sign((q_a * q_b).sum(axis=-1, keepdims=True)) * q_b
                 q = q / np.linalg.norm(q, axis=-1, keepdims=True)
-                vectors[k] = turned(_conjugate(q), vectors[k])
+                vectors[k] = rotate(_conjugate(q), vectors[k])
         return np.stack(vectors, axis=-2)
 
     def _points(self, joint: JointAt) -> tuple[Array, Array]:

@@ -21,7 +21,7 @@ from ..rigid_body.euler_angles import euler_angles
 if TYPE_CHECKING:
     from .trajectory import Trajectory
 
-__all__ = ["BodyMotion", "FrameName", "PlacedMotion", "total_momenta", "turned"]
+__all__ = ["BodyMotion", "FrameName", "PlacedMotion", "rotate", "total_momenta"]
 
 
 #: The axes in which components are given.
@@ -248,7 +248,7 @@ class BodyMotion:
 
     def _in_space(self, vectors: Array) -> Array:
         """Return R(q) v of vectors in body axes, shape (N+1, 3) or (3,)."""
-        return turned(self.attitude, vectors)
+        return rotate(self.attitude, vectors)
 
     def _in(self, frame: FrameName, vectors: Array) -> Array:
         """Return vectors in body axes, (N+1, 3), in the axes of ``frame``."""
@@ -262,7 +262,7 @@ class BodyMotion:
                 "have it.")
 
 
-def turned(q: Array, vectors: Array) -> Array:
+def rotate(q: Array, vectors: Array) -> Array:
     """Return R(q) v of each row, shape (N+1, 3), or of one; v may be one for all."""
     R = quaternion.rotation_matrix(q)
     in_space: Array = np.einsum("...ij,...j->...i", R, vectors)

@@ -17,7 +17,7 @@ from ...core.inertia import quaternion_product
 from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
 from ..rigid_body.quaternion import left_matrix
-from .body_motion import turned
+from .body_motion import rotate
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -124,9 +124,9 @@ class JointMotion:
         axis in b.
         """
         q_a, q_b = self._attitudes()
-        image = turned(q_b, shortest_rotation(np.cross(n1, n2), axis_in_b, n1) @ n1)
-        turn: Array = np.arctan2((turned(q_a, n2) * image).sum(1),
-                                 (turned(q_a, n1) * image).sum(1))
+        image = rotate(q_b, shortest_rotation(np.cross(n1, n2), axis_in_b, n1) @ n1)
+        turn: Array = np.arctan2((rotate(q_a, n2) * image).sum(1),
+                                 (rotate(q_a, n1) * image).sum(1))
         return turn
 
     def _is_measured(self, measure: str) -> bool:
@@ -241,10 +241,10 @@ class JointMotion:
             return on_a[None]
         q_a, q_b = self._attitudes()
         if pull.kind == "axial":  # about an axis of a
-            return turned(q_a, on_a)
+            return rotate(q_a, on_a)
         # g = u·v of a unit vector u of a and v of b, at right angles: the torque is u × v
         on_b = numbers(pull.on_b, self._run.parameters)
-        return np.cross(turned(q_a, on_a), turned(q_b, on_b))
+        return np.cross(rotate(q_a, on_a), rotate(q_b, on_b))
 
     @property
     def has_axis(self) -> bool:
@@ -293,7 +293,7 @@ class JointMotion:
                              "no angle; those of revolute and align have.")
         normals = numbers(self._at.axis_a, self._run.parameters)
         n1, n2 = normals[:3], normals[3:]
-        e = turned(self._attitudes()[0], np.cross(n1, n2))
+        e = rotate(self._attitudes()[0], np.cross(n1, n2))
         return n1, n2, e, numbers(self._at.axis_b, self._run.parameters)
 
     def _in(self, frame: str, vectors: Array) -> Array:
@@ -302,7 +302,7 @@ class JointMotion:
         if frame == "space":
             return vectors
         opposite = self._run.body(frame).attitude * np.array([1, -1, -1, -1])
-        return turned(opposite, vectors)
+        return rotate(opposite, vectors)
 
 
 def multipliers_at_states(trajectory: Trajectory) -> Array:

@@ -232,7 +232,7 @@ class Differentiation(Evaluation):
         single_step, space = self._kept_step(run)
         if not project:
             space.refuse_off(dz[: 2 * n])
-        directions = single_step.tangent(space.projected(dz))
+        directions = single_step.tangent(space.project(dz))
         directions = directions[:, 0] if flat else directions
         return single_step.end[:n], single_step.end[n:], directions[:n], directions[n:]
 
@@ -301,7 +301,7 @@ class Differentiation(Evaluation):
         w = np.concatenate([binding.array("wq", wq, (n,)), binding.array("wp", wp, (n,))])
         stepper: Any = self  # a ``Stepper``, of which this class is a base
         slope = step_slope(stepper, run, space, single_step.end, single_step.unknowns,
-                           np.ascontiguousarray(space.projected(dz[:, None])[:, 0]), w)
+                           np.ascontiguousarray(space.project(dz[:, None])[:, 0]), w)
         labels = [*binding.parameter_names, "dt", "t0"]
         # inputs of one step are parameters of the module
         columns = [2 * n + labels.index(u) for u in binding.input_names]

@@ -66,7 +66,7 @@ from ..integration.run_arguments import (
     warn_of_negative,
     with_rules,
 )
-from ..integration.step_loop import course, failure_of, trajectory_of
+from ..integration.step_loop import failure_of, march, trajectory_of
 from ..results.crossings import Crossings, CrossingsOfMany
 from ..results.missed_rates import warn_of_missed_rate
 from ..results.table import as_dataset, as_frame, save_table, table_of_ensemble
@@ -645,7 +645,7 @@ def _integrate_alone(
         end = end_of_run(clock, events, binding.time_of(run.q), t_end, run.dt)
         events, end_event = (*events, end), end.name
     observer = observer_to_end(stepper, run, events)
-    trajectory, status, state = course(binding, stepper.manifest, run, stop, count_steps, observer)
+    trajectory, status, state = march(binding, stepper.manifest, run, stop, count_steps, observer)
     trajectory = with_events(stepper, observer, trajectory, observer.take_crossings())
     origin = Origin(run, impacts=() if end_event else events)
     if end_event:

@@ -429,9 +429,9 @@ class Stepper(Dynamics):
         with _QUIET if quiet else log_progress(
                 f"integrating {self.name}", run.steps, progress) as report:
             if plan.events:
-                from ..events.observer import observed
+                from ..events.observer import integrate_observed
 
-                return observed(self, run, plan.events, report, plan.end_event)
+                return integrate_observed(self, run, plan.events, report, plan.end_event)
             pace = ChunkSize(first=first)
             trajectory = integrate(self.binding, self.manifest, run, report, None, plan.constants,
                                    pace)

@@ -149,7 +149,7 @@ class Pilots:
         Raises StepFailed.
         """
         # refinement times as many steps between rows: equal times, so that errors are differences
-        run = replace(self.arguments.refined(refinement), every=refinement * self.every,
+        run = replace(self.arguments.refine(refinement), every=refinement * self.every,
                       parameters=self.arguments.parameters | self.parameters(x))
         return self.stepper._run(self.stepper._checked_run(run))
 

@@ -223,14 +223,14 @@ def _tuned_parameters(
     unbounded = steps is None and t_end is None
     count = pilot_limit if unbounded else step_count(steps, t_end, state.t, dt)
     run = step._run_arguments(state, dt=dt, steps=count, inputs=inputs)
-    return _Rules(step, run, rules, report).tuned(
+    return _Rules(step, run, rules, report).choose(
         pilot_limit, longer=unbounded or count > pilot_limit)
 
 
 def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
     """Return a run with numbers for the parameters that its model leaves to searches."""
     rules = _searches(run.parameters)
-    tuned = _Rules(stepper, run, rules).tuned(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
+    tuned = _Rules(stepper, run, rules).choose(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
     return replace(run, parameters={**run.parameters, **tuned.parameters})
 
 
@@ -342,7 +342,7 @@ class _Rules:
             parameters |= self._least_squares(parameters)
         return parameters
 
-    def tuned(self, pilot_limit: int, *, longer: bool) -> Tuned:
+    def choose(self, pilot_limit: int, *, longer: bool) -> Tuned:
         """Return numbers for the rules, by pilot runs of at most ``pilot_limit`` steps.
 
         ``longer``: they are for a run that continues where the pilot runs end.
@@ -385,7 +385,7 @@ class _Rules:
             count = min(steps, pilot_limit)
             run = replace(self.run, dt=self.stepper.binding.number(span / count), steps=count)
             rules = _Rules(self.stepper, run, self.rules, self.report)
-            tuned = rules.tuned(pilot_limit, longer=False)
+            tuned = rules.choose(pilot_limit, longer=False)
             pilots += tuned.pilots
             if any(parameters[name] != x for name, x in tuned.parameters.items()):
                 steps, last_pilot, further_pilots = self._steps(

@@ -134,9 +134,9 @@ def test_series_keep_powers_of_both_signs() -> None:
     b = PowerSeries({(1, 1): 3, (3, 0): 5}, 3)
     assert (a * b).terms == {(1, 1): 3, (2, 0): 6, (3, 0): 5}
     assert (a - a).terms == {}
-    assert b.shifted(h=-1).terms == {(0, 1): 3, (2, 0): 5}
+    assert b.shift(h=-1).terms == {(0, 1): 3, (2, 0): 5}
     with pytest.raises(ValueError, match="below"):
-        a.shifted(h=-1)
+        a.shift(h=-1)
 
 
 @pytest.mark.parametrize("s", range(2, 5))

@@ -315,10 +315,10 @@ def test_each_step_of_an_inertia_is_that_of_a_body(names):
     for _ in range(20):
         y = draw.normal(size=len(names))
         exact = coordinates.jacobian(now) @ y
-        ahead, back = (coordinates.moved(now, sign * 1e-5 * y) for sign in (1, -1))
+        ahead, back = (coordinates.apply_step(now, sign * 1e-5 * y) for sign in (1, -1))
         slope = [(ahead[name] - back[name]) / 2e-5 for name in names]
         assert exact == pytest.approx(slope, rel=1e-5, abs=1e-6 * np.abs(exact).max())
-        now = coordinates.moved(now, y)
+        now = coordinates.apply_step(now, y)
         moments = [now[name] for name in names]
         if tensor:
             K = np.zeros((3, 3))

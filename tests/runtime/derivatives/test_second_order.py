@@ -84,7 +84,7 @@ def expected(name, scheme):
     units[: 2 * n, : basis.shape[1]] = basis
     for k, place in enumerate([*map(names.index, case.parameters), len(names), len(names) + 1]):
         units[2 * n + place, basis.shape[1] + k] = one
-    D = space.projected(units) * scales(name, units.shape[1])
+    D = space.project(units) * scales(name, units.shape[1])
 
     def gradient(dz, e):
         q1, p1 = q + e * dz[:n], p + e * dz[n : 2 * n]

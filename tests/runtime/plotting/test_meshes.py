@@ -14,9 +14,9 @@ from scipy.spatial import ConvexHull
 
 import gyrospark as gs
 from gyrospark.core import mesh_files
-from gyrospark.core.mesh_files import located, read_triangles
+from gyrospark.core.mesh_files import locate, read_triangles
 from gyrospark.core.shapes import Shape
-from gyrospark.runtime.plotting.meshes import IndexedMesh, encoded, read_meshes
+from gyrospark.runtime.plotting.meshes import IndexedMesh, encode, read_meshes
 from gyrospark.runtime.plotting.solids import mesh_of_file
 
 #: A tetrahedron, seen counterclockwise from outside.
@@ -121,7 +121,7 @@ def test_files_that_are_too_large_are_refused(tmp_path, monkeypatch):
 def test_clusters_stay_within_a_cell_and_keep_the_shape():
     whole = IndexedMesh.of(sphere(60))
     assert len(whole.points) == 2 + 59 * 120  # each vertex once
-    rough = whole.clustered(0.2)
+    rough = whole.cluster(0.2)
     assert 100 < len(rough.triangles) < len(whole.triangles) / 5
     radii = np.linalg.norm(rough.points, axis=1)
     assert radii.max() <= 1 + 1e-9
@@ -140,7 +140,7 @@ def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path):
     assert len(full[str(path)].triangles) > 6000
     small, refused = read_meshes([str(path), str(tmp_path / "b.dae")], "small", 6000)
     assert list(refused) == [str(tmp_path / "b.dae")]
-    content = encoded(small[str(path)])
+    content = encode(small[str(path)])
     assert 2000 < len(content["data"]) <= 6000
     data = zlib.decompress(base64.b64decode(content["data"]))
     n = content["vertices"]
@@ -193,7 +193,7 @@ def test_links_look_as_their_file_says(robot):
     assert np.abs(mesh.axes[:, 0] - [0, 1, 0]).max() < 1e-15
     assert (rod.kind, rod.size.tolist()) == ("disc", [0.05, 0.05, 0.5])
     assert np.abs(hand.centre - [1, 0, 0.5]).max() < 1e-15
-    assert located(Shape("mesh", np.ones(3), file="package://else/a.stl"), robot).file == (
+    assert locate(Shape("mesh", np.ones(3), file="package://else/a.stl"), robot).file == (
         "package://else/a.stl")
 
 
