@@ -116,13 +116,16 @@ class Recorder:
         if checkpoint is None:
             return self._start()
         stored_states = self._states(checkpoint)
-        # the block of the next row; its first rows may be stored already
-        first_row = stored_states // self.block * self.block
+        # the block of the row that the next step belongs to, the last row of a complete run that ends
+        # between two others; its first rows may be stored already
+        next_row = checkpoint.steps // self.run.every + 1
+        first_row = next_row // self.block * self.block
         block_rows = self._read(first_row, stored_states - first_row)
         if checkpoint.ended_by is not None:
             self.end = self._rows("tau" if self.binding.clocked else "time",
                                   self.fields[0].wide, stored_states - 1, 1)
-        block_rows.iterations[stored_states - first_row] = checkpoint.most_iterations
+        if next_row == stored_states:
+            block_rows.iterations[next_row - first_row] = checkpoint.most_iterations
         return _ResumePoint(checkpoint, first_row, block_rows)
 
     def _check_checkpoint(self, checkpoint: CheckpointState | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,7 @@ from .tiles import Tile
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["client_of", "run_tiles"]
+__all__ = ["connected", "run_tiles"]
 
 #: How often a tile that ends with an error is tried again: a full disk, a file server away.
 _RETRIES = 5
@@ -31,12 +32,16 @@ _CONNECT_SECONDS = 10
 _CHECK_SECONDS, _PATIENCE = 1.0, 600
 
 
-def client_of(where: Any) -> Client:
-    """Return a Dask client: the one given, or one for a scheduler's address.
+@contextmanager
+def connected(where: Any) -> Iterator[Client | None]:
+    """Yield a Dask client: the one given, or one for a scheduler's address, closed at the end.
 
-    Raises MissingDependencyError without dask.distributed; InputError if no scheduler answers at
-    the address.
+    None yields None. Raises MissingDependencyError without dask.distributed; InputError if no
+    scheduler answers at the address.
     """
+    if where is None:
+        yield None
+        return
     try:
         from distributed import Client
     except ImportError as error:
@@ -44,14 +49,20 @@ def client_of(where: Any) -> Client:
             f"A cluster needs dask.distributed; {install('cluster')} brings it."
         ) from error
     if isinstance(where, Client):
-        return where
+        yield where
+        return
     try:
-        # a scheduler that is not there is reported within seconds
-        return Client(where, timeout=_CONNECT_SECONDS)
+        # a scheduler that is not there is reported within seconds; a default client would compute
+        # what else this process asks Dask for
+        client = Client(where, timeout=_CONNECT_SECONDS, set_as_default=False)
     except (OSError, ValueError, TypeError) as error:
         raise InputError(f"No Dask scheduler answers at {where!r}: {error or 'no connection'}. "
                          "Start one with `dask scheduler`, and write its address, "
                          "tcp://HOST:8786.") from error
+    try:
+        yield client
+    finally:
+        client.close()
 
 
 def run_tiles(

@@ -172,7 +172,15 @@ def run_study(
     threads = count if workers is None else as_positive_count("workers", workers, minimum=1)
     as_progress(progress)
     _warn_of_fast_rotation(study)
-    client = None if dask is None else cluster.client_of(dask)
+    with cluster.connected(dask) as client:
+        return _computed(study, fields, out, resume, threads, client, progress)
+
+
+def _computed(
+    study: Study, fields: list[StoredField], out: str | Path | None, resume: bool, threads: int,
+    client: Any, progress: Progress,
+) -> xarray.Dataset:
+    """Return the result of a study, in memory or in the store ``out``; see ``run_study``."""
     attributes = _attributes(study, fields)
     if out is None:
         if resume:
@@ -250,8 +258,7 @@ def _prepare(
 
 def _compute(
     study: Study, fields: list[StoredField], finished: set[tuple[int, ...]], sink: Sink,
-    threads: int,
-    client: Any, progress: Progress, path: Path | None,
+    threads: int, client: Any, progress: Progress, path: Path | None,
 ) -> None:
     """Compute the tiles that are not ``finished`` and write them to the sink.
 

@@ -127,6 +127,34 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             assert not found.dataset()["q"].isnull().any()
 
 
+def copies_after_each_file(monkeypatch, step, folder, **arguments):
+    """Return copies of the store of a run, one after each of its files that is written."""
+    copies, one, out = [], threading.Lock(), folder / "run.zarr"
+
+    def copy(_):
+        """Copy the store as it is; in Zarr's own threads nothing of Zarr can be waited for."""
+        with one:
+            if out.exists():
+                copies.append(folder / f"{len(copies)}.zarr")
+                shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
+
+    with monkeypatch.context() as patch:
+        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
+        record(step, out=out, **arguments)
+    return copies
+
+
+def test_killed_before_the_last_attributes(gl3, tmp_path, monkeypatch):
+    """The last row, between two of every seven, ends a block, and all steps are stored."""
+    small_blocks(monkeypatch, 4)
+    arguments = START | {"steps": 20, "every": 7}
+    recorded(gl3, tmp_path / "whole.zarr", **arguments)
+    copies = copies_after_each_file(monkeypatch, gl3, tmp_path, **arguments)
+    for path in [path for path in copies if gs.load(path).status == "running"][-2:]:
+        record(gl3, out=path, resume=True, **arguments)
+        assert_same_bytes(tmp_path / "whole.zarr", path)
+
+
 @pytest.mark.slow  # 2 CPU s: a copy after each of a hundred files
 def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
     """A process may end between any two of them: what the store says of itself fits its arrays."""
@@ -135,20 +163,8 @@ def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
     step = systems.stepper("heavy_top")
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     arguments = START | {"q": q, "p": p, "steps": 36, "every": 2}
-    whole, seen, out = integrate(step, **arguments), [], tmp_path / "run.zarr"
-    copies, one = [], threading.Lock()
-
-    def copy(folder):
-        """Copy the store as it is; in Zarr's own threads nothing of Zarr can be waited for."""
-        with one:
-            if out.exists():
-                copies.append(tmp_path / f"{len(copies)}.zarr")
-                shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
-
-    with monkeypatch.context() as patch:
-        patch.setattr("gyrospark.storage.durable_files.sync_folder", copy)
-        record(step, out=out, **arguments)
-    for path in copies:
+    whole, seen = integrate(step, **arguments), []
+    for path in copies_after_each_file(monkeypatch, step, tmp_path, **arguments):
         found = gs.load(path)
         seen.append(found.steps_done)
         if found.states:

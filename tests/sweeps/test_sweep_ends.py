@@ -97,6 +97,11 @@ def test_a_cluster_of_threads_writes_the_same_bytes(tmp_path, monkeypatch):
                                       dashboard_address=None, silence_logs=50) as local, \
                 distributed.Client(local) as client:
             run_study(study, out=tmp_path / "cluster.zarr", dask=client)
+            in_memory = run_study(study, dask=local.scheduler_address)
+            # the client of the address is closed, and never was this process's default
+            assert set(local.scheduler.clients) == {"fire-and-forget", client.id}
+            assert distributed.default_client() is client
+    assert in_memory.equals(gs.load_sweep(tmp_path / "threads.zarr"))
     assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
 
 
@@ -113,8 +118,9 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path, monkeypat
 
 def test_no_scheduler_answers(monkeypatch):
     monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 0.5)
-    with pytest.raises(gs.InputError, match="Dask scheduler"):
-        cluster.client_of("tcp://127.0.0.1:1")
+    with pytest.raises(gs.InputError, match="Dask scheduler"), \
+            cluster.connected("tcp://127.0.0.1:1"):
+        pass
 
 
 @pytest.mark.slow
