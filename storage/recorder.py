@@ -116,8 +116,8 @@ class Recorder:
         if checkpoint is None:
             return self._start()
         stored_states = self._states(checkpoint)
-        # the block of the row that the next step belongs to, the last row of a complete run that ends
-        # between two others; its first rows may be stored already
+        # the block of the row that the next step belongs to; it is the last row of a complete run
+        # that ends between two others, and first rows may be stored already
         next_row = checkpoint.steps // self.run.every + 1
         first_row = next_row // self.block * self.block
         block_rows = self._read(first_row, stored_states - first_row)
