@@ -365,9 +365,10 @@ def _tethered_pair() -> Case:
 
 
 def _ball() -> Case:
-    """A ball between a floor and a roof."""
+    """A ball between a floor and a roof; 5 km away is a point, whose distance has coarse digits."""
+    far = sp.exp(sp.sqrt((x + 3000)**2 + 4000**2) - 5000) - sp.Rational(5, 4)
     return _plane("ball", (1.0,), (0.0,), {"m": 1.0, "g": 9.81}, u**2 / (2 * m) + m * g * x,
-                  quantities={"floor": x, "roof": 1 - x, "speed": u / m}, dt=0.01)
+                  quantities={"floor": x, "roof": 1 - x, "speed": u / m, "far": far}, dt=0.01)
 
 
 def _swing() -> Case:

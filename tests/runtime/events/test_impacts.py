@@ -170,6 +170,15 @@ def test_an_end_between_two_steps_and_one_at_an_impact():
     assert abs(last.impacts["floor"].elapsed[1] - whole.impacts["floor"].elapsed[1]) < 8 * EPS
 
 
+def test_the_round_off_of_a_gap_may_be_larger_than_that_of_its_coordinates():
+    """Of a difference of kilometres: 1e-12 is left of the gap where it is located."""
+    run = stepper("ball").integrate([1.0], [0.0], dt=0.01, steps=100,
+                                    parameters={"m": 1, "g": 9.81}, events=gs.Impact("far"))
+    height = np.sqrt((5000 + np.log(1.25))**2 - 4000**2) - 3000
+    assert run.impacts["far"].t == pytest.approx([np.sqrt(2 / 9.81 * (1 - height))], abs=1e-11)
+    assert run.energy_error()[-1] == pytest.approx(0, abs=1e-10)
+
+
 def test_many_impacts_within_a_step():
     """Between two walls with a speed of 3001: 3001 times in a second, in two steps."""
     run = stepper("ball").integrate(
