@@ -78,7 +78,9 @@ def _step(
 
 
 def _taylor(q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
-    """Return (q, p) after h from the power series of the solution, term by term.
+    """Return the exact (q₁, q₂, p₁, p₂) after a time h, by the power series of the solution.
+
+    The problem is H = ½ pᵀ M p + ``scale`` · V(q) in two coordinates, V = −Σ w cos(n·q).
 
     The coefficients follow from q̇ = M p, ṗ = −V_q, and for the sine s and cosine c of an angle u
     from ṡ = c u̇ and ċ = −s u̇.

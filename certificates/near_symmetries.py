@@ -95,9 +95,9 @@ class RandomPoints:
     def points(self, count: int, *, manifold: bool) -> dict[Any, Any]:
         """Draw states around the start, with ``manifold`` projected onto the constraints.
 
-        Momenta are drawn over four decades, so that neither kinetic nor potential energy hides
-        what breaks a symmetry of the other; a tenth of them is zero. Returns the values of all
-        symbols: of q and p ``count`` numbers each, NaN where the projection does not converge.
+        Momenta are drawn over four decades, so that a broken symmetry of the kinetic energy shows
+        beside the potential energy, and the reverse; a tenth of the states is at rest. Returns
+        symbol → values: of each q and p ``count`` numbers, NaN where the projection fails.
         """
         n = self.system.n
         self._draw_unknown_symbols(count)

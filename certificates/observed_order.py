@@ -120,7 +120,7 @@ def test_problem() -> System:
 
 @cache
 def _functions() -> dict[str, Callable[..., Any]]:
-    """Return the functions of the test problem, in mpmath."""
+    """Return H_q, H_p, G, g of (*q, *p), F of (t,) of the test problem: name → mpmath function."""
     system = test_problem()
     variables = [*system.q, *system.p]
     expressions = {"H_q": system.H_q, "H_p": system.H_p, "G": system.G[0],

@@ -283,9 +283,10 @@ def log_stages(text: str, total: int, progress: Progress) -> Iterator[Callable[[
 
 @contextlib.contextmanager
 def terminal_messages(*, explicit: bool = False) -> Iterator[None]:
-    """Show tasks and results within: for the command line.
+    """Write the messages of tasks and of results to stderr inside a ``with`` block.
 
-    ``explicit`` is for ``progress=True``: no results, and lines where stderr is no terminal.
+    ``explicit`` is for ``progress=True`` of a call: results are not written, tasks also if stderr
+    is no terminal. The state before is restored afterwards.
     """
     # calls may be nested: each restores what it has changed
     before = _LOGGER.level, TERMINAL.level, TERMINAL.results, TERMINAL.asked

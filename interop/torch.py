@@ -42,8 +42,8 @@ def run(
 ) -> Flow:
     """Return a run of a stepper as a PyTorch function: (q, p) after ``steps`` steps.
 
-    Arguments are those of ``FlowFunction``; second derivatives are those of
-    ``torch.func.hessian``.
+    Arguments as for ``FlowFunction``; ``second_order`` says how ``torch.func.hessian`` gets its
+    second derivatives.
     """
     return Flow(stepper, steps, dt, second_order)
 

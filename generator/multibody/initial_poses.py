@@ -206,8 +206,9 @@ class Attitude:
 
 
 def attitude(label: str, quaternion: Any, matrix: Any) -> Array:
-    """Return the unit quaternion of a quaternion of any length, or of a rotation.
+    """Return the attitude of a body as a unit quaternion, shape (4,), scalar first.
 
+    ``quaternion`` may have any length but 0; without both arguments the attitude is the identity.
     ``matrix`` is 3 × 3 from body to space axes, or a SciPy Rotation.
 
     Raises

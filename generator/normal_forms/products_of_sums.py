@@ -290,7 +290,10 @@ class _PowerSplitter:
     # ------------------------------------------------------------ lengths √u
 
     def take_lengths(self) -> None:
-        """Subtract powers of lengths plus a constant, a (√u + s)ⁿ, n = 4, 3, 2."""
+        """Subtract a (√u + s)ⁿ, n = 4, 3, 2, from the remainder: u a sum, as x² + y², s constant.
+
+        The term of degree n gives a, the term n a s of degree n − 1 gives s.
+        """
         sums = {base for m in self.remainder for base, n in m if base.is_Add and n == _HALF}
         for base in sorted(sums, key=lambda base: (-self._variable_count(base), base_key(base))):
             root: Terms = {frozenset([(base, _HALF)]): 1}
@@ -299,8 +302,8 @@ class _PowerSplitter:
             for _ in range(highest - 1):
                 powers.append(self.form.product([powers[-1], root]))
             for n in range(highest, 1, -1):
-                first, second = (self._common_constants(powers[k]) for k in (n, n - 1))
-                self._take_each(first, root, n, second)
+                leading, next_lower = (self._common_constants(powers[k]) for k in (n, n - 1))
+                self._take_each(leading, root, n, next_lower)
 
     def _variable_count(self, base: sp.Expr) -> int:
         """Return the largest number of variable bases in a term of a sum."""
@@ -390,7 +393,9 @@ class _PowerSplitter:
     def _power_of(
         self, constants: Monomial, n: int, pair: Pair, by_power: dict[int, Number]
     ) -> tuple[Number, int] | None:
-        """Return a and the sign of a (x ± y)ⁿ with the mixed terms ``by_power``, or None.
+        """Return a and the sign of a (x ± y)ⁿ; None if the terms are not those of such a power.
+
+        ``by_power``: k → coefficient of xⁿ⁻ᵏ yᵏ, 0 < k < n, without the factor ``constants``.
 
         Binomial theorem: the coefficient of xⁿ⁻ᵏ yᵏ is a C(n, k) (±1)ᵏ. For n = 2 the signs of
         x² and y² determine the sign of a.

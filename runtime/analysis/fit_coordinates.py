@@ -133,7 +133,11 @@ class Coordinates:
         return jacobian
 
     def apply_step(self, parameters: Mapping[str, float], y: Array) -> dict[str, float]:
-        """Return θ(y): L + y of each body, θ e^y of a positive parameter, θ + y of others."""
+        """Return the parameters θ after a step y, shape (unknowns,), in the coordinates of the fit.
+
+        The columns of y are those of ``jacobian``: the entries of the factor L of each body's Σ = L
+        Lᵀ become L + y, a positive parameter θ e^y, others θ + y.
+        """
         moved_parameters, column = dict(parameters), 0
         for body in self._bodies:
             L = body.factor(parameters)

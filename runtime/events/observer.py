@@ -194,8 +194,13 @@ class Observer:
     def advance(
         self, constants: RunConstants, steps: int, every: int, state: RunState, rows: Rows
     ) -> int:
-        """Advance as ``binding.integrate`` does, up to the step before a terminal event."""
-        # two starts of pieces: the detector looks one step back, which may lie in the piece before
+        """Advance ``state`` by up to ``steps`` steps, or to the step before a terminal event.
+
+        Every ``every``-th state is written to ``rows``. Returns 0, or the status of a step that
+        fails.
+        """
+        # the states at which this call and the last one began are kept: a terminal event is located
+        # again from one of them, and may be in the last step of the call before
         if self.terminal:
             # the memory of the oldest start serves the newest
             piece_start = (self._piece_starts.pop(0) if len(self._piece_starts) == 2

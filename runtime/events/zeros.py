@@ -26,12 +26,12 @@ def zeros(
 ) -> None:
     """Find a zero of each function in [0, 1], where it has the values f0 and f1 of two signs.
 
-    ``evaluate(x, indices)`` returns the values of the functions with these indices at x, and keeps
-    the zeros: nothing is returned here. Arrays have an entry for each function. The search begins
-    at ``start``, by default the secant's zero. It ends if
-    the bracket of a function is at most twice its tolerance wide, or one of its values is 0; and at
-    a simple zero if the secant through the last two points has its zero within half of the
-    tolerance, while the secant before, a hundred times as long, had the same slope.
+    ``evaluate(x, indices)`` returns the values of the functions with these indices at x, and stores
+    its best states, so that nothing is returned here. Arrays have the shape (functions,). The
+    search begins at ``start``, by default the secant's zero. It ends if the bracket of a function
+    is at most twice its tolerance wide, or one of its values is 0; and at a simple zero if the
+    secant through the last two points has its zero within half of the tolerance, while the secant
+    before, a hundred times as long, had the same slope.
     """
     indices = np.arange(len(f0))
     x1, x2 = 0 * tolerance, 0 * tolerance + 1

@@ -247,7 +247,7 @@ def merged_starts(
         raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
                          "with columns of parameters, or q and p, a row for each trajectory.")
     if isinstance(parameter_sets, Mapping):
-        parameter_sets = [_row(parameter_sets, i, len(starts)) for i in range(len(starts))]
+        parameter_sets = [_parameters_of(parameter_sets, i, len(starts)) for i in range(len(starts))]
     if len(parameter_sets) != len(starts):
         raise InputError(f"{len(parameter_sets)} sets of parameters are given for {len(starts)} "
                          "starts.")
@@ -303,7 +303,7 @@ def _rows_on_constraints(
     q_rows, p_rows, moves = [], [], []
     for i in range(size if varied else 1):
         row_parameters = (parameters[i] if isinstance(parameters, list)
-                          else _row(parameters, i, size))
+                          else _parameters_of(parameters, i, size))
         q_row, p_row, move = moved_onto_constraints(stepper, q[i], p[i], row_parameters, times[i])
         q_rows.append(q_row)
         p_rows.append(p_row)
@@ -314,7 +314,7 @@ def _rows_on_constraints(
             np.broadcast_to(np.array(p_rows), p.shape))
 
 
-def _row(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
+def _parameters_of(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:
     """Return the parameters of trajectory i of ``size``, from numbers and columns (size,).
 
     Raises InputError for a column of another length.

@@ -178,7 +178,10 @@ def draw_scene(
     azimuth: float | None = None, elevation: float | None = None,
     background: BackgroundName = "light", traces: bool = True,
 ) -> RenderedPicture:
-    """Return a picture of a frame of a scene, its meshes by their files; see ``draw_picture``."""
+    """Return a picture of a scene at ``scene.t[frame]``, by default the frame of largest extent.
+
+    ``files``: name of a mesh file → its mesh. Other arguments as for ``draw_picture``.
+    """
     shown_frame = _widest(scene) if frame is None else frame
     drawing = SceneDrawing(scene, files or {}, [shown_frame], size=size, azimuth=azimuth,
                            elevation=elevation, background=background, traces=traces)

@@ -16,16 +16,17 @@ def start_of_row(
     q: Any, p: Any, t: Any, parameters: Mapping[str, Any], inputs: Mapping[str, Any],
     excess: Any = 0.0, impacts: tuple[Impact, ...] = (),
 ) -> Start:
-    """Return the start from a state of a run.
+    """Return the start from a state q, p, shapes (n,), at time t of a run.
 
-    γ and α that are the means γ_m of their moments are left out: a start with other moments has
-    other means. ``excess`` is H + e in scaled time, ``impacts`` are those of the run.
+    γ and α that are equal to the mean γ_m of their moments are left out: ``integrate`` computes
+    them from the moments, also from other ones. ``excess`` is H + e in scaled time, ``impacts`` are
+    those of the run.
     """
     start_parameters = {}
     for name, number in parameters.items():
         if name in inputs or number != number:  # an input that changes is no one number
             continue
-        # found anew for the moments of the new start
+        # a mean of the moments, which the new start may replace
         if has_inertia(name, parameters) and number == gamma_by_rule(name, GAMMA_M, parameters):
             continue
         start_parameters[name] = number

@@ -199,7 +199,8 @@ class Differentiation(Evaluation):
     ) -> tuple[Array, Array, Array, Array]:
         """Return (q1, p1) of a step and its derivative (dq1, dp1) along a direction.
 
-        ``jvp(start, dq, dp, dt=…)`` or ``jvp(q, p, dq, dp, dt=…)``.
+        ``jvp(start, dq, dp, dt=…)`` or ``jvp(q, p, dq, dp, dt=…)``. q1 and p1 have the shape (n,),
+        dq1 and dp1 the shape of dq.
 
         Parameters
         ----------

@@ -396,12 +396,12 @@ class Simulation:
 
     @property
     def start(self) -> Start:
-        """The state, the parameters and the inputs of now, from which another run may start."""
+        """The present state, parameters and inputs, from which another run may start."""
         present_run = self._run
         parameters = present_run.run.parameters
         inputs = {name: parameters[name] for name in present_run.binding.input_names}
         state = start_of_row(self.q, self.p, self.t, parameters, inputs)
-        # p[-1] is e, and a run from here goes on with H + e as it is, round-off and all
+        # p[-1] is e: a run from here keeps the present value of H + e, which round-off moved from 0
         if present_run.binding.clocked:
             state._excess = self._stepper.energy(state) + present_run.p[-1]
         return state

@@ -189,11 +189,12 @@ class Pilots:
         return finest
 
     def _reference(self, x: Array) -> _Reference | None:
-        """Return the motion by Richardson's extrapolation, with its last refinement.
+        """Return the reference motion of a trial x by Richardson's extrapolation.
 
             q = q_8 + (q_8 − q_4)/(2^r − 1),   q_k by steps of Δt/k
 
-        The refinement is its distance from q_4 + (q_4 − q_2)/(2^r − 1). None if a run fails.
+        Its uncertainty is the distance from q_4 + (q_4 − q_2)/(2^r − 1). x has the shape
+        (unknowns,); None if a run fails.
         """
         runs = [self.run(x, refinement) for refinement in _REFINEMENTS]
         second, fourth, eighth = (None if run is None else np.asarray(run.q) for run in runs)

@@ -85,7 +85,8 @@ class StepSearch:
     def _halve(self) -> Array:
         """Halve the step until the error is small enough, in two pilots at least.
 
-        Return q of the finest run, with 2 n steps, at the rows.
+        Return q of the finest run, with twice the steps of the last pilot, at the compared times,
+        shape (rows, n). Raises StepFailed if no run succeeds, InputError if the error stays large.
         """
         n, coarse_q, failure = FEWEST, None, None
         while n <= _MOST:
