@@ -378,9 +378,10 @@ class DiscreteFlow:
     # ------------------------------------------------------------ the derivative of the projection
 
     def _project(self, space: TangentSpace, dx: Array) -> Array:
-        """Return directions of the start, projected, as columns with the rows of compiled code.
+        """Return directions of the start, projected onto the constraints, shape (rows, k).
 
-        ``dx`` has a row for each direction: the entries of x without inputs.
+        ``dx`` has the shape (k, entries of x without inputs); the rows are those of compiled
+        derivatives, in their order.
         """
         dz = self.stepper.binding.new(self._row_count, len(dx))
         dz[self._fixed_rows] = dx.T

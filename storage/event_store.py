@@ -53,7 +53,7 @@ class EventStore:
         if field.wide:
             arrays[wide_name(field.name)] = as_bytes(array)
         return [chunk for name, new_rows in arrays.items()
-                for chunk in _appended_chunks(self._arrays[name], stored_count, new_rows)]
+                for chunk in _chunks_to_append(self._arrays[name], stored_count, new_rows)]
 
     @property
     def names(self) -> set[str]:
@@ -74,7 +74,7 @@ class EventStore:
         return {array_name for array_name, _ in lengths_to_change}
 
 
-def _appended_chunks(array: zarr.Array[Any], stored_count: int, new_rows: Array) -> list[Chunk]:
+def _chunks_to_append(array: zarr.Array[Any], stored_count: int, new_rows: Array) -> list[Chunk]:
     """Return the chunks with new rows; the first chunk has the stored rows of its block too.
 
     ``stored_count`` rows precede the new ones: chunks are written whole.

@@ -65,9 +65,9 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     except InputError:  # a part of a step of some cell does not converge, though its steps did
         if len(group) > 1:
             half = len(group) // 2
-            return _joined([run_with_events(study, stepper, steps, cells, group[part], q[part],
-                                            p[part])
-                            for part in (slice(half), slice(half, None))])
+            return _join([run_with_events(study, stepper, steps, cells, group[part], q[part],
+                                          p[part])
+                          for part in (slice(half), slice(half, None))])
         crossings = []
         ensemble_states.status[:] = NOT_CONVERGED
     binding, row_count = ensemble_states.binding, steps // every + 1
@@ -85,7 +85,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
                     event_results)
 
 
-def _joined(parts: list[CellEnds]) -> CellEnds:
+def _join(parts: list[CellEnds]) -> CellEnds:
     """Return the ends of several groups of cells as one group."""
     q, p, reports, status = (np.concatenate([getattr(part, name) for part in parts])
                              for name in ("q", "p", "reports", "status"))

@@ -157,7 +157,10 @@ class _Temporaries:
         self.definitions: list[tuple[sp.Symbol, sp.Expr]] = []
 
     def expression(self, node: _Node) -> sp.Expr:
-        """Return the expression of a node in temporaries, and define one if the node recurs."""
+        """Return the expression of a node in terms of temporaries; a node that recurs becomes one.
+
+        ``node.form`` is an equal expression that is built in place of the node, if it has one.
+        """
         if not node.arguments:
             return node.expression
         if node.symbol is not None:

@@ -78,7 +78,10 @@ def _replace_mesh(
 ) -> Placement:
     """Make a geom of a mesh an ellipsoid of equal mass and inertia, or a sphere without mass.
 
-    Return the old axes of the geom in its new ones. ``volumes`` collects measured meshes by name.
+    ``kinds`` is MuJoCo's ``mjtGeom``, ``spec`` its specification, to which geom and mesh belong;
+    ``is_fitted``: the geom is a primitive fitted to the mesh. Measured meshes are added to
+    ``volumes`` by name. Returns the pose of the old axes of the geom in its new ones. Raises
+    InputError for a mesh whose mass is not that of its volume.
     """
     geom_type = kinds.mjGEOM_SPHERE
     outer = IDENTITY

@@ -265,7 +265,7 @@ class _Scopes:
 def _read(
     scopes: _Scopes
 ) -> tuple[dict[str, tuple[RobotLink, float]], list[PlacedJoint]]:
-    """Return name → (link, share of its weight that is compensated), and the joints.
+    """Return the links, name → (link, share of its weight that is compensated), and the joints.
 
     Raises InputError for a file without links, too many links, and joints of unknown links.
     """

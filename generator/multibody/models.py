@@ -290,7 +290,8 @@ def _bar(build: Multibody, name: str, start: Array, end: Array, rep: RepName) ->
 def _loop_rates(points: Array, rate: float) -> tuple[float, float, float]:
     """Return the bars' angular velocities about z: ω₁ d₁ + ω₂ d₂ + ω₃ d₃ = 0 for their vectors d.
 
-    The velocities ω e_z × d of the bars' ends add up to 0 around the closed loop; ω₁ = ``rate``.
+    ``points`` are the four ends of the three bars in m, shape (4, 2) or (4, 3). The velocities
+    ω e_z × d of the bars' ends add up to 0 around the closed loop; ω₁ = ``rate`` in rad/s.
     """
     d1, d2, d3 = np.diff(points[:, :2], axis=0)
     second, third = np.linalg.solve(np.stack([d2, d3], axis=1), -rate * d1)

@@ -236,7 +236,10 @@ class Benettin:
         self.units, self.factors = [self.V.copy()], list[Array]()
 
     def advance(self) -> Iterator[int]:
-        """Integrate the run and its directions; yield the steps so far after each piece of it."""
+        """Integrate the run with its directions, orthonormalised after every ``every`` steps.
+
+        Yields the number of finished steps after each piece of the run, for the progress.
+        """
         every = self.run.every
         for steps in pieces(self.stepper, self.run, self._stored_run):
             index = 0

@@ -247,7 +247,8 @@ def merged_starts(
         raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
                          "with columns of parameters, or q and p, a row for each trajectory.")
     if isinstance(parameter_sets, Mapping):
-        parameter_sets = [_parameters_of(parameter_sets, i, len(starts)) for i in range(len(starts))]
+        parameter_sets = [_parameters_of(parameter_sets, i, len(starts))
+                          for i in range(len(starts))]
     if len(parameter_sets) != len(starts):
         raise InputError(f"{len(parameter_sets)} sets of parameters are given for {len(starts)} "
                          "starts.")

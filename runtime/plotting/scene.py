@@ -196,9 +196,9 @@ class Scene:
 
 
 def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None) -> Scene:
-    """Return the bodies and joints of at most so many states, evenly among the stored ones.
+    """Return the scene of a trajectory: its bodies and joints at up to ``frames`` stored states.
 
-    ``include`` is the index of a state to include.
+    The states are evenly spaced; ``include`` is the index of a stored state to be among them.
 
     Raises
     ------
@@ -318,7 +318,7 @@ def _sizes_of(moments: Array, mass: float | None) -> dict[str, Array]:
     """Return half edges of the box, and semi-axes of the ellipsoid, of equal inertia, (3,) each.
 
     ``moments`` are the principal moments, shape (3,), kg m², ``mass`` is in kg. a_i² = S_i/(factor
-    · m); without a mass the largest is 1, of the box as of the ellipsoid.
+    · m), S_i = I_j + I_k − I_i; without a mass the largest is 1, of the box as of the ellipsoid.
     """
     lengths = np.sqrt(_second_moments(moments) / (1.0 if mass is None else mass))
     lengths = np.maximum(lengths, _THIN * lengths.max())  # a flat body is drawn with a thickness
