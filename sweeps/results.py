@@ -277,7 +277,8 @@ def create_store(
                      [*dimensions, *(name for name, _ in field.inner)], field.attributes)
     for name, (along, coordinate, coordinate_attributes) in _coordinates(study).items():
         create_array(group, name, coordinate.shape, coordinate.shape, coordinate.dtype, 0, along,
-                     coordinate_attributes)[...] = coordinate
+                     coordinate_attributes).with_config(
+                         {"write_empty_chunks": True})[...] = coordinate
     consolidate(path)
 
 
@@ -310,13 +311,38 @@ def _rename_dimensions(dataset: xarray.Dataset) -> xarray.Dataset:
 
 
 def done_tiles(path: Path) -> set[tuple[int, ...]]:
-    """Return the places of the tiles whose last array is on the disk.
+    """Return the places of the tiles that have a file of each result."""
+    group = open_group(path)
+    return set.intersection(*(_tiles_with_files(path, group, name)
+                              for name in attributes_of(group)["sweep"]["results"]))
 
-    Zarr writes chunk (i, j) of an array to the file ``c/i/j`` of its folder.
+
+def _tiles_with_files(path: Path, group: zarr.Group, name: str) -> set[tuple[int, ...]]:
+    """Return the places of the tiles that have a file of this result.
+
+    Zarr writes chunk (i, j) of an array to the file ``c/i/j`` of its folder; a tile is one chunk.
     """
-    root = path / STATUS / "c"
-    return {tuple(map(int, p.relative_to(root).parts)) for p in _files(root)
-            if all(name.isdigit() for name in p.relative_to(root).parts)}
+    root, axes = path / name / "c", array_of(group, STATUS).ndim
+    places = (p.relative_to(root).parts for p in _files(root))
+    return {tuple(map(int, place[:axes])) for place in places
+            if all(index.isdigit() for index in place)}
+
+
+def _refuse_missing_files(path: Path, group: zarr.Group, names: Iterable[str]) -> None:
+    """Refuse a sweep that lacks files of finished tiles or of axes, which Zarr reads as fills.
+
+    ``names`` are those of the results. Raises InputError.
+    """
+    tiles = _tiles_with_files(path, group, STATUS)  # written last of a tile
+    for name in group.array_keys():
+        is_result = name in names
+        if is_result and tiles <= _tiles_with_files(path, group, name):
+            continue
+        if is_result or not any(_files(path / name / "c")):
+            raise InputError(
+                f"The sweep {str(path)!r} is damaged: a file of {name!r} is missing; "
+                + ("repeat the command with --resume, which computes it." if is_result else
+                   "restore it from a copy, or compute the sweep in another store."))
 
 
 def is_complete(study: Study, path: Path) -> bool:
@@ -366,11 +392,13 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
 
     root = as_path("path", path, "study.zarr")
     try:
-        attributes = attributes_of(open_group(root))
+        group = open_group(root)
+        attributes = attributes_of(group)
         if attributes["sweep"]["format"] != FORMAT:
             raise written_by(root, attributes["sweep"]["gyrospark"], f"its format is "
                              f"{attributes['sweep']['format']}, and {FORMAT} is known here")
         names = attributes["sweep"]["results"]
+        _refuse_missing_files(root, group, names)
         dataset: xarray.Dataset = xarray.open_zarr(root)
         if SCHEME in dataset:  # numbers of schemes in the store, names for readers
             scheme = dataset[SCHEME]

@@ -86,6 +86,21 @@ def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
     assert np.isnan(found.q.values[states == NOT_COMPUTED]).all()
 
 
+def test_a_missing_file_is_refused_and_computed_again(tmp_path):
+    """Zarr would read NaN for a result and 0 for an axis."""
+    path = tmp_path / "s.zarr"
+    arguments = {"over": {"gamma": [1e-3, 2e-3], "mgl": [0.0]}, "scheme": "EMS", "dt": 1e-3,
+                 "steps": 5}
+    whole = gs.sweep(TOP, **arguments, out=path).load()
+    (path / "q" / "c" / "0" / "0" / "0").unlink()
+    with pytest.raises(gs.InputError, match="'q'"):
+        gs.load_sweep(path)
+    assert gs.sweep(TOP, **arguments, out=path, resume=True).equals(whole)
+    (path / "mgl" / "c" / "0").unlink()
+    with pytest.raises(gs.InputError, match="'mgl'"):
+        gs.load_sweep(path)
+
+
 def test_another_sweep_is_not_resumed(tmp_path):
     path = tmp_path / "s.zarr"
     arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
