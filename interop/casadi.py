@@ -60,10 +60,16 @@ class Flow(FlowFunction):
     """
 
     _columns = True
+    _arrays = (casadi.MX, casadi.SX, casadi.DM)
+    _stack = "casadi.vertcat"
 
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
         super().__init__(stepper, steps, dt, second_order)
-        self.function = _value(self._flow, self._has_second)
+        key = (stepper, self._flow.steps, second_order)
+        if key not in _functions:
+            _functions[key] = self._flow, _value(self._flow, self._has_second)
+        self._flow, self.function = _functions[key]
+        self.failures = self._flow.failures
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         """Return F(x) as a column; the parts of x are numbers or CasADi's matrices."""
@@ -93,6 +99,10 @@ def _column(component: Any, shape: tuple[int, ...]) -> Any:
 
 
 # ---------------------------------------------------------------- functions of CasADi
+
+#: The flow and the function of each stepper, number of steps and order. They are kept, because
+#: expressions that call a function of Python do not keep it, and may outlive their Flow.
+_functions: dict[tuple[Stepper, int, str], tuple[DiscreteFlow, Any]] = {}
 
 
 class _Function(casadi.Callback):

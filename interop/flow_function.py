@@ -10,10 +10,11 @@ import numpy as np
 
 from ..core.arguments import choose
 from ..core.errors import InputError
+from ..runtime.bindings.array_checks import as_numbers, converted_to
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
 
-__all__ = ["FlowFunction", "no_second_order", "on_mapped_axis"]
+__all__ = ["FlowFunction", "no_second_order", "no_third_order", "on_mapped_axis"]
 
 #: Choices for second derivatives.
 _SECOND_ORDER = ("exact", "differences", "refuse")
@@ -50,6 +51,9 @@ class FlowFunction(ABC):
 
     #: Whether the library gives vectors the shape of a column.
     _columns = False
+    #: The library's own arrays, which may be symbols, and how a list of them becomes one.
+    _arrays: tuple[type, ...]
+    _stack: str
 
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
         self._has_second = choose("second_order", second_order, _SECOND_ORDER) != "refuse"
@@ -87,6 +91,24 @@ class FlowFunction(ABC):
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         """Return F(x); ``parts`` are the components of x, each with the shape to broadcast to."""
 
+    def _array(self, name: str, argument: Any) -> Any:
+        """Return an array of the library as it is, and other numbers as an array of NumPy.
+
+        Raises InputError for what has no real numbers, and for lists of the library's symbols.
+        """
+        if isinstance(argument, self._arrays):
+            kind = getattr(argument, "dtype", None)
+            if getattr(kind, "kind", "f") in "cb":
+                raise InputError(f"{name} has entries of type {kind}; give real numbers.")
+            return argument
+        try:
+            return converted_to(np.float64, as_numbers(name, argument))
+        except InputError:
+            raise
+        except (TypeError, ValueError, RuntimeError):
+            raise InputError(f"{name} is a list with symbols of the library; make it one array, by "
+                             f"{self._stack}.") from None
+
     def _shape(self, value: Any) -> tuple[int, ...]:
         """Return the shape of an argument, as NumPy has shapes."""
         return np.shape(value)
@@ -114,6 +136,8 @@ class FlowFunction(ABC):
                              f"shape ({flow.steps}, {count}) or ({count},).")
         if inputs is not None:
             arguments.append(("inputs", inputs, (flow.steps, count)))
+        arguments = [(name, self._array(name, argument), shape)
+                     for name, argument, shape in arguments]
         for name, argument, shape in arguments:
             given_shape, allowed = self._shape(argument), {shape}
             if name == "inputs":
@@ -144,10 +168,12 @@ def on_mapped_axis(
             continue
         mapped = (repeat(array, mapped_axis, size) if axis is None
                   else move(array, axis, mapped_axis))
-        point_rows.append(mapped.reshape(*mapped.shape[:mapped_axis], -1,
-                                     *mapped.shape[mapped_axis + 2 :]))
+        # not −1: an axis of length 0 may be mapped
+        count = mapped.shape[mapped_axis + 1]
+        point_rows.append(mapped.reshape(*mapped.shape[:mapped_axis], size * count,
+                                         *mapped.shape[mapped_axis + 2 :]))
     result = function(*point_rows)
-    return result.reshape(*result.shape[:mapped_axis], size, -1,
+    return result.reshape(*result.shape[:mapped_axis], size, count,
                           *result.shape[mapped_axis + 1 :]), mapped_axis
 
 
@@ -155,3 +181,9 @@ def no_second_order(cure: str = "") -> InputError:
     """Return the refusal of a second derivative; ``cure`` is one of the library."""
     return InputError("Second derivatives of steps are refused by second_order=\"refuse\", which "
                       f"was given{cure}; leave it out, and they are exact.")
+
+
+def no_third_order() -> InputError:
+    """Return the refusal of a third derivative."""
+    return InputError("Steps have first and second derivatives, and a third one is asked for; take "
+                      "differences of second ones.")

@@ -23,7 +23,7 @@ from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
-from .flow_function import FlowFunction, no_second_order, on_mapped_axis
+from .flow_function import FlowFunction, no_second_order, no_third_order, on_mapped_axis
 
 try:
     import jax
@@ -60,6 +60,9 @@ def run(
 
 class Flow(FlowFunction):
     """N steps as a JAX function; see ``run``. JAX must compute in 64 bits."""
+
+    _arrays = (jax.Array,)
+    _stack = "jax.numpy.array"
 
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         """Return F of the parts of x, each broadcast to its shape and flattened; needs 64 bits."""
@@ -186,6 +189,11 @@ def _refuse_transpose(*arrays: Any, **settings: Any) -> Any:
                      "or jacfwd of jacrev.")
 
 
+def _refuse_third(*arrays: Any, **settings: Any) -> Any:
+    """Raise InputError: a second derivative has no derivative here."""
+    raise no_third_order()
+
+
 _register(_value, DiscreteFlow.value, is_adjoint=False)
 _register(_tangent, DiscreteFlow.tangent, is_adjoint=False)
 _register(_adjoint, DiscreteFlow.adjoint, is_adjoint=True)
@@ -197,3 +205,4 @@ for _one, _other, _second in ((_tangent, _adjoint, _second_tangent),
     ad.primitive_jvps[_one] = partial(_linear_jvp, _one, _second)
     ad.primitive_transposes[_one] = partial(_transpose, _other)
     ad.primitive_transposes[_second] = _refuse_transpose
+    ad.primitive_jvps[_second] = _refuse_third

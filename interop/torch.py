@@ -17,7 +17,7 @@ from ..core.errors import InputError, MissingDependencyError
 from ..core.extras import install
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
-from .flow_function import FlowFunction, no_second_order, on_mapped_axis
+from .flow_function import FlowFunction, no_second_order, no_third_order, on_mapped_axis
 
 try:
     import torch
@@ -51,9 +51,12 @@ def run(
 class Flow(FlowFunction):
     """N steps as a PyTorch function; see ``run``. Tensors are of double precision, on the CPU."""
 
+    _arrays = (torch.Tensor,)
+    _stack = "torch.stack"
+
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         """Return F(x) as a tensor of 2 n numbers."""
-        x = torch.cat([_double(component).broadcast_to(shape).reshape(-1)
+        x = torch.cat([_double(component).broadcast_to(shape).flatten()
                        for component, shape in parts])
         return _Value.apply(x[None], self._flow, self._has_second)[0]
 
@@ -201,7 +204,21 @@ class _Adjoint(_Batched):
         return _linear_jvp(ctx, _Adjoint, _SecondAdjoint, dx, dv)
 
 
-class _SecondTangent(_Batched):
+class _Second(_Batched):
+    """A second derivative, which has no derivative here."""
+
+    @staticmethod
+    def jvp(ctx: Any, *_: Any) -> Any:
+        """Raise InputError."""
+        raise no_third_order()
+
+    @staticmethod
+    def backward(ctx: Any, *_: Any) -> Any:
+        """Raise InputError."""
+        raise no_third_order()
+
+
+class _SecondTangent(_Second):
     """x, v and dx, shape (rows, k, …) → the derivative of F'(x) v by x along dx."""
 
     @staticmethod
@@ -210,7 +227,7 @@ class _SecondTangent(_Batched):
         return _call_numpy(lambda *xs: flow.second(flow.tangent, *xs), x, v, dx)
 
 
-class _SecondAdjoint(_Batched):
+class _SecondAdjoint(_Second):
     """x, w and dx, shape (rows, k, …) → the derivative of F'(x)ᵀ w by x along dx."""
 
     @staticmethod

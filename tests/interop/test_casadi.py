@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from gc import collect
+
 import numpy as np
 import pytest
 
@@ -115,3 +117,11 @@ def test_one_input_is_a_column():
     run = step.integrate([0.3], [0.2], dt=0.05, steps=5, parameters={"k": 1.3}, inputs=rows)
     found = casadi.Function("f", [u], [F])(rows).full()[:, 0]
     assert np.array_equal(found, [*run.q[-1], *run.p[-1]])
+
+
+def test_expressions_outlive_the_function_that_made_them():
+    theta, wanted = casadi.MX.sym("theta", 5), of_theta(casadi.jacobian)
+    F = casadi.vertcat(*gc.run(stepper_of("top"), steps=12, dt=1e-3)(Q, P, theta))
+    collect()
+    found = casadi.Function("f", [theta], [casadi.jacobian(F, theta)])(THETA).full()
+    assert np.array_equal(found, wanted)

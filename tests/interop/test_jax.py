@@ -173,3 +173,23 @@ def test_unusable_arguments_are_refused():
             flow(Q, P, THETA)
     finally:
         jax.config.update("jax_enable_x64", True)
+
+
+def test_arguments_without_real_numbers_are_refused():
+    flow, F = top()
+    for q in ("word", None, {"q": Q}, [1j, *Q[1:]], jnp.array(Q + 1j), jnp.array([True] * 4)):
+        with pytest.raises(InputError, match="q has entries"):
+            flow(q, P, THETA)
+    with pytest.raises(InputError, match="q is a list"):
+        jax.grad(lambda x: F([x, *Q[1:]], P, THETA).sum())(1.0)
+
+
+def test_an_axis_of_no_rows_is_mapped():
+    _, F = top()
+    assert jax.vmap(lambda q: F(q, P, THETA))(np.zeros((0, 4))).shape == (0, 8)
+
+
+def test_third_derivatives_are_refused():
+    _, F = top(1, second_order="differences")
+    with pytest.raises(InputError, match="third"):
+        jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda x: F(x * Q, P, THETA))))(1.0)

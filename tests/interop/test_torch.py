@@ -135,3 +135,16 @@ def test_tensors_are_double_and_on_the_cpu():
         with pytest.raises(InputError, match="float64"):
             flow(other, P, THETA)
     assert flow(list(map(float, Q)), P, PARAMETERS)[0].dtype is torch.float64
+
+
+def test_unusable_arguments_are_refused():
+    flow, F = top(1, second_order="differences")
+    for q in ("word", None, {"q": Q}, [1j, *Q[1:].tolist()]):
+        with pytest.raises(InputError, match="q has entries"):
+            flow(q, P, THETA)
+    x = torch.ones((), dtype=torch.float64, requires_grad=True)
+    with pytest.raises(InputError, match="q is a list"):
+        flow([x, *Q[1:]], P, THETA)
+    assert torch.func.vmap(lambda q: F(q, P, THETA))(Q.expand(0, 4)).shape == (0, 8)
+    with pytest.raises(InputError, match="third"):
+        torch.func.jacfwd(torch.func.hessian(lambda q: F(q, P, THETA).sum()))(Q)
