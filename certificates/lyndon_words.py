@@ -43,7 +43,7 @@ def grade(word: str) -> int:
 
 
 def words_up_to(letters: str, largest_grade: int) -> list[str]:
-    """Return all words of at most this grade, the empty one included, by grade."""
+    """Return all words of at most ``largest_grade``, the empty one included, by rising grade."""
     by_grade = [[""]]
     for n in range(1, largest_grade + 1):
         # a word of grade n is a letter before a word of what the letter leaves of the grade

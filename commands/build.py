@@ -73,7 +73,7 @@ def build() -> None:
 
 
 def _command(target: Target) -> click.Command:
-    """Return the command of one target, with the options that this target has."""
+    """Return the command of one target, with the options of the target."""
     of_several = ", or several with commas" if target.several else ""
     parameters: list[click.Parameter] = [
         click.Argument(["model"], metavar="MODEL",

@@ -154,7 +154,7 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
 
 
 def spec_of_name(name: str) -> Spec:
-    """Return the spec whose name this is."""
+    """Return the spec of a stepper's name, such as heavy_top_gl3_gamma."""
     methods = {scheme.key: scheme.name for scheme in SCHEMES.values()}
     reals = {real.replace("-", "_"): real for real in REALS}
     # SYSTEM_METHODstages_REP[_REAL], as heavy_top_gl3_gamma_float128

@@ -126,7 +126,7 @@ def _beyond(size: int, *, negative: bool) -> Fraction | float:
 
 
 def decimal(text: str) -> Fraction | float | None:
-    """Return the number that a text says, in plain decimals or with an exponent; None for others.
+    """Return the number of a text, in plain decimals or with an exponent; None for other texts.
 
     As ``float(text)`` but with all digits; without underscores and digits of other scripts, which
     are rather a typo.

@@ -47,7 +47,7 @@ def _model(name: str, potential: Any, quantities: Mapping[str, Any], moments: Se
 
 
 def _end(run: Trajectory, moments: Sequence[Fraction]) -> Mapping[str, Any]:
-    """Return q and Ω of the last state: I_i Ω_i = (L(q) p)_i/2, in numbers of its own type."""
+    """Return q and Ω of the last state: I_i Ω_i = (L(q) p)_i/2, in the numbers of the run."""
     (q0, q1, q2, q3), (p0, p1, p2, p3) = run.q[-1], run.p[-1]
     twice_momentum = (-q1 * p0 + q0 * p1 + q3 * p2 - q2 * p3,
                       -q2 * p0 - q3 * p1 + q0 * p2 + q1 * p3,

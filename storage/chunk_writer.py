@@ -28,7 +28,7 @@ class Chunk(NamedTuple):
 
 
 def write_chunks(chunks: Sequence[Chunk]) -> None:
-    """Write chunks of a store; they are on the disk when this returns.
+    """Write chunks of a store, and flush them to the disk.
 
     They are written concurrently: each waits for the disk, which takes them together. Raises
     OSError if one cannot be written; the others are.

@@ -195,7 +195,7 @@ def _existing_group(
     stepper: Stepper, run: RunArguments, events: tuple[Event | Impact, ...], path: Path,
     identity: dict[str, Any]
 ) -> zarr.Group:
-    """Return the group of an existing store of this run, or of its first steps.
+    """Return the group of an existing store of the run, or of its first steps.
 
     ``identity`` determines the bits of the run; a longer run extends the store's arrays.
     """

@@ -305,7 +305,7 @@ class Recorder:
         self._end_at_event()
 
     def _take_last_part(self, writer: Writer) -> None:
-        """Take the part of a step to t_end, and commit its end as the last row.
+        """Take the partial step to t_end, and commit its end as the last row.
 
         Events within it are counted from the start of the run; a terminal one ends the run there.
         """
@@ -327,7 +327,7 @@ class Recorder:
                                               self._latest.get(name))
                      for name, crossings_of_event in new_events.items()}
         block_row = run.steps // run.every + 1 - self.first_row  # of the last row
-        # a longer run that resumes here needs them, for the row that its steps complete
+        # a longer run that resumes here needs the iterations, for the row that its steps complete
         iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
         if block_row == self.block:
             self.first_row, block_row = self.first_row + self.block, 0

@@ -370,7 +370,7 @@ class Recording(Trajectory):
 
 
 def _spans_of_chunks(row_range: range, chunk: int) -> Iterator[tuple[int, int]]:
-    """Yield, for each chunk with selected rows, the first of these and the end of rows to read.
+    """Yield, for each chunk with selected rows, the first selected row and the end of its rows.
 
     The first span is empty, so that there is an array to concatenate.
     """

@@ -117,7 +117,7 @@ def _potential_rate(t: float) -> float:
 
 
 def sweep(s: int, steps: int) -> tuple[GammaSweep, GammaSweep]:
-    """Return the energy errors over all γ, half way to the turning point and at it.
+    """Return the energy errors for each γ, half way to the turning point and at it.
 
     ``steps`` of s-LIIIA-B lead to the turning point of the nutation; the number is even.
     """

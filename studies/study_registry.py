@@ -62,7 +62,7 @@ def chosen(name: str) -> list[str]:
 def compute(
     names: Sequence[str], engine: Engine, progress: Callable[[str, int], None] | None = None
 ) -> list[Result]:
-    """Compute results one after the other; ``progress`` gets a name and how many are done."""
+    """Compute results one after the other; ``progress`` gets a name and the finished count."""
     results = []
     for finished_count, name in enumerate(names):
         if progress is not None:

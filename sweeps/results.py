@@ -239,7 +239,7 @@ class StoreSink:
         return {"path": self.path, "_arrays": {}}
 
     def write(self, tile: Tile, arrays: dict[str, Array]) -> None:
-        """Write a tile; it is on the disk when this returns."""
+        """Write a tile, name of a result → array of the tile's shape, and flush it to the disk."""
         with storage_errors(self.path, CURE):
             if not self._arrays:
                 group = open_group(self.path, write=True)

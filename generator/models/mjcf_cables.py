@@ -107,7 +107,7 @@ def _refusal(element: Element, why: str) -> InputError:
 
 
 def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Element, MjcfCable]:
-    """Return the first body of a cable, with the others below it, and its stiffnesses.
+    """Return the first body of a cable, which contains its further bodies, and its stiffnesses.
 
     B = (G J, E I_y, E I_z) of the section, about the tangent and across it, as in MuJoCo.
     """

@@ -474,7 +474,7 @@ class Assembly:
                 (numbers.f(q, self.p0), numbers.f(q, p)))
 
     def _coordinates_at(self, poses: Mapping[Frame, Pose]) -> Array:
-        """Return q of all bodies at these poses: quaternion, then position of each."""
+        """Return q, shape (n,), of all bodies at ``poses``: quaternion, then position of each."""
         q: list[Array] = []
         for body in self.components.bodies:
             pose = poses[body]
@@ -486,7 +486,7 @@ class Assembly:
         return np.concatenate(q)
 
     def _momenta_at(self, poses: Mapping[Frame, Pose]) -> Array:
-        """Return p of all bodies at these velocities: 2 L(q)ᵀ J Ω and m v of each."""
+        """Return p, shape (n,), of all bodies in motion: 2 L(q)ᵀ J Ω and m v of each."""
         p: list[Array] = []
         for body in self.components.bodies:
             pose = poses[body]

@@ -155,7 +155,7 @@ def close_loops(
 def _numbers_of(
     symbols: Sequence[sp.Symbol], values: Mapping[str, float], targets: Sequence[StartValue]
 ) -> tuple[NumericConstraints, NumericConstraints]:
-    """Return sin and cos of (angle − given value) of all targets, each as a g(q) with numbers.
+    """Return sin and cos of (angle − target value) of all targets, each as a g(q) with numbers.
 
     A travel has its difference itself in place of the sine, and no cosine. ``FRACTION`` is 1: the
     values are those of the start.

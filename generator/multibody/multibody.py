@@ -520,7 +520,7 @@ class Multibody:
         return beam
 
     def _join_segments(self, beam: Beam, attitudes: Sequence[Array], halves: Array) -> None:
-        """Join the N segments of a beam, which have these attitudes and half lengths, shape (N,).
+        """Join the N segments of a beam with attitudes, shape (N, 4), and half lengths in m, (N,).
 
         Joint k is between the segments k and k + 1, at the distance k h from the start.
         """
@@ -1648,7 +1648,7 @@ def _direction(name: str, label: str, entry: ArrayLike) -> Array:
 
 
 def _rest(label: str, entry: Any) -> float | tuple[float, float]:
-    """Return the rest of a spring: a number, or an interval (lower, upper)."""
+    """Return the rest length or angle of a spring: a number, or an interval (lower, upper)."""
     array = real_array(entry)
     if array is None or array.shape != (2,):
         return float(finite(label, entry, ()))

@@ -417,7 +417,7 @@ class _PowerSplitter:
     def _take_group(
         self, constants: Monomial, n: int, powers: dict[Pair, tuple[Number, int]]
     ) -> None:
-        """Subtract a (x ± y)ⁿ for all of these coupled pairs, or for none.
+        """Subtract a (x ± y)ⁿ for every pair of a coupled group, or for none.
 
         They are subtracted if fewer terms remain, or if all xⁿ are present: a sum of squares.
         """

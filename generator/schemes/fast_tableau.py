@@ -36,7 +36,7 @@ class FastTableau:
 
     @cached_property
     def refusal(self) -> str | None:
-        """The reason why this tableau has no fast path; None if it has one."""
+        """Return why a tableau has no fast path; None if it has one."""
         coefficients = self.centres
         p = self.tableau.p
         if 0 in [*coefficients["b"], *coefficients["b_hat"]]:

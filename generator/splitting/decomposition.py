@@ -192,7 +192,7 @@ class _Search:
     # ------------------------------------------------------------ terms of H
 
     def _patterns(self, template: ElementTemplate) -> dict[tuple[Any, ...], list[KickInstance]]:
-        """Return pattern → instances with this pattern.
+        """Return pattern → its instances.
 
         A pattern has a pair for each q and p of the template: slot of a body and component of its
         quaternion, or −1 and the number of a coordinate of points. Slots and coordinates are

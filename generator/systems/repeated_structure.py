@@ -209,7 +209,7 @@ class Structure:
     def _canonical(
         self, expressions: tuple[sp.Expr, ...], rows: tuple[int, ...]
     ) -> tuple[tuple[sp.Expr, ...], Instance]:
-        """Return the expressions in local symbols x, y and k, and the indices that these stand for.
+        """Return the expressions in local symbols x, y and k, and the indices of the local symbols.
 
         Coordinates and momenta are numbered by their order in the system, constants by their order
         in the expressions.

@@ -52,7 +52,7 @@ class _Solver:
         return DIMENSIONLESS
 
     def assign(self, e: sp.Expr, dimensions: Dimensions | None) -> None:
-        """Derive dimensions of symbols in e from its own ``dimensions``, None if these are unknown.
+        """Derive dimensions of symbols in e from its own ``dimensions``, None if they are unknown.
 
         Terms of a sum have the dimensions of the sum; a single unknown factor of a product has the
         quotient of the product and the known factors; arguments of functions have none.

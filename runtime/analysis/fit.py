@@ -329,7 +329,7 @@ class Fitting:
         return self.consistent(parameters, z[: self.step.n], z[self.step.n :])
 
     def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
-        """Return the point with these parameters and (q, p) projected onto the constraints."""
+        """Return the point of parameters and of (q, p), projected onto the constraints."""
         # inertias and other free parameters may move them
         if self.step.m:
             all_parameters = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)

@@ -304,7 +304,7 @@ class Benettin:
             self.factors.append(R)
 
     def _measure_symplecticity(self, c: Array, form_before: Array) -> None:
-        """Update the symplectic defect, and the volume's growth, by the directions c of now.
+        """Update the symplectic defect, and the volume's growth, by the present directions c.
 
         The defect is the largest |Ω(c_i, c_j) − Ω before|/(|c_i| |c_j|), 0 for a symplectic map.
         """

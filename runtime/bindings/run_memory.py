@@ -134,7 +134,7 @@ class Rows:
 
     @classmethod
     def allocate(cls, binding: Compiled, *shape: int) -> Rows:
-        """Return zeroed rows with these leading axes; raise InputError without memory for them."""
+        """Return zeroed rows with leading axes ``shape``; InputError without memory for them."""
         try:
             return cls(binding.new(*shape, binding.n), binding.new(*shape, binding.n),
                        binding.new(*shape, binding.multipliers), np.zeros(shape, dtype=np.intc),

@@ -457,7 +457,7 @@ class _AdjointRun:
         return w
 
     def _cotangent_of_points(self, step: int, q: Array, p: Array) -> Array:
-        """Return the cotangent of the state before a step by the points in this step, (2 n,).
+        """Return the cotangent, (2 n,), of the state before a step from the points within the step.
 
         (q, p) is the state in the frame, the cotangent is of the state in space. Cotangents of
         parameters and times are added to ``z_bar``, those of inputs to ``inputs_bar``.
@@ -516,7 +516,7 @@ def _cotangents_of_rows(
 def _cotangents_of_multipliers(
     stepper: Stepper, run: RunArguments, steps: KeptSteps, multipliers: Array
 ) -> Array:
-    """Return the cotangents of the multipliers of each of these steps, (steps, multipliers).
+    """Return the cotangents of the multipliers of the kept steps, (steps, multipliers).
 
     ``multipliers`` has a row for each stored state, with the cotangents of the multipliers of the
     step that ends there, or no rows; then the result has none.

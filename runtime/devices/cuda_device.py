@@ -53,7 +53,7 @@ class CudaDevice:
     """The current card, or the one with a number; all launches are on one stream of its own."""
 
     def __init__(self, number: int | None = None) -> None:
-        """Open the card of this number, by default the current one, with a stream of its own."""
+        """Open card ``number``, by default the current one, with a new stream."""
         self._cuda = _cuda()
         try:
             self._card = self._cuda.core.Device(number)

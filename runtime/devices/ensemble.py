@@ -132,7 +132,7 @@ def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
 
 
 def views_of(device: Device, stepper: Stepper, q: Any, p: Any) -> tuple[View, View]:
-    """Return arrays on a card as they lie there.
+    """Return views of arrays in the memory of a card, without a copy.
 
     Raises InputError for other shapes, and for numbers of another type than the stepper's.
     """

@@ -122,7 +122,7 @@ def _join(
 def counted_from_start(
     last: CrossingsType, steps: int, elapsed: Any, work: Any, latest: Any
 ) -> CrossingsType:
-    """Return the crossings of the last part of a step, counted from the start of the run.
+    """Return the crossings of a partial last step, their times and steps from the start of the run.
 
     ``steps``, ``elapsed`` and ``work`` belong to the whole steps, ``latest`` is the time since the
     start of the last crossing in them. A crossing at the end of the last whole step is in both: it

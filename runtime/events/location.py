@@ -138,7 +138,7 @@ class _Work:
     def states(
         self, share: Array, indices: Array, end: tuple[Array, Array] | None = None
     ) -> _PartialSteps:
-        """Return the states after partial steps share · Δt in the brackets of these indices.
+        """Return the states after partial steps share · Δt in the brackets ``indices``.
 
         ``share`` and ``indices`` have an entry for each state. Shares count from the start of the
         step, or from its end if ``end`` has the states (q, p) there.

@@ -491,7 +491,7 @@ def refuse_impacts(trajectory: Trajectory) -> None:
 
 
 def refuse_of_another(stepper: Stepper, trajectory: Trajectory) -> None:
-    """Refuse a trajectory that another stepper made, or another version of this one."""
+    """Refuse a trajectory of another stepper, or of another version of the stepper."""
     own_manifest, run_manifest = stepper.manifest, trajectory.manifest
     compared_fields = ("name", "real", "system", "scheme")
     differences = [name for name in compared_fields

@@ -52,7 +52,7 @@ class Diagnosis:
 def diagnose(
     binding: Binding, manifest: Manifest, run: Any, status: int, q: Array, p: Array, t: Any
 ) -> Diagnosis:
-    """Return why a step from (q, p) at time t ended with this status, and what would help.
+    """Return why a step from q, p, shapes (n,), at time t ended with ``status``, and the cure.
 
     In turn: constraints that depend on each other there, a smaller step that succeeds, parameters
     out of range.

@@ -111,7 +111,7 @@ class EnsembleStates:
         return sum(int(self.report(i).steps) for i in range(len(self.runs)))
 
     def fill(self, batches: Iterable[int], stop: Callable[[], bool]) -> None:
-        """Integrate the trajectories of some batches in this thread, until ``stop()`` is true.
+        """Integrate the trajectories of ``batches`` in this thread, until ``stop()`` is true.
 
         One that fails ends there; the others are not touched.
         """

@@ -53,7 +53,7 @@ class ChunkSize:
         self, has_events: bool = False, clock: Callable[[], float] | None = None,
         first: int = FIRST_STEPS,
     ) -> None:
-        """Begin with ``first`` steps; the largest chunk depends on whether events are sought."""
+        """Begin with ``first`` steps; the largest chunk is smaller with events."""
         self._clock = clock or thread_seconds
         self._largest = _CHUNK_WITH_EVENTS if has_events else _CHUNK
         self.most = min(first, self._largest)
@@ -282,7 +282,7 @@ def trajectory_of(
     own_parameters = run.parameters.copy()  # a user may change the trajectory's dict
 
     def states() -> States:
-        """Return the rows that are filled when this is called first."""
+        """Return the rows filled so far, computed at the first call."""
         rows = read_rows()
         step_count = int(record.steps)
         row_count = run.stored(step_count)

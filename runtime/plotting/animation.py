@@ -41,7 +41,7 @@ def animate(
     trajectory: Trajectory, path: str | os.PathLike[str], *, seconds: float = 6.0, fps: int = 20,
     shape: DrawnName = "auto",
 ) -> Path:
-    """Write a film of the whole run, so many seconds long, and return its path.
+    """Write a film of the whole run, ``seconds`` long, and return its path.
 
     Parameters
     ----------

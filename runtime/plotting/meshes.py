@@ -65,7 +65,7 @@ class IndexedMesh:
         return IndexedMesh(self.points, triangles[np.sort(_unique_rows(triangles)[0])])
 
     def cluster(self, cell: float) -> IndexedMesh:
-        """Return the mesh with the vertices in each cell of this width replaced by their mean."""
+        """Return the mesh with the vertices in each cubic cell replaced by their mean."""
         low = self.points.min(axis=0)
         # to the nearest multiple: vertices of a flat side are in one layer, in spite of rounding
         cells = np.floor((self.points - low) / cell + 0.5).astype(np.int64)

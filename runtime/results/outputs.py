@@ -234,7 +234,7 @@ OUTPUTS = (
 
 
 def value_of(output: Output, states: States) -> Array:
-    """Return an output of stored states, in its own number type or the stepper's.
+    """Return an output of stored states, in the type of the output or of the stepper.
 
     An output that the system does not have is an empty array, with a row for each state or step.
     """

@@ -545,7 +545,7 @@ class Trajectory(Shown):
         return states if np.ndim(times) else states[0]
 
     def _maker(self, stepper: Maker | None, call: str) -> Maker:
-        """Return the stepper of this trajectory: the argument, or the one it was made by."""
+        """Return the stepper of the trajectory: the argument, or the one that integrated it."""
         maker: Maker | None = self._stepper if stepper is None else stepper
         if maker is None:
             raise InputError(

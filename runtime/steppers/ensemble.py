@@ -337,7 +337,7 @@ def _with_last_parts(
     stepper: Stepper, ensemble: Ensemble, runs: EnsembleArguments, parts: Ensemble,
     event_tuple: tuple[Event, ...],
 ) -> Ensemble:
-    """Return an ensemble of whole steps and, as its last row, the ends of ``parts``, partial steps.
+    """Return an ensemble of whole steps with the ends of partial steps ``parts`` as last row.
 
     The row of the last whole step is left out unless ``every`` stores it. A run that failed,
     before or in its partial step, has a row of NaN there, and its failure the trajectory of whole

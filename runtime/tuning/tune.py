@@ -214,7 +214,7 @@ def _tuned_parameters(
     step: Stepper, state: StartNumbers, rules: Mapping[str, Rule], length: Span, inputs: Any,
     pilot_limit: int, report: Callable[[int], Any] | None,
 ) -> Tuned:
-    """Return numbers for the rules with the time step as given; see ``tune``."""
+    """Return numbers for the rules at a fixed time step; see ``tune``."""
     dt, _, t_end, steps = length
     if dt is None or not rules:
         raise InputError("There is nothing to choose: give dt with gamma='auto' or frame='auto', "
