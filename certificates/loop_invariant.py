@@ -96,7 +96,7 @@ def loop_integral(
     q, p : arrays, shape (M, n)
         States at equal steps of the parameter along a closed curve, M even.
     rounded : pair of arrays, shape (n,), optional
-        Lower bounds of r and s, beside |q| and |p|.
+        Lower bounds of the sizes of q and p that round-off is relative to, beside |q| and |p|.
     epsilon : float
         ε of the type that the states were computed in.
     """

@@ -26,7 +26,7 @@ DT, STEPS = 0.005, 64
 
 
 def study(engine: Engine) -> Finding:
-    """Prove the identity and measure it."""
+    """Prove that LIIIA-B-α and LIIIA-B-γ have equal trajectories, and measure it."""
     claims = [
         gradients_claim(),
         stages_claim(),

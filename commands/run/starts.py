@@ -115,7 +115,10 @@ def _file_like(name: str) -> str:
 
 
 def settings_of(settings: tuple[str, ...]) -> dict[str, str]:
-    """Return the settings of a model file by key."""
+    """Return the settings of a model file, KEY=VALUE each, as key → text.
+
+    Raises InputError for a setting without a value.
+    """
     changes = {}
     for setting in settings:
         key, sign, setting_text = setting.partition("=")

@@ -190,9 +190,10 @@ class CPrinter:
         return bool(e.is_Symbol or (e.is_Integer and e > 0))
 
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> tuple[str, int]:
-        """Return base^exponent in C: products for integers up to 16, sqrt for halves, else pow.
+        """Return base^exponent in C and its precedence, which decides on parentheses.
 
-        A negative exponent gives the quotient 1/base^(−exponent).
+        Products for integers up to 16, sqrt for halves, else pow. A negative exponent gives the
+        quotient 1/base^(−exponent).
         """
         if exponent.is_Rational and exponent < 0:
             self.operations["div"] += 1

@@ -78,8 +78,9 @@ class SpectralLines:
     def minimise(self, k: int, start: Array) -> Array:
         """Return the ω that minimises M_k(ω) = Σ |c|² (ν − α·ω)^2k.
 
-        Newton's method from ``start``. Frequencies are divided by the band, so that powers do not
-        overflow.
+        The sum is over the spectral lines: powers |c|², frequencies ν, and shifts α, shape
+        (lines, rates); ω and ``start`` have the shape (rates,), rad/s. By Newton's
+        method; frequencies are divided by the band, so that powers do not overflow.
         """
         omega = np.array(start, dtype=float)
         for _ in range(60):
