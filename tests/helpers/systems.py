@@ -365,10 +365,17 @@ def _tethered_pair() -> Case:
 
 
 def _ball() -> Case:
-    """A ball between a floor and a roof; 5 km away is a point, whose distance has coarse digits."""
+    """A ball between a floor, or a wall that moves, and a roof, which drag may slow and one push.
+
+    5 km away is a point, whose distance has coarse digits.
+    """
     far = sp.exp(sp.sqrt((x + 3000)**2 + 4000**2) - 5000) - sp.Rational(5, 4)
-    return _plane("ball", (1.0,), (0.0,), {"m": 1.0, "g": 9.81}, u**2 / (2 * m) + m * g * x,
-                  quantities={"floor": x, "roof": 1 - x, "speed": u / m, "far": far}, dt=0.01)
+    c, a, omega = sp.symbols("c a omega", real=True)
+    return _plane("ball", (1.0,), (0.0,), {"m": 1.0, "g": 9.81, "c": 0.0, "a": 0.0, "omega": 1.0,
+                                           "push": 0.0}, u**2 / (2 * m) + m * g * x,
+                  order=(m, g, c, a, omega), forces=(push - c * u,), time=t, inputs=(push,),
+                  quantities={"floor": x, "wall": x - a * sp.sin(omega * t), "roof": 1 - x,
+                              "speed": u / m, "far": far}, dt=0.01)
 
 
 def _swing() -> Case:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import sympy as sp
 import zarr
+from scipy.integrate import solve_ivp
 
 import budget
 import gyrospark as gs
@@ -20,11 +21,9 @@ from gyrospark.core.errors import InputError
 from stores import Interrupted, assert_same, ends_after, small_blocks
 
 EPS = 2.0**-52
-z, pz, t = sp.symbols("z pz t", real=True)
-m, g, c = sp.symbols("m g c", positive=True)
-push, amplitude, omega = sp.symbols("push amplitude omega", real=True)
-#: The wall of ``dragged`` is at −sin(t)/10.
-WALL = {"amplitude": -0.1, "omega": 1.0}
+t, (m, g) = sp.Symbol("t", real=True), sp.symbols("m g", positive=True)
+#: Of the ball, whose wall is at −sin(t)/10 in some of the runs.
+BALL, WALL = systems.case("ball").parameters, {"a": -0.1, "omega": 1.0}
 #: Of the double pendulum.
 RODS = systems.case("two_rods").parameters
 
@@ -60,10 +59,6 @@ def _cradle() -> gs.System:
 
 SYSTEMS = {
     "ball": systems.case("ball").system,
-    "dragged": gs.System(
-        (z,), (pz,), (m, g, c, amplitude, omega), pz**2 / (2 * m) + m * g * z,
-        name="dragged_ball", forces=(push - c * pz,), time=t, inputs=(push,),
-        quantities={"floor": z, "wall": z - amplitude * sp.sin(omega * t), "roof": 1 - z}),
     "pendulum": systems.case("two_rods").system, "cradle": _cradle(), "hoisted": _hoisted(),
     "tilted": systems.case("tilted").system}
 
@@ -71,7 +66,7 @@ SYSTEMS = {
 def dropped(steps: int = 200, *, restitution: float = 0.5, **options):
     """Return the run of a ball that falls from 1 m."""
     return stepper("ball").integrate([1.0], [0.0], **{"dt": 0.01, "steps": steps} | options,
-                                     parameters={"m": 1, "g": 9.81},
+                                     parameters=BALL,
                                      events=gs.Impact("floor", restitution=restitution))
 
 
@@ -138,7 +133,7 @@ def test_a_ball_comes_to_rest():
 
 def test_rows_stay_on_the_grid_and_the_first_have_the_bits_of_a_run_without():
     run, free = dropped(100), stepper("ball").integrate(
-        [1.0], [0.0], dt=0.01, steps=100, parameters={"m": 1, "g": 9.81})
+        [1.0], [0.0], dt=0.01, steps=100, parameters=BALL)
     assert np.array_equal(run.t, free.t)
     before = run.t < run.impacts["floor"].t[0]
     assert np.array_equal(run.q[before], free.q[before])
@@ -173,7 +168,7 @@ def test_an_end_between_two_steps_and_one_at_an_impact():
 def test_the_round_off_of_a_gap_may_be_larger_than_that_of_its_coordinates():
     """Of a difference of kilometres: 1e-12 is left of the gap where it is located."""
     run = stepper("ball").integrate([1.0], [0.0], dt=0.01, steps=100,
-                                    parameters={"m": 1, "g": 9.81}, events=gs.Impact("far"))
+                                    parameters=BALL, events=gs.Impact("far"))
     height = np.sqrt((5000 + np.log(1.25))**2 - 4000**2) - 3000
     assert run.impacts["far"].t == pytest.approx([np.sqrt(2 / 9.81 * (1 - height))], abs=1e-11)
     assert run.energy_error()[-1] == pytest.approx(0, abs=1e-10)
@@ -182,7 +177,7 @@ def test_the_round_off_of_a_gap_may_be_larger_than_that_of_its_coordinates():
 def test_many_impacts_within_a_step():
     """Between two walls with a speed of 3001: 3001 times in a second, in two steps."""
     run = stepper("ball").integrate(
-        [0.25], [3001.0], dt=0.5, steps=2, parameters={"m": 1, "g": 1e-9},
+        [0.25], [3001.0], dt=0.5, steps=2, parameters=BALL | {"g": 1e-9},
         events=[gs.Impact("floor"), gs.Impact("roof")])
     times = np.sort(np.concatenate([one.t for one in run.impacts.values()]))
     assert np.abs(times - (0.75 + np.arange(3001)) / 3001).max() < 1e-10
@@ -193,7 +188,7 @@ def test_many_impacts_within_a_step():
 def test_an_impact_changes_the_energy_by_its_loss_to_the_rounding_of_momenta():
     """Of 1/m: without a second look at H, the loss is off by up to four eps."""
     run, mass = stepper("ball").integrate(
-        [0.25], [3.3], dt=0.5, steps=200, parameters={"m": 1.3, "g": 0.7}, events=[
+        [0.25], [3.3], dt=0.5, steps=200, parameters=BALL | {"m": 1.3, "g": 0.7}, events=[
             gs.Impact(name, restitution=0.9999) for name in ("floor", "roof")]), 1.3
     for hits in run.impacts.values():
         after, before = (p[:, 0].astype(np.longdouble) for p in (hits.p, hits.p_before))
@@ -231,10 +226,9 @@ def test_no_impact_on_a_moving_wall_is_lost(count):
     """At random speeds, by steps with no impact, one, or many: no gap is negative between them."""
     rng, hits, several, worst = np.random.default_rng(2), 0, 0, 0.0
     while hits < count:
-        run = stepper("dragged").integrate(
+        run = stepper("ball").integrate(
             [0.5], [-(10**rng.uniform(-1.3, 1.3))], dt=1 / (2 * np.pi), t_end=400 + rng.uniform(),
-            every=1000, parameters={"m": 1, "g": 1e-300, "c": 1e-300, "push": 0,
-                                    "amplitude": 0.05, "omega": 2 * np.pi},
+            every=1000, parameters=BALL | {"g": 1e-300, "a": 0.05, "omega": 2 * np.pi},
             events=[gs.Impact("wall"), gs.Impact("roof")])
         steps = np.sort(np.concatenate([one.steps for one in run.impacts.values()]))
         hits += len(steps)
@@ -247,7 +241,7 @@ def test_no_impact_on_a_moving_wall_is_lost(count):
 def test_a_step_that_only_nears_a_gap_leaves_the_run_as_it_is():
     """Parts of a step are taken to find its lowest gap, and forgotten."""
     run = stepper("ball").integrate(
-        [0.0], [np.sqrt(2 * 9.81 * (1 - 1e-6))], dt=0.1, steps=8, parameters={"m": 1, "g": 9.81},
+        [0.0], [np.sqrt(2 * 9.81 * (1 - 1e-6))], dt=0.1, steps=8, parameters=BALL,
         events=gs.Impact("roof"))
     assert not len(run.impacts["roof"])
     assert np.abs(run.q[:, 0] - run.p[0, 0] * run.t + 9.81 / 2 * run.t**2).max() < 8 * EPS
@@ -258,7 +252,7 @@ def test_two_crossings_within_a_step(excess, count):
     """Thrown at a roof: the gap would be negative for a millisecond in the middle of a step."""
     run = stepper("ball").integrate(
         [0.0], [np.sqrt(2 * 9.81 * (1 + excess))], dt=0.9, steps=1,
-        parameters={"m": 1, "g": 9.81}, events=gs.Impact("roof"))
+        parameters=BALL, events=gs.Impact("roof"))
     assert len(run.impacts["roof"]) == count
     assert run.energy_error()[-1] == pytest.approx(0, abs=1e-13)
 
@@ -304,7 +298,7 @@ def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
         whole = dropped(out=tmp_path / "whole.zarr", every=3)
     small_blocks(monkeypatch, 8)
     ball, out = stepper("ball"), tmp_path / "parts.zarr"
-    arguments = {"dt": 0.01, "steps": 200, "every": 3, "parameters": {"m": 1, "g": 9.81},
+    arguments = {"dt": 0.01, "steps": 200, "every": 3, "parameters": BALL,
                  "events": gs.Impact("floor", restitution=0.5), "out": out}
     with pytest.raises(Interrupted):
         ball.integrate([1.0], [0.0], **arguments, progress=ends_after(3))
@@ -333,7 +327,7 @@ def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
 
 def test_a_store_ends_at_a_terminal_impact(tmp_path):
     """Begun before it, resumed beyond."""
-    arguments = {"dt": 0.01, "parameters": {"m": 1, "g": 9.81}, "events": gs.Impact(
+    arguments = {"dt": 0.01, "parameters": BALL, "events": gs.Impact(
         "floor", terminal=True)}
     run = stepper("ball").integrate([1.0], [0.0], steps=100, **arguments)
     stepper("ball").integrate([1.0], [0.0], steps=20, **arguments, out=tmp_path / "ball.zarr")
@@ -349,7 +343,7 @@ def test_a_store_ends_at_a_terminal_impact(tmp_path):
 def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):
     """Some thousand in each step: whole steps are stored."""
     small_blocks(monkeypatch, 2)
-    arguments = {"dt": 0.5, "steps": 4, "every": 2, "parameters": {"m": 1, "g": 1e-9},
+    arguments = {"dt": 0.5, "steps": 4, "every": 2, "parameters": BALL | {"g": 1e-9},
                  "events": [gs.Impact("floor"), gs.Impact("roof")]}
     run = stepper("ball").integrate([0.25], [3001.0], **arguments)
     stored = stepper("ball").integrate([0.25], [3001.0], **arguments, out=tmp_path / "walls.zarr")
@@ -365,10 +359,10 @@ def test_an_ensemble_has_the_bits_of_each_run():
         "floor", restitution=0.5)}
     with pytest.warns(gs.errors.InputWarning, match="1 of 3"):
         many = ball.integrate_ensemble(np.ones((3, 1)), np.zeros((3, 1)), **arguments,
-                                       parameters={"m": 1, "g": gravities})
+                                       parameters=BALL | {"g": gravities})
     assert len(many.events["floor"].count) == 3
     for i, gravity in enumerate(gravities[:2]):
-        alone = ball.integrate([1.0], [0.0], **arguments, parameters={"m": 1, "g": gravity})
+        alone = ball.integrate([1.0], [0.0], **arguments, parameters=BALL | {"g": gravity})
         assert np.array_equal(many.q[i], alone.q)
         assert np.array_equal(many.p[i], alone.p)
         assert_same(many.members[i], alone)
@@ -378,7 +372,7 @@ def test_an_ensemble_has_the_bits_of_each_run():
     assert many.members[2].t[-1] == pytest.approx(3 * np.sqrt(2 / 50))
     with pytest.raises(InputError, match="Trajectory 1"):
         ball.integrate_ensemble([[1.0], [-1.0]], [[0.0], [0.0]], **arguments,
-                                parameters={"m": 1, "g": 1})
+                                parameters=BALL | {"g": 1})
 
 
 @pytest.mark.parametrize("every", [1, 7])
@@ -386,7 +380,7 @@ def test_an_ensemble_has_the_bits_of_each_run():
 def test_states_between_steps_on_both_sides_of_impacts(every, ahead):
     """Parabolas of the ball, which G-L steps follow exactly; at an impact the state after."""
     run = stepper("ball").integrate([1.0], [0.0], dt=ahead * 0.07, steps=30, every=every,
-                                    parameters={"m": 1, "g": 9.81}, events=gs.Impact("floor"))
+                                    parameters=BALL, events=gs.Impact("floor"))
     hits, fall = run.impacts["floor"], np.sqrt(2 / 9.81)
     t = np.sort(np.concatenate([np.linspace(0, 2.1, 61) * ahead, hits.t]))
     since = (np.abs(t) + fall) % (2 * fall) - fall
@@ -399,7 +393,7 @@ def test_states_between_steps_on_both_sides_of_impacts(every, ahead):
     assert np.abs(between.energy_error()).max() < 1e-13
     if every == 1:
         given = stepper("ball").integrate(
-            [1.0], [0.0], dt=ahead * 0.07, steps=30, t_eval=t, parameters={"m": 1, "g": 9.81},
+            [1.0], [0.0], dt=ahead * 0.07, steps=30, t_eval=t, parameters=BALL,
             events=gs.Impact("floor"))
         assert np.abs(given.q - between.q).max() < 1e-14
 
@@ -418,7 +412,7 @@ def test_states_between_steps_after_many_impacts_at_once(tmp_path):
 
 def test_work_at_impacts_and_between_steps():
     """W at an impact is the work until there; states between steps continue it."""
-    run = stepper("dragged").integrate(
+    run = stepper("ball").integrate(
         [0.5], [0.0], dt=0.05, steps=20, parameters={"m": 1, "g": 9.81, "c": 0.3} | WALL,
         inputs={"push": np.repeat([-1.0, 2.0], 10)}, events=gs.Impact("floor", restitution=0.8))
     hits = run.impacts["floor"]
@@ -483,7 +477,7 @@ def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
 
 
 def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
-    ball, inputs = differentiable("dragged"), np.linspace(-1, 2, 20)[:, None]
+    ball, inputs = differentiable("ball"), np.linspace(-1, 2, 20)[:, None]
 
     def moved(start=(0.5, 0.2), m=1.3, g=9.81, c=0.9, dt=0.07, t0=0.3, push=inputs, **options):
         return ball.integrate(
@@ -514,29 +508,44 @@ def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
             pytest.approx(gradient["inputs"][step, 0], rel=1e-8, abs=1e-11))
 
 
+def hoisted(gravity: float, angle: float, rate: float) -> np.ndarray:
+    """Return q and p of the ball on a rope of 1 + t/9 from t = 0.3 to 0.9, by its angle."""
+    def slope(t, y):
+        return [y[1], -(gravity * np.sin(y[0]) + 2 / 9 * y[1]) / (1 + t / 9)]
+
+    def gap(t, y):
+        return 1 - (1 + t / 9) * np.sin(y[0])
+
+    gap.terminal, gap.direction = True, -1
+    exact = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-13}
+    fall = solve_ivp(slope, (0.3, 0.9), [angle, rate], events=gap, **exact)
+    time, (a, w) = fall.t_events[0][0], fall.y_events[0][0]
+    out = np.sin(a) / 9
+    across = (1 + time / 9) * np.cos(a)
+    w = (-0.8 * (out + across * w) - out) / across
+    a, w = solve_ivp(slope, (time, 0.9), [a, w], **exact).y[:, -1]
+    along, turned = np.array([np.sin(a), -np.cos(a)]), np.array([np.cos(a), np.sin(a)])
+    return np.concatenate([1.1 * along, along / 9 + 1.1 * w * turned])
+
+
 def test_derivatives_after_an_impact_on_constraints_that_move():
-    """In float, too, whose arrays keep their type."""
-    pendulum = differentiable("hoisted")
-    start = pendulum.consistent([0.5, -1.0], [4.5, 2.0], parameters={"g": 9.81}, t=0.3)
-
-    def moved(step=pendulum, gravity=9.81, **options):
-        q, p = step.project(start.q, start.p, parameters={"g": gravity}, t=0.3)
-        return step.integrate(gs.Start(q, p, {"g": gravity}, t=0.3), dt=0.03, steps=20,
-                              events=gs.Impact("gap", restitution=0.8), **options)
-
-    exact = differences(lambda h: np.concatenate(
-        [(run := moved(gravity=9.81 + h)).q[-1], run.p[-1]]), 1e-3)
-    for step, accuracy in (pendulum, 1e-9), (differentiable("hoisted", real="float"), 1e-4):
-        run = moved(step, tangents=gs.Tangents(start=None, parameters=["g"]))
-        assert 0 < run.impacts["gap"].steps[0] < 18
-        assert run.tangents["g"][-1] == pytest.approx(exact, rel=accuracy)
-        gradient = run.gradient({"q": np.array([1.0, 0.0])})
-        assert gradient["g"] == pytest.approx(exact[0], rel=accuracy)
+    """In float, whose arrays keep their type, beside the equation of the angle."""
+    step = differentiable("hoisted", real="float")
+    start = step.consistent([0.5, -1.0], [4.5, 2.0], parameters={"g": 9.81}, t=0.3)
+    q, p = (np.asarray(x, float) for x in (start.q, start.p))
+    angle, rate = np.arctan2(q[0], -q[1]), (p[1] * q[0] - p[0] * q[1]) / (q @ q)
+    exact = differences(lambda h: hoisted(9.81 + h, angle, rate), 1e-3)
+    run = step.integrate(gs.Start(start.q, start.p, {"g": 9.81}, t=0.3), dt=0.03, steps=20,
+                         events=gs.Impact("gap", restitution=0.8),
+                         tangents=gs.Tangents(start=None, parameters=["g"]))
+    assert 0 < run.impacts["gap"].steps[0] < 18
+    assert run.tangents["g"][-1] == pytest.approx(exact, rel=1e-4)
+    assert run.gradient({"q": np.array([1.0, 0.0])})["g"] == pytest.approx(exact[0], rel=1e-4)
 
 
 def test_derivatives_of_an_end_between_two_steps_after_three_impacts():
     def moved(gravity=9.81, **options):
-        return differentiable("dragged").integrate(
+        return differentiable("ball").integrate(
             gs.Start([0.5], [0.2], {"m": 1.3, "g": gravity, "c": 0.9, "push": 0.0} | WALL),
             dt=0.07, t_end=1.43, events=gs.Impact("wall", restitution="c"), **options)
 
@@ -548,9 +557,9 @@ def test_derivatives_of_an_end_between_two_steps_after_three_impacts():
 
 def test_a_moving_wall():
     """The speed relative to the wall is reversed; what H gains is the work of the wall."""
-    run = stepper("dragged").integrate(
+    run = stepper("ball").integrate(
         [1.0], [-1.0], dt=0.01, steps=150, events=gs.Impact("wall", restitution=0.5),
-        parameters={"m": 1, "g": 1e-300, "c": 1e-300, "push": 0} | WALL)
+        parameters=BALL | {"g": 1e-300} | WALL)
     hits = run.impacts["wall"]
     assert len(hits) == 1
     (time,), speed = hits.t, -np.cos(hits.t[0]) / 10
@@ -562,7 +571,7 @@ def test_a_moving_wall():
 def test_forces_and_inputs_through_impacts():
     """H − H₀ − W + L is of the order of the scheme, W summed over the parts of steps."""
     inputs = {"push": np.repeat([-1.0, 2.0], 50)}
-    errors = [np.abs(stepper("dragged").integrate(
+    errors = [np.abs(stepper("ball").integrate(
         [0.5], [0.0], dt=1.0 / n, steps=n, parameters={"m": 1, "g": 9.81, "c": 0.3} | WALL,
         inputs={"push": np.repeat(inputs["push"], n // 100)},
         events=gs.Impact("floor", restitution=0.8)).energy_error()).max() for n in (100, 200)]
@@ -583,12 +592,12 @@ def test_a_cradle_hits_one_ball_after_another():
 def test_a_start_on_the_floor():
     """Falling, it is an impact at once; at rest, the run ends at once."""
     ball = stepper("ball")
-    run = ball.integrate([0.0], [-1.0], dt=0.01, steps=5, parameters={"m": 1, "g": 9.81},
+    run = ball.integrate([0.0], [-1.0], dt=0.01, steps=5, parameters=BALL,
                          events=gs.Impact("floor"))
     assert run.impacts["floor"].t.tolist() == [0.0]
     assert run.p[1, 0] == pytest.approx(1 - 0.0981)
     with pytest.warns(gs.errors.InputWarning, match="floor"):
-        run = ball.integrate([0.0], [0.0], dt=0.01, steps=5, parameters={"m": 1, "g": 9.81},
+        run = ball.integrate([0.0], [0.0], dt=0.01, steps=5, parameters=BALL,
                              events=gs.Impact("floor"))
     assert len(run) <= 2
     assert abs(run.t[-1]) < 1e-7
@@ -603,7 +612,7 @@ def assert_same_impacts(some, others):
 
 def test_impacts_on_grid_points_count_once():
     """Heights and times in binary: all is exact, rows have the momenta after, and losses count."""
-    run = stepper("ball").integrate([0.5], [0.0], dt=0.25, steps=7, parameters={"m": 1, "g": 1.0},
+    run = stepper("ball").integrate([0.5], [0.0], dt=0.25, steps=7, parameters=BALL | {"g": 1.0},
                                     events=gs.Impact("floor", restitution=0.5))
     assert run.impacts["floor"].t.tolist() == [1.0]
     assert run.impacts["floor"].steps.tolist() == [4]
@@ -651,7 +660,7 @@ def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
     """A ball whose run continues without its floor would fall through it."""
     step = systems.stepper("ball")
     impact, fall = gs.Impact("floor", restitution=0.8), {"dt": 0.01, "steps": 60}
-    start = gs.Start([1.0], [0.0], {"m": 1.0, "g": 9.81})
+    start = gs.Start([1.0], [0.0], BALL)
     run = step.integrate(start, events=impact, **fall)
     stored = step.integrate(start, events=impact, out=tmp_path / "run.zarr", **fall)
     states = [run[::7], stored, stored[::7], run.at([0.5]),
@@ -665,6 +674,12 @@ def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
     later = step.integrate(states[-1][-1], **fall)
     assert len(later.impacts["floor"]) == len(whole.impacts["floor"]) - len(run.impacts["floor"])
     assert np.abs(later.q[-1] - whole.q[-1]).max() < 1e-14
+
+
+def begun(q, p, events, **options):
+    """Return a step of the ball."""
+    return stepper("ball").integrate([q], [p], dt=0.01, steps=1, parameters=BALL, events=events,
+                                     **options)
 
 
 def relativistic():
@@ -682,22 +697,17 @@ def relativistic():
     (lambda: gs.Impact(3), "3"),
     (lambda: gs.Impact("floor", name=3), "3"),
     (lambda: dropped(dt=-0.01), "backwards"),
-    (lambda: stepper("ball").integrate([-0.5], [0.0], dt=0.01, steps=1, parameters={
-        "m": 1, "g": 9.81}, events=gs.Impact("floor")), "-0.5"),
-    (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
-        "m": 1, "g": 9.81}, events=gs.Impact("speed")), "u"),
-    (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
-        "m": 1, "g": 9.81}, events=gs.Impact("x")), "quantities"),
-    (lambda: stepper("ball").integrate([0.5], [0.0], dt=0.01, steps=1, parameters={
-        "m": 1, "g": 9.81}, events=[gs.Impact("floor"), gs.Impact("floor")]), "floor"),
+    (lambda: begun(-0.5, 0.0, gs.Impact("floor")), "-0.5"),
+    (lambda: begun(0.5, 0.0, gs.Impact("speed")), "u"),
+    (lambda: begun(0.5, 0.0, gs.Impact("x")), "quantities"),
+    (lambda: begun(0.5, 0.0, [gs.Impact("floor")] * 2), "floor"),
     (relativistic, "quadratic"),
     (lambda: dropped(100).at(1.5), "outside"),
     (lambda: dropped(100, tangents=gs.Tangents(), t_eval=[0.5]), "t_eval"),
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="none"), "impacts"),
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="1 kB"), "memory"),
     (lambda: dropped(100).hessian({"q": np.ones((101, 1))}), "impacts"),
-    (lambda: stepper("ball").integrate([0.0], [-1.0], dt=0.1, steps=1, parameters={
-        "m": 1, "g": 9.81}, events=gs.Impact("floor"), tangents=gs.Tangents()), "start"),
+    (lambda: begun(0.0, -1.0, gs.Impact("floor"), tangents=gs.Tangents()), "start"),
     (lambda: gs.load(dropped(100).save(Path(tempfile.mkdtemp()) / "x.npz")).gradient(
         {"q": np.ones((101, 1))}, stepper=stepper("ball")), "stored"),
     (lambda: stepper("cradle", "EMS", None).integrate(
