@@ -61,6 +61,8 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     about = {"events": {}} | attributes_of(group)
     run = about.get("run")
     if not isinstance(run, Mapping) or "format" not in run:
+        if "sweep" in about:
+            raise InputError(f"{str(path)!r} is a sweep, not a run; gs.load_sweep reads it.")
         raise InputError(f"{str(path)!r} is not a run that gyrospark stored, or damaged: what it "
                          "says of itself is missing; give a folder that `gyrospark run --out "
                          "X.zarr` made.")

@@ -165,16 +165,17 @@ def _structs(study: Study, stepper: Stepper, cells: Cells, group: Array) -> Arra
 
 def _report_results(reports: Array) -> dict[str, Array]:
     """Return the results in the running records of cells as columns by name, errors as doubles."""
-    steps = reports["steps"]
+    steps, columns = reports["steps"], reports.dtype.names or ()
+    # errors are those of the start and of all steps, or of as many states as the record says
+    states = reports["recorded"] if "recorded" in columns else steps + 1
     results: dict[str, Array] = {"energy_start": reports["energy_start"].astype(float)}
     for name, recorded in _ERRORS.items():
         results[f"{name}_max"] = reports[f"{recorded}_max"].astype(float)
-        # a sum over the states after the steps, and the start
-        results[f"{name}_mean"] = reports[f"{recorded}_sum"].astype(float) / (steps + 1)
+        results[f"{name}_mean"] = reports[f"{recorded}_sum"].astype(float) / np.maximum(states, 1)
     results["iterations_mean"] = reports["iterations"] / np.maximum(steps, 1)
     results |= {name: reports[name] for name in ("iterations_max", "newton_steps")}
     results["steps_done"] = steps
-    if "work" in (reports.dtype.names or ()):
+    if "work" in columns:
         results["work"] = reports["work"].astype(float)
     return results
 

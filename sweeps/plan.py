@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ..core.arguments import as_mapping, few, shown, whole
+from ..core.arguments import as_mapping, few, shown
 from ..core.errors import InputError
 from ..core.event import Impact
 from ..core.incompatibilities import refuse_together
@@ -15,6 +15,7 @@ from ..core.inertia import refuse_impossible_inertias
 from ..core.real_types import REALS
 from ..core.warnings import warn
 from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SCHEMES
+from ..generator.spec import Spec
 from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.integration.consistency import text_of_move
 from ..runtime.integration.run_arguments import step_argument
@@ -30,8 +31,8 @@ __all__ = ["plan"]
 
 def plan(
     model: Any, over: Mapping[str, Any], *, scheme: str | None = None, stages: int | None = None,
-    rep: str | None = None, real: str | None = None, frame: str | None = None,
-    parameters: Mapping[str, Any] | None = None, dt: float | None = None,
+    order: int | None = None, rep: str | None = None, real: str | None = None,
+    frame: str | None = None, parameters: Mapping[str, Any] | None = None, dt: float | None = None,
     dtau: float | None = None, **options: Any,
 ) -> Study:
     """Return the checked study of a sweep; see ``sweep`` for the arguments.
@@ -41,7 +42,7 @@ def plan(
     over = as_mapping("over", over, '{"gamma": [4e-4, 8e-4]}')
     parameter_values = {} if parameters is None else as_mapping(
         "parameters", parameters, '{"mgl": 0.4}')
-    schemes = _schemes(over, scheme, stages)
+    schemes = _schemes(over, scheme, stages, order)
     refuse_together(  # before anything is compiled
         sweep="a sweep", float128=isinstance(real, str) and real in REALS
         and REALS[real].in_mpmath and "numbers of type float128")
@@ -117,22 +118,23 @@ def _axes(
     return axes, seed
 
 
-def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any) -> list[str]:
+def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any, order: Any) -> list[str]:
     """Return the schemes, such as "G-L 3": those of an axis, or the one of the arguments.
 
-    Raises InputError if both are given, and for stages that are no whole number.
+    Raises InputError if both are given, and for stages or an order that the scheme does not take.
     """
     if SCHEME in over:
-        if scheme is not None or stages is not None:
-            raise InputError("scheme varies along an axis; leave out scheme and stages.")
+        if (scheme, stages, order) != (None, None, None):
+            raise InputError("scheme varies along an axis; leave out scheme, stages and order.")
         return list(value_axis(SCHEME, over[SCHEME]).labels)
-    scheme = DEFAULT_SCHEME if scheme is None else scheme
-    if stages is None and isinstance(scheme, str):
-        stages = DEFAULT_STAGES if scheme in SCHEMES and SCHEMES[scheme].counted else None
-    count = whole(stages)
-    if stages is not None and count is None:
-        raise InputError(f"stages = {shown(stages)} is not a whole number.")
-    return [str(scheme) if stages is None else f"{scheme} {count}"]
+    if isinstance(scheme, str) and " " in scheme and stages is None and order is None:
+        return [scheme]
+    named = DEFAULT_SCHEME if scheme is None and order is None else scheme
+    if stages is None and isinstance(named, str) and named in SCHEMES and SCHEMES[named].counted:
+        stages = DEFAULT_STAGES
+    spec = Spec.checked(named, stages, order=order)
+    number = stages if spec.order is None else spec.order
+    return [spec.scheme if number is None else f"{spec.scheme} {number}"]
 
 
 def _refuse_impossible_inertias(study: Study, inertias: Mapping[str, Any]) -> None:

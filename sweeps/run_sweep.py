@@ -63,6 +63,7 @@ def sweep(
     *,
     scheme: SchemeName | None = None,
     stages: int | None = None,
+    order: int | None = None,
     rep: RepName | None = None,
     real: RealName | None = None,
     frame: str | None = None,
@@ -90,13 +91,14 @@ def sweep(
     over : mapping
         The axes, in the order of the result's dimensions. A key is a parameter, ``"dt"`` (of
         systems in scaled time ``"dtau"``),
-        ``"scheme"`` (["EMS", "G-L 3"]) or ``"start"`` ({"q": rows, "p": rows}, or
+        ``"scheme"`` (["EMS", "G-L 3", "splitting 4"]) or ``"start"`` ({"q": rows, "p": rows}, or
         {"angular_velocity": rows}); its values are a list, or {"from": …, "to": …, "count": …,
         "spacing": "linear" or "log"}. Any other key is a list of points, a dict of equally long
         columns: {"gamma": […], "dt": […]}; with "count" and "seed" the columns are ranges to draw
         from at random.
-    scheme, stages, rep, real, frame
-        As for ``gyrospark.stepper``, where no axis varies them.
+    scheme, stages, order, rep, real, frame
+        As for ``gyrospark.stepper``, where no axis varies them. Of splittings, errors are those of
+        the states that a report compares.
     parameters : mapping, optional
         Beside the model's own, and like these where no axis varies them; γ and α that are not
         given are γ_m, another mean is ``gyrospark.gamma(inertia, "h")``.
@@ -148,8 +150,8 @@ def sweep(
         After a signal, with every finished cell in the store, or in the error's ``dataset``.
     """
     method = as_solver(solver)
-    study = plan(model, over, scheme=scheme, stages=stages, rep=rep, real=real,
-                 frame=frame, parameters=parameters, dt=dt, dtau=dtau, steps=steps,
+    study = plan(model, over, scheme=scheme, stages=stages, order=order, rep=rep,
+                 real=real, frame=frame, parameters=parameters, dt=dt, dtau=dtau, steps=steps,
                  t_end=t_end, every=every, solver=method.kind, tolerance=method.tolerance,
                  max_iterations=method.max_iterations, events=events)
     return run_study(study, keep=keep, out=out, resume=resume, workers=workers, dask=dask,

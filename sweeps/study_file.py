@@ -19,7 +19,7 @@
     [events]                         # first time and count of each cell
     low = "height=0.1 down"
 
-Also: stages, rep, real, frame, dt, dtau, every, solver, tolerance, max_iterations.
+Also: stages, order, rep, real, frame, dt, dtau, every, solver, tolerance, max_iterations.
 """
 
 from __future__ import annotations
@@ -47,9 +47,9 @@ __all__ = ["StudyFile", "load_study", "parse_study"]
 #: Some 10^6 numbers of lists of points, which a file may hold.
 _MOST_BYTES = 2**24
 _OPTIONS: dict[str, tuple[type, ...]] = {
-    "scheme": (str,), "stages": (int,), "rep": (str,), "real": (str,), "frame": (str,),
-    "dt": (int, float), "dtau": (int, float), "steps": (int,), "t_end": (int, float),
-    "every": (int,),
+    "scheme": (str,), "stages": (int,), "order": (int,), "rep": (str,), "real": (str,),
+    "frame": (str,), "dt": (int, float), "dtau": (int, float), "steps": (int,),
+    "t_end": (int, float), "every": (int,),
     "solver": (str,), "tolerance": (int, float), "max_iterations": (int,),
 }
 _KEYS = {"name", "model", "keep", "settings", "parameters", "grid", "events", *_OPTIONS}

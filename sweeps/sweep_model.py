@@ -15,6 +15,7 @@ from ..core.errors import InputError
 from ..core.inertia import REPS, tensor_of_inverse, unit_quaternions
 from ..core.registry import MEANS, entry_named
 from ..core.start import Rule
+from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import Spec, is_model_file
 from ..runtime.integration.run_arguments import refuse_texts
 from ..runtime.rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names
@@ -82,11 +83,12 @@ def _stepper(
     """
     from ..api import model_stepper, stepper_of
 
-    scheme, stages = _scheme(label)
+    scheme = _scheme(label)
     if isinstance(model, (str, Path)):
-        return model_stepper(Spec.checked(scheme, stages, rep, str(model), real).with_frame(frame))
+        spec = Spec.checked(**scheme, rep=rep, system=str(model), real=real).with_frame(frame)
+        return model_stepper(spec)
     if isinstance(model, Problem):
-        spec = Spec.checked(scheme, stages, rep, model.system, real).with_frame(frame)
+        spec = Spec.checked(**scheme, rep=rep, system=model.system, real=real).with_frame(frame)
         stepper = stepper_of(spec)
         return stepper, RunDefaults.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
@@ -95,17 +97,21 @@ def _stepper(
     if rep is not None:
         raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
     # a Model has its frame, unless the caller names another
-    spec = Spec.checked(scheme, stages, real=real).with_frame(frame or model.frame or None)
+    spec = Spec.checked(**scheme, real=real).with_frame(frame or model.frame or None)
     return stepper_of(spec, model.system), RunDefaults.of(model)
 
 
-def _scheme(label: str) -> tuple[str, int | None]:
-    """Return scheme and stages of "EMS" or "G-L 3"."""
-    scheme, _, stages = label.partition(" ")
-    if stages and not (stages.isascii() and stages.isdigit() and len(stages) < 4):
+def _scheme(label: str) -> dict[str, Any]:
+    """Return the arguments of "EMS", of "G-L 3" with its stages, or of "splitting 4", its order."""
+    scheme, _, number = label.partition(" ")
+    if number and not (number.isascii() and number.isdigit() and len(number) < 4):
         raise InputError(f"{label!r} is no scheme; write for example EMS or G-L 3, the number of "
-                         "stages last.")
-    return scheme, int(stages) if stages else None
+                         "stages last, or splitting 4 with its order.")
+    composed = scheme in SCHEMES and SCHEMES[scheme].composed
+    arguments: dict[str, Any] = {"scheme": scheme}
+    if number:
+        arguments["order" if composed else "stages"] = int(number)
+    return arguments
 
 
 def base_parameters(

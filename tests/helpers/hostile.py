@@ -304,10 +304,10 @@ def calls(tmp_path: Path) -> list[Call]:
                                             "steps": 3, "progress": None})),
         Call("sweep", lambda: (gs.sweep, {
             "model": TOP, "over": {"mgl": [0.3, 0.4]}, "scheme": "IMS", "stages": None,
-            "rep": "gamma", "real": "double", "frame": None, "parameters": {}, "dt": 1e-3,
-            "dtau": None, "steps": 2, "t_end": None, "every": None, "solver": "auto", "keep": None,
-            "out": None, "resume": False, "workers": 1, "dask": None, "progress": None,
-            "events": gs.Event("q1")})),
+            "order": None, "rep": "gamma", "real": "double", "frame": None, "parameters": {},
+            "dt": 1e-3, "dtau": None, "steps": 2, "t_end": None, "every": None, "solver": "auto",
+            "keep": None, "out": None, "resume": False, "workers": 1, "dask": None,
+            "progress": None, "events": gs.Event("q1")})),
     ]
     return [*found, *recording_calls(tmp_path), *model_calls(), *multibody_calls()]
 

@@ -121,6 +121,12 @@ keep = ["energy_error_max"]
             study.max_iterations) == ("options", 1e-3, 1000, 10, "newton", 1e-12, 30)
 
 
+def test_a_study_file_has_the_order_of_a_splitting(tmp_path):
+    text = "order = 4\n" + STUDY.replace('scheme = "G-L 2"\n', "")
+    (step,) = parse_study(text, tmp_path / "order.toml").study.steppers
+    assert step.order == 4
+
+
 def test_the_readmes_example_has_a_million_cells():
     path = ROOT / "examples" / "studies" / "gamma_dt.toml"
     study = parse_study(path.read_text(encoding="utf-8"), path).study

@@ -95,6 +95,8 @@ def test_a_missing_file_is_refused_and_computed_again(tmp_path):
     (path / "q" / "c" / "0" / "0" / "0").unlink()
     with pytest.raises(gs.InputError, match="'q'"):
         gs.load_sweep(path)
+    with pytest.raises(gs.InputError, match="load_sweep"):
+        gs.load(path)
     assert gs.sweep(TOP, **arguments, out=path, resume=True).equals(whole)
     (path / "mgl" / "c" / "0").unlink()
     with pytest.raises(gs.InputError, match="'mgl'"):

@@ -42,14 +42,13 @@ def alone(step, parameters, dt, steps, q=TOP.q0, p=TOP.p0, **options):
 # ---------------------------------------------------------------- cells are runs
 
 
-@pytest.mark.parametrize(("scheme", "stages", "rep", "real"), [
-    ("G-L", 2, "alpha", "double"), ("EMS", None, "gamma", "double"),
-    ("G-L", 2, "gamma", "long-double")])
-def test_cells_are_runs_to_the_bit(scheme, stages, rep, real):
+@pytest.mark.parametrize(("method", "rep", "real"), [
+    ({"scheme": "G-L", "stages": 2}, "alpha", "double"), ({"scheme": "EMS"}, "gamma", "double"),
+    ({"order": 4}, "gamma", "double"), ({"scheme": "G-L", "stages": 2}, "gamma", "long-double")])
+def test_cells_are_runs_to_the_bit(method, rep, real):
     over = {rep: GAMMAS, "dt": STEPS}
-    result = gs.sweep("fast-top", over, scheme=scheme, stages=stages, rep=rep, real=real, steps=30,
-                      every=10)
-    step = gs.stepper(scheme, stages, rep, real=real)
+    result = gs.sweep("fast-top", over, **method, rep=rep, real=real, steps=30, every=10)
+    step = gs.stepper(**method, rep=rep, real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=TOP.parameters | {rep: GAMMAS[0]})
     assert result.energy_error_max.dims == (rep, "dt")
     for (i, value), (j, dt) in itertools.product(enumerate(GAMMAS), enumerate(STEPS)):
