@@ -11,7 +11,7 @@ from ..core.errors import InputError
 from ..core.inertia import REPS
 from ..core.real_types import REALS, RealName
 from ..core.records import dataclass
-from ..core.registry import FRAMES, MODELS, SYSTEMS, unknown_name
+from ..core.registry import FRAMES, MODELS, PROBLEMS, SYSTEMS, unknown_name
 from .codegen.profiles import PROFILES, ProfileName
 from .parsing.text_file import MODEL_FILES
 from .schemes.named_schemes import (
@@ -168,7 +168,11 @@ def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
         return system, Path(system), chosen
     named = (system or "heavy_top").replace("-", "_")
     if named not in {*SYSTEMS, *MODELS}:
-        raise unknown_name("system", named, [*SYSTEMS, *MODELS])
+        problem = PROBLEMS.get(named.replace("_", "-"))
+        if problem is not None:
+            raise InputError(f"{shown(system)} is a problem, not a system; choose its system, "
+                             f"{problem.make().system}.")
+        raise unknown_name("system", system, [*SYSTEMS, *MODELS])
     return named, None, chosen or ("gamma" if named in SYSTEMS else "")
 
 

@@ -143,13 +143,14 @@ def test_an_unknown_scheme_never_becomes_ims(scheme):
     (lambda: gs.stepper("G-L", 3, real="long_double"), r"long-double\?"),
     (lambda: gs.stepper("G-L", 3, system="Heavy-Top"), r"heavy_top\?"),
     (lambda: gs.stepper("G-L", 3, system="double_pendlum"), r"double_pendulum\?"),
+    (lambda: gs.stepper("G-L", 3, system="fast-top"), r"fast-top.*heavy_top\."),
     (lambda: gs.tableau("Lobatto", 3), r"'Lobatto'.*IMS, EMS, G-L, LIIIA-B.*Radau-L.*\.$"),
     (lambda: gs.certify(TOP, "EMX"), r"EMS\?"),
     (lambda: gs.sweep("fast-topp", {"mgl": [1]}, scheme="IMS"), r"fast-top\?"),
     (lambda: gs.sweep(TOP, {"mlg": [1]}, scheme="IMS", dt=1, steps=1), "'mlg'"),
     (lambda: gs.sweep(TOP, {"mgl": [1]}, scheme="GL 3", dt=1, steps=1), r"G-L\?"),
     (lambda: gs.Multibody("m").body("a", mass=1, inertia=(1, 1, 1), rep="alfa"), "mean alpha"),
-], ids=range(12))
+], ids=range(13))
 def test_a_wrong_name_ends_in_the_allowed_ones_and_a_proposal(call, words):
     with pytest.raises(gs.InputError, match=words):
         call()
