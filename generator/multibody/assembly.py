@@ -377,7 +377,9 @@ class Assembly:
         counted = {joint.name for symbol, (joint, measure) in self.components.measures.items()
                    if symbol in symbols and measure == "angle" and not isinstance(joint, Arm)}
         for link in self.links:
-            if isinstance(link, Align | HingedJoint) and hinge_of(link).start_angle is not None:
+            # the pose that is described may have an angle, too
+            if isinstance(link, Align | HingedJoint) and (
+                    hinge_of(link).start_angle is not None or hinge_of(link).angle):
                 counted.add(link.name)
             if isinstance(link, RheonomicConstraint):
                 counted |= {link.name, link.joints[0].name}

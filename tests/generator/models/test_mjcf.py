@@ -153,6 +153,15 @@ def test_an_armature_adds_to_the_inertia(tmp_path):
     assert motion.acceleration("j_rate") == pytest.approx(wanted, rel=1e-14)
 
 
+def test_the_angle_of_a_joint_with_armature_is_its_qpos(tmp_path):
+    """The flywheel has the coordinate; the hinge has the angle of ``ref``, too."""
+    path = written(tmp_path, hinged('<geom size=".1" pos="0 0 -.3"/>',
+                                    '<joint name="j" axis="0 1 0" ref="20" armature=".7"/>'))
+    model = gs.load_model(path, angles={"j": 0.8})
+    run = gs.stepper("IMS", system=model.system).integrate(model, dt=1e-3, steps=1)
+    assert run.joint("j").angle() == pytest.approx(run.quantity("j_angle"), rel=8 * EPS)
+
+
 def test_armatures_of_balls_and_free_joints(tmp_path):
     """Of the ground's ball a on each moment; of a free body a mass a without weight, too."""
     shape = '<inertial pos="0 0 0" mass="2" diaginertia="1 2 2.5"/>'
