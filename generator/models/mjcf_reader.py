@@ -291,14 +291,17 @@ class _Reader:
     def _joint(self, k: int) -> RobotJoint:
         """Return joint k; springs, dampers and ranges that a flag disables are left out.
 
-        Raises InputError for gravity compensation by an actuator while actuators are disabled.
+        Raises InputError for gravity compensation by an actuator where none acts.
         """
         m, disabled, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
         # the first coordinate and the first rate of the joint
         q, v, has_coordinate = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
-        if m.jnt_actgravcomp[k] and "actuation" in disabled and m.body_gravcomp.any():
-            raise InputError(f"joint {shown(self._joint_names[k])} has actuatorgravcomp and "
-                             "actuation is disabled; leave one of them out.")
+        if m.jnt_actgravcomp[k] and m.body_gravcomp.any() and (
+                "actuation" in disabled or not m.nactuator):
+            raise InputError(
+                f"joint {shown(self._joint_names[k])} has actuatorgravcomp, and "
+                f"{'actuation is disabled' if m.nactuator else 'the file has no actuator'}, so "
+                "that MuJoCo compensates nothing there; leave actuatorgravcomp or gravcomp out.")
         is_limited = m.jnt_limited[k] and kind != "free" and "limit" not in disabled
         low, high = map(float, m.jnt_range[k])
         # body 0 of MuJoCo is the world, −1 here

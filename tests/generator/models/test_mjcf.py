@@ -368,6 +368,8 @@ BAD = [
     ('<option><flag sleep="enable"/></option>' + ONE, "sleep"),
     ('<option><flag actuation="disable"/></option>' + one('"j"', '"j" actuatorgravcomp="true"')
      .replace('name="b"', 'name="b" gravcomp="1"'), "actuatorgravcomp"),
+    (one('"j"', '"j" actuatorgravcomp="true"').replace('name="b"', 'name="b" gravcomp="1"'),
+     "actuatorgravcomp"),
     (ONE + '<equality><distance geom1="g" geom2="h"/></equality>', "distance|unknown"),
     (ONE + '<equality><weld body1="b" relpose="0 0 0 0 1 0 0"/></equality>', "weld.*90 degrees"),
     # MuJoCo's own words
