@@ -55,6 +55,10 @@ class Objective:
         if {"q", "p"} & {*wrt}:
             raise InputError("x has coordinates of the tangent space for the start: ask for "
                              "\"start\" in place of \"q\" and \"p\".")
+        for name in wrt:
+            if wrt.count(name) > 1:
+                raise InputError(f"wrt has {name!r} {wrt.count(name)} times, and x would have as "
+                                 "many values of it; name it once.")
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._start, self._inputs = start, inputs
         self._span, self._memory, self._options = span, memory, options
@@ -161,15 +165,21 @@ class Objective:
 
     def _state_slope(self, variables: Array, k: int, name: str) -> Array:
         """Return ∂(q, p)/∂x_k of the state at x, (2 n,), by differences of fourth order."""
-        length = float(np.linalg.norm(self._state[0].astype(float)) if name == "start"
-                       else abs(variables[k]))
-        # ε/h is the round-off of a difference, h⁴ its truncation
-        epsilon = max(float(self._stepper.binding.epsilon), np.finfo(float).eps)
-        h = (length or 1.0) * epsilon**0.2
+        # integers, which a difference would round, become the stepper's numbers
+        x = self._stepper.binding.converted(variables)
+        if name == "t0":
+            # steps resolve the motion of the constraints, of which the size of t0 says nothing
+            h = abs(float(self._varied_arguments(variables).times["dt"])) / 8
+        else:
+            length = float(np.linalg.norm(self._state[0].astype(float)) if name == "start"
+                           else abs(x[k]))
+            # ε/h is the round-off of a difference, h⁴ its truncation
+            epsilon = max(float(self._stepper.binding.epsilon), np.finfo(float).eps)
+            h = (length or 1.0) * epsilon**0.2
 
         def difference(times: int) -> Array:
             """Return the difference of states 2 ``times`` h apart."""
-            higher, lower = variables.copy(), variables.copy()
+            higher, lower = x.copy(), x.copy()
             higher[k] += times * h
             lower[k] -= times * h
             change: Array = self._on_constraints(higher) - self._on_constraints(lower)

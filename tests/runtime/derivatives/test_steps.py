@@ -160,3 +160,23 @@ def test_inputs_and_moving_constraints():
         e[i] = 1e-5 * size
         slope = (f(at + e)[0] - f(at - e)[0]) / (2 * e[i])
         assert gradient[i] == pytest.approx(slope, rel=2e-7, abs=2e-7), i
+
+
+@pytest.mark.parametrize("t0", [0.3, 1000.0])
+def test_a_start_time_moves_the_constraints_whatever_its_size(t0):
+    """By differences of the loss; whole numbers of x are no other numbers."""
+    step, case = systems.differentiable("breathing"), systems.case("breathing")
+
+    def loss(run):
+        return run.q[-1] @ run.q[-1] + run.p[-1, 0], {"q": 2 * run.q[-1], "p": [1.0, 0.0]}
+
+    start = step.consistent(case.q, case.p, parameters=case.parameters, t=t0)
+    begin = gs.Start(start.q, start.p, case.parameters, t=t0)
+    f = step.value_and_gradient(loss, begin, wrt=["start", "t0"], dt=0.02, steps=10)
+    at, e = np.array([0.1, 0.1, t0]), np.array([0.0, 0.0, 1e-3])
+    slope = (8 * (f(at + e)[0] - f(at - e)[0]) - f(at + 2 * e)[0] + f(at - 2 * e)[0]) / 12e-3
+    assert f(at)[1][2] == pytest.approx(slope, rel=1e-8)
+    f = step.value_and_gradient(loss, begin, wrt=["l"], dt=0.02, steps=10)
+    assert np.array_equal(f([1])[1], f([1.0])[1])
+    with pytest.raises(gs.InputError, match="'l' 2 times"):
+        step.value_and_gradient(loss, begin, wrt=["l", "l"], dt=0.02, steps=10)
