@@ -81,7 +81,7 @@ from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude, read_rep
-from .toml_tables import TomlTable
+from .toml_tables import TomlTable, Units
 
 __all__ = ["build_from", "build_model", "join", "read_bodies"]
 
@@ -368,7 +368,9 @@ def join(
         elif "tuple" in annotation:
             values[key] = table.vector(key, 2)
         else:
-            values[key] = table.number(key, WITH_UNITS.get(key, {}))
+            units = (_units_of(builder, ends[1], f"{table.text('name')!r}") if key == "offset"
+                     else WITH_UNITS.get(key, {}))
+            values[key] = table.number(key, units)
     getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **locate(values))
 
 
@@ -390,15 +392,18 @@ def _force(
         return
     if kind in ("spring", "joint_spring"):
         table.require("name", *(["stiffness"] if kind == "spring" else []))
+        ends: Sequence[Frame | str] = (
+            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
         numbers: dict[str, Any] = {}
         for key in FORCES[kind]:
             if key not in table or key in POINTS:
                 continue
             # an interval of rest has two numbers
+            units = (_units_of(builder, ends[0], f"Spring {table.text('name')!r}")
+                     if key == "rest" else {})
             has_interval = key == "rest" and isinstance(table.content[key], list)
-            numbers[key] = tuple(table.vector(key, 2)) if has_interval else table.number(key)
-        ends: Sequence[Frame | str] = (
-            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
+            numbers[key] = (tuple(table.vector(key, 2, units)) if has_interval
+                            else table.number(key, units))
         getattr(builder, kind)(table.symbol("name", table.text("name")), *ends,
                                **numbers, **points)
         return
@@ -446,10 +451,17 @@ def _stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     """Add an end of the range of a joint, or both."""
     table.allow("name", "joint", "lower", "upper", "restitution")
     table.require("name", "joint")
-    link = builder._components.joint(table.text("joint"), f"Stop {table.text('name')!r}")
-    units = {} if "travel" in link.MEASURES else ANGLES
+    units = _units_of(builder, table.text("joint"), f"Stop {table.text('name')!r}")
     ends = {key: table.number(key, units) for key in ("lower", "upper") if key in table}
-    builder.stop(table.text("name"), link, **ends, **_restitution(table, formulas))
+    builder.stop(table.text("name"), table.text("joint"), **ends, **_restitution(table, formulas))
+
+
+def _units_of(builder: Multibody, joint: Any, label: str) -> Units:
+    """Return the units of a joint's coordinate in a file: angles have some, travels none.
+
+    ``label`` begins the message for what is no joint.
+    """
+    return {} if "travel" in builder._components.joint(joint, label).MEASURES else ANGLES
 
 
 def _restitution(table: TomlTable, formulas: Formulas) -> dict[str, Any]:

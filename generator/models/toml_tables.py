@@ -18,7 +18,7 @@ from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from .formulas import CONSTANTS, FUNCTIONS, parse_number
 
-__all__ = ["SYMBOL", "Known", "TomlTable", "load_toml"]
+__all__ = ["SYMBOL", "Known", "TomlTable", "Units", "load_toml"]
 
 #: Python's reader of TOML takes time quadratic in the number of parts of a dotted key.
 MAX_DOTS = 64

@@ -124,6 +124,56 @@ p = [0]
         float(sp.N(sp.pi / 6, 50)), float(sp.N(sp.pi / 12, 50)))
 
 
+TWO_DOORS = """
+name = "doors"
+redundant = "leave out"
+[[bodies]]
+name = "a"
+mass = 1
+inertia = [1, 1, 1]
+[[bodies]]
+name = "b"
+mass = 1
+inertia = [1, 1, 1]
+[[joints]]
+name = "left"
+type = "{kind}"
+bodies = ["ground", "a"]
+axis = [0, 0, 1]
+at = [0, 0, 0]
+[[joints]]
+name = "right"
+type = "{kind}"
+bodies = ["ground", "b"]
+axis = [0, 0, 1]
+at = [0, 0, 0]
+[[joints]]
+name = "both"
+type = "couple"
+joints = ["left", "right"]
+offset = {offset}
+[[forces]]
+name = "closer"
+type = "joint_spring"
+joints = ["left"]
+stiffness = 3
+rest = {rest}
+"""
+
+
+def test_units_in_the_rest_of_a_spring_and_the_offset_of_a_couple():
+    """Those of hinges are angles; those of slides, travels, have no unit."""
+    for degrees, radians in (('"30 deg"', '"pi/6"'),
+                             ('["-30 deg", "60 deg"]', '["-pi/6", "pi/3"]')):
+        one, other = (
+            parse_model(TWO_DOORS.format(kind="revolute", offset=offset, rest=rest), "d.toml")
+            for offset, rest in (('"18 deg"', degrees), ('"pi/10"', radians)))
+        assert one.parameters == other.parameters
+    for offset, rest in (('"18 deg"', "0.1"), ("0", '"30 deg"')):
+        with pytest.raises(InputError, match="unit deg"):
+            parse_model(TWO_DOORS.format(kind="prismatic", offset=offset, rest=rest), "d.toml")
+
+
 @pytest.mark.parametrize(("old", "new", "words"), [
     ("inertia = [1, 2, 2.5]", 'inertia = ["1 deg", 2, 2.5]', r"inertia, entry 1.*unit deg\b"),
     ("euler = [0, 0, 0]", 'euler = ["3 deg/s", 0, 0]', "euler, entry 1.*unit deg/s"),
