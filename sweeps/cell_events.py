@@ -69,7 +69,8 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
                                           p[part])
                           for part in (slice(half), slice(half, None))])
         crossings = []
-        ensemble_states.status[:] = NOT_CONVERGED
+        if not ensemble_states.status[0]:  # a cell that failed before keeps its reason
+            ensemble_states.status[0] = NOT_CONVERGED
     binding, row_count = ensemble_states.binding, steps // every + 1
     event_results: dict[str, Array] = {}
     for event in study.events:
