@@ -19,7 +19,8 @@ import numpy as np
 from .errors import InputError
 
 __all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text", "check_stepper",
-           "choose", "few", "listed", "proposal", "shown", "unknown", "whole", "why_unwritable"]
+           "choose", "few", "listed", "proposal", "quote", "shown", "unknown", "whole",
+           "why_unwritable"]
 
 Name = TypeVar("Name", bound=str)
 
@@ -93,6 +94,11 @@ def listed(names: Iterable[str]) -> str:
     """Return "a, b or c"."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last
+
+
+def quote(names: Iterable[str]) -> str:
+    """Return names in quotes, separated by commas."""
+    return ", ".join(map(repr, names))
 
 
 def shown(value: Any, length: int = 80) -> str:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from .arguments import quote
 from .arrays import Array
 from .calls import explain_arguments
 from .errors import InputError
@@ -395,23 +396,18 @@ def _singular(system: Constrained, G: Array) -> str:
         return "The constraints have no finite gradient here; start elsewhere."
     flat = [name for name, row in zip(names, G, strict=True) if not row.any()]
     if flat:
-        return f"The gradient of {_quote(flat)} vanishes here; start elsewhere."
+        return f"The gradient of {quote(flat)} vanishes here; start elsewhere."
     involved, left_out = dependent_rows(G)
     if not involved:
         return "G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p."
-    return (f"The constraints depend on each other here: {_quote(names[i] for i in involved)}; "
-            f"leave out {_quote(names[i] for i in left_out)} if others say the same, or start "
+    return (f"The constraints depend on each other here: {quote(names[i] for i in involved)}; "
+            f"leave out {quote(names[i] for i in left_out)} if others say the same, or start "
             "elsewhere: where parts lie in a line, turn one of them a little.")
 
 
 def _names(system: Any) -> list[str]:
     """Return the names of the constraints, then of the velocity constraints, as f has them."""
     return [*system.constraint_names, *system.velocity_constraint_names]
-
-
-def _quote(names: Any) -> str:
-    """Return names in quotes, with commas."""
-    return ", ".join(repr(name) for name in names)
 
 
 def _round_off_of_g(G: Array | csr_array, q: Array) -> float:

@@ -78,7 +78,7 @@ class Flow(FlowFunction):
 
     def _shape(self, value: Any) -> tuple[int, ...]:
         """Return a shape as NumPy has it: CasADi has columns of one number for scalars."""
-        if not isinstance(value, (casadi.MX, casadi.SX, casadi.DM)):
+        if not isinstance(value, self._arrays):
             return np.shape(value)
         row_count, column_count = value.shape
         if row_count == column_count == 1:

@@ -92,9 +92,10 @@ class FlowFunction(ABC):
         """Return F(x); ``parts`` are the components of x, each with the shape to broadcast to."""
 
     def _array(self, name: str, argument: Any) -> Any:
-        """Return an array of the library as it is, and other numbers as an array of NumPy.
+        """Return an array of the library unchanged, and other numbers as an array of NumPy.
 
-        Raises InputError for what has no real numbers, and for lists of the library's symbols.
+        Raises InputError for entries that are no real numbers, and for a list with symbols of the
+        library.
         """
         if isinstance(argument, self._arrays):
             kind = getattr(argument, "dtype", None)

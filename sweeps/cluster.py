@@ -20,7 +20,7 @@ from .tiles import Tile
 if TYPE_CHECKING:
     from distributed import Client
 
-__all__ = ["connected", "run_tiles"]
+__all__ = ["connect", "run_tiles"]
 
 #: How often a tile that ends with an error is tried again: a full disk, a file server away.
 _RETRIES = 5
@@ -33,7 +33,7 @@ _CHECK_SECONDS, _PATIENCE = 1.0, 600
 
 
 @contextmanager
-def connected(where: Any) -> Iterator[Client | None]:
+def connect(where: Any) -> Iterator[Client | None]:
     """Yield a Dask client: the one given, or one for a scheduler's address, closed at the end.
 
     None yields None. Raises MissingDependencyError without dask.distributed; InputError if no

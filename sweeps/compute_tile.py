@@ -169,9 +169,9 @@ def _report_results(reports: Array) -> dict[str, Array]:
     # errors are those of the start and of all steps, or of as many states as the record says
     states = reports["recorded"] if "recorded" in columns else steps + 1
     results: dict[str, Array] = {"energy_start": reports["energy_start"].astype(float)}
-    for name, recorded in _ERRORS.items():
-        results[f"{name}_max"] = reports[f"{recorded}_max"].astype(float)
-        results[f"{name}_mean"] = reports[f"{recorded}_sum"].astype(float) / np.maximum(states, 1)
+    for name, column in _ERRORS.items():
+        results[f"{name}_max"] = reports[f"{column}_max"].astype(float)
+        results[f"{name}_mean"] = reports[f"{column}_sum"].astype(float) / np.maximum(states, 1)
     results["iterations_mean"] = reports["iterations"] / np.maximum(steps, 1)
     results |= {name: reports[name] for name in ("iterations_max", "newton_steps")}
     results["steps_done"] = steps

@@ -129,10 +129,10 @@ def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any, order: An
         return list(value_axis(SCHEME, over[SCHEME]).labels)
     if isinstance(scheme, str) and " " in scheme and stages is None and order is None:
         return [scheme]
-    named = DEFAULT_SCHEME if scheme is None and order is None else scheme
-    if stages is None and isinstance(named, str) and named in SCHEMES and SCHEMES[named].counted:
+    method = DEFAULT_SCHEME if scheme is None and order is None else scheme
+    if stages is None and isinstance(method, str) and method in SCHEMES and SCHEMES[method].counted:
         stages = DEFAULT_STAGES
-    spec = Spec.checked(named, stages, order=order)
+    spec = Spec.checked(method, stages, order=order)
     number = stages if spec.order is None else spec.order
     return [spec.scheme if number is None else f"{spec.scheme} {number}"]
 

@@ -97,8 +97,8 @@ def sweep(
         columns: {"gamma": […], "dt": […]}; with "count" and "seed" the columns are ranges to draw
         from at random.
     scheme, stages, order, rep, real, frame
-        As for ``gyrospark.stepper``, where no axis varies them. Of splittings, errors are those of
-        the states that a report compares.
+        As for ``gyrospark.stepper``, where no axis varies them. Errors of a splitting are taken at
+        the start, at its first 16 steps and at every 32nd step, as in ``Report``.
     parameters : mapping, optional
         Beside the model's own, and like these where no axis varies them; γ and α that are not
         given are γ_m, another mean is ``gyrospark.gamma(inertia, "h")``.
@@ -174,11 +174,11 @@ def run_study(
     threads = count if workers is None else as_positive_count("workers", workers, minimum=1)
     as_progress(progress)
     _warn_of_fast_rotation(study)
-    with cluster.connected(dask) as client:
-        return _computed(study, fields, out, resume, threads, client, progress)
+    with cluster.connect(dask) as client:
+        return _compute_result(study, fields, out, resume, threads, client, progress)
 
 
-def _computed(
+def _compute_result(
     study: Study, fields: list[StoredField], out: str | Path | None, resume: bool, threads: int,
     client: Any, progress: Progress,
 ) -> xarray.Dataset:

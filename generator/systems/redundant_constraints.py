@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import sympy as sp
 
+from ...core.arguments import quote
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.projection import as_dense, dependent_rows, solve_sparse
@@ -74,8 +75,8 @@ class Redundancy:
             return f"The {len(self.constraints)} constraints of {self.model!r} are independent."
         verb = "is" if len(self.left_out) == 1 else "are"
         return (f"{len(self.left_out)} of the {len(self.constraints)} constraints of "
-                f"{self.model!r} {verb} redundant: the others imply {_quote(self.left_out)}. "
-                f"These depend on each other: {_quote(self.involved)}.")
+                f"{self.model!r} {verb} redundant: the others imply {quote(self.left_out)}. "
+                f"These depend on each other: {quote(self.involved)}.")
 
     def refuse(self, cure: str = "") -> None:
         """Refuse redundant constraints; ``cure`` tells a caller how to drop them.
@@ -83,7 +84,7 @@ class Redundancy:
         Raises InputError with the names of all that take part, and of a smallest set to leave out.
         """
         if self.left_out:
-            raise InputError(f"{self} Leave out {_quote(self.left_out)}; the motion stays the "
+            raise InputError(f"{self} Leave out {quote(self.left_out)}; the motion stays the "
                              f"same{cure}.")
 
 
@@ -362,9 +363,4 @@ def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
 
 def _names_of(names: Sequence[str], rows: Sequence[int]) -> str:
     """Return the names of constraints, given by their row numbers, as text."""
-    return _quote([names[i] for i in rows])
-
-
-def _quote(names: Sequence[str]) -> str:
-    """Return names in quotes, separated by commas."""
-    return ", ".join(map(repr, names))
+    return quote([names[i] for i in rows])

@@ -119,7 +119,7 @@ def test_a_cluster_that_loses_a_worker_writes_the_same_bytes(tmp_path, monkeypat
 def test_no_scheduler_answers(monkeypatch):
     monkeypatch.setattr(cluster, "_CONNECT_SECONDS", 0.5)
     with pytest.raises(gs.InputError, match="Dask scheduler"), \
-            cluster.connected("tcp://127.0.0.1:1"):
+            cluster.connect("tcp://127.0.0.1:1"):
         pass
 
 
