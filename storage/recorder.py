@@ -102,7 +102,7 @@ class Recorder:
     def _resume_state(self) -> _ResumePoint:
         """Return the last commit of the store, or the start of the run if there is none.
 
-        Raises InputError for a store whose checkpoint is not that of this run.
+        Raises InputError for a store with the checkpoint of another run.
         """
         try:
             checkpoint = unpack(self.binding, np.asarray(array_of(self.group, CHECKPOINT)[:]),
@@ -116,8 +116,8 @@ class Recorder:
         if checkpoint is None:
             return self._start()
         stored_states = self._states(checkpoint)
-        # the block of the row that the next step belongs to; it is the last row of a complete run
-        # that ends between two others, and first rows may be stored already
+        # the block of the row of the next step, whose first rows may be stored already
+        # (the row itself too, if the run ended between two multiples of ``every``)
         next_row = checkpoint.steps // self.run.every + 1
         first_row = next_row // self.block * self.block
         block_rows = self._read(first_row, stored_states - first_row)

@@ -102,8 +102,10 @@ def build(
     InputError
         For an unknown target or platform; a model without dt or start; events; systems
         that profile control does not take (Lagrangians, more than 28 coordinates, co-moving frames,
-        H or g in time); names that the language of the target keeps for itself; an ``out`` of
-        somebody else's; a tool that is missing, with the cure.
+        H or g in time); names that the language of the target keeps for itself; a start off the
+        constraints, also of the model if ``parameters`` move them; γ or α that the model leaves to
+        a search by runs; an ``out`` of somebody else's, or with another ending than the artefact's;
+        a tool that is missing, with the cure.
     GyrosparkError
         Where ``out`` cannot be written, or a tool fails.
 

@@ -38,7 +38,7 @@ class RunOutcome:
     last : Trajectory
         Ends with the last stored state.
     steps : int
-        The number is read now, for a resumed run has more.
+        Steps of this call; a resumed run has the steps of earlier calls besides.
     out : str or None
         What was written.
     trouble : Exception or None

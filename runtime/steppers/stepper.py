@@ -321,8 +321,8 @@ class Stepper(Dynamics):
             Store every so many steps, and the last.
         t_eval : array_like, shape (N,), optional
             Return the states at these times instead, each by a real step of a part of Δt: see
-            ``Trajectory.at``. They lie between the start and the end of the run, in any order. Of a
-            run that an event ends, those behind the event are left out.
+            ``Trajectory.at``. They lie between the start and the end of the run, in any order. If
+            an event or an impact ends the run, later times are left out.
         events : Event, or a list of them, optional
             Where a quantity crosses a level: in ``Trajectory.events`` by name. By default those of
             a model; ``()`` looks for none. Every step is looked at, stored or not; a crossing is
