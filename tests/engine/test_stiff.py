@@ -108,6 +108,12 @@ def test_a_step_is_the_root_that_fifty_digits_find(scheme, k):
             assert np.abs(p1 - exact.p).max() <= 8 * rounding + 8 * EPSILON * np.abs(p).max()
 
 
+def test_a_fast_mode_at_rest_is_no_loss():
+    """A hundred rad of the spring a step: it is not excited, and its own step is not asked for."""
+    run = stepper(("EMS", None)).integrate(*start(1e8), **run_of(1e8, 100.0) | {"steps": 5})
+    assert run.report.newton_steps
+
+
 @every_scheme
 def test_ensembles_do_them_too(scheme):
     step = stepper(scheme)

@@ -9,6 +9,7 @@ import numpy as np
 import sympy as sp
 
 import budget
+import gyrospark as gs
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system import System
@@ -39,14 +40,17 @@ def beads(links: int = 2) -> System:
 
 
 def start_of_beads(step: Stepper, t0: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return a state of two beads on the constraints."""
-    return step.project([0.6, -0.8, 1.4, -1.4], [0.8, 0.6] * 2, parameters=BEADS, t=t0)
+    """Return a state of four beads on the constraints."""
+    place = np.cumsum([[np.cos(a), -np.sin(a)] for a in (0.6, 1.1, 0.3, 0.9)], axis=0).ravel()
+    state = step.consistent(place, np.full(8, 0.3), parameters=BEADS, t=t0)
+    return state.q, state.p
 
 
 @cache
 def made_beads(scheme: str, stages: int | None, structured: bool):
-    """Return a stepper of two beads, in forms or dense."""
+    """Return a stepper of four beads, in forms or dense."""
     with budget.shared():
-        source = generate(Spec.checked(scheme, stages), system=beads(),
-                          structured=structured).source
+        if structured:  # of eight coordinates, as of any system that is worth it
+            return gs.stepper(scheme, stages, system=beads(4))
+        source = generate(Spec.checked(scheme, stages), system=beads(4), structured=False).source
         return Stepper(source.name, source.files())

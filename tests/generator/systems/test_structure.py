@@ -65,6 +65,7 @@ def compare(loops, dense, start, parameters, t0):
 
 
 def test_structured_code_computes_what_dense_code_does():
+    assert Structure(hoisted(beads(4))[0]).is_worthwhile
     loops, dense = (made_beads("G-L", 2, kind) for kind in (True, False))
     compare(loops, dense, start_of_beads(dense, 0.4), BEADS, 0.4)
 

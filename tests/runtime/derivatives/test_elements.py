@@ -10,25 +10,20 @@ import pytest
 import budget
 import gyrospark as gs
 from derivative_cases import difference
-from structured_systems import BEADS, beads
-
-#: Angles of four rods, which hang and swing.
-ANGLES = (0.6, 1.1, 0.3, 0.9)
-PLACE = np.cumsum([[np.cos(a), -np.sin(a)] for a in ANGLES], axis=0).ravel()
+from structured_systems import BEADS, beads, made_beads, start_of_beads
 
 
 @cache
 def stepper(scheme):
     """Return a stepper of four beads with forces and a drive, its derivatives compiled."""
+    step = made_beads(scheme, 2 if scheme == "G-L" else None, True)
     with budget.shared():
-        step = gs.stepper(scheme, 2 if scheme == "G-L" else None, system=beads(4))
         step._derivative_binding()
     return step
 
 
 def start_of(step):
-    state = step.consistent(PLACE, np.full(8, 0.3), parameters=BEADS, t=0.4)
-    return gs.Start(state.q, state.p, BEADS, 0.4)
+    return gs.Start(*start_of_beads(step, 0.4), BEADS, 0.4)
 
 
 def test_accelerations_are_second_differences():
