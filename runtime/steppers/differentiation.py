@@ -412,12 +412,12 @@ class Differentiation(Evaluation):
         names = names_of(stepper, wrt)
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
         kinds = self._rows_of(run, solver)
-        # the last row may be an event or a time within a step: then the repeated whole steps have
-        # no row that their end could be compared with
-        ended = bool(kinds.points)
+        # the last row may be an event or a time within a step, and of t_eval there may be no row:
+        # then the repeated whole steps have no row that their end could be compared with
         q, p = full_states(run)
+        end = None if kinds.points or not len(q) else (q[-1], p[-1])
         return gradient_of(stepper, kinds.run, cotangents_of(stepper, kinds, cotangents), names,
-                           memory, value, None if ended else (q[-1], p[-1]))
+                           memory, value, end)
 
     def hessian(
         self, run: Trajectory, cotangents: Mapping[str, ArrayLike] | None = None, *,

@@ -240,6 +240,15 @@ def test_a_file_keeps_the_tangents_of_events(tmp_path):
                                   getattr(tangents, name))
 
 
+@pytest.mark.parametrize("memory", ["256 MB", "none"])
+def test_a_run_that_ends_before_its_times_has_no_row_to_differentiate(memory):
+    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={"g": 1.0},
+                             events=gs.Event("y", level=0.25, terminal=True), t_eval=[1.4])
+    assert len(run) == 0
+    gradient = run.gradient({"q": np.zeros((0, 2))}, wrt=["start", "g"], memory=memory)
+    assert not gradient.vector().any()
+
+
 def test_unknown_events_are_refused():
     run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={"g": 1.0},
                              events=gs.Event("y", level=0.25), tangents=gs.Tangents())
