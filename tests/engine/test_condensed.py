@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.integrate import solve_ivp
 
 import budget
 import gyrospark as gs
@@ -55,19 +56,24 @@ def test_condensed_steps_are_those_of_the_whole_jacobian(name, scheme, stages):
     assert run.iterations[-1] <= count + 1
 
 
+PUSH = sp.Symbol("push", real=True)
 KINETIC = {
     "rank one": lambda a, b: (a + b) ** 2 / 2,  # which the pattern does not tell
     "zero row": lambda a, b: a**2 / 2 + b}
 
 
 def springs(*kinetic):
-    """Return points between springs, with these energies of momenta two by two."""
+    """Return points between springs, with these energies of momenta two by two; one is pushed."""
     q, p = sp.symbols("x1:9", real=True), sp.symbols("y1:9", real=True)
     pairs = zip(p[::2], p[1::2], strict=True)
     H = sum(f(*pair) for f, pair in zip(kinetic, pairs, strict=False)) + sum(
         y**2 for y in p[2 * len(kinetic):]) / 2 + sum(
         (a - b) ** 2 for a, b in pairwise(q)) + sum(a**4 for a in q)
-    return gs.System(q, p, (), H=H, name="springs_of_two_masses")
+    return gs.System(q, p, (), H=H, forces=(PUSH, *[0] * 7), inputs=(PUSH,),
+                     name="springs_of_two_masses")
+
+
+START = np.linspace(0.1, 0.8, 8), np.linspace(0.3, -0.4, 8)
 
 
 @pytest.mark.parametrize("kinetic", [("rank one", "zero row"), *(
@@ -75,8 +81,26 @@ def springs(*kinetic):
 def test_a_singular_mass_is_solved_with_the_whole_jacobian(kinetic):
     with budget.shared():
         step = gs.stepper("G-L", stages=2, system=springs(*map(KINETIC.get, kinetic)))
-    start = np.linspace(0.1, 0.8, 8), np.linspace(0.3, -0.4, 8)
-    ends = [step.integrate(*start, dt=0.05, steps=4, parameters={}, solver=solver)
+    ends = [step.integrate(*START, dt=0.05, steps=4, parameters={"push": 0}, solver=solver)
             for solver in ("newton", "fixed-point")]
     np.testing.assert_allclose(ends[0].q[-1], ends[1].q[-1], rtol=0, atol=100 * EPS)
     np.testing.assert_allclose(ends[0].p[-1], ends[1].p[-1], rtol=0, atol=100 * EPS)
+
+
+def test_forms_without_constraints_have_inputs():
+    """Each push is held for 80 steps: against DOP853."""
+    system, pushes = springs(*KINETIC.values()), [0.5, -1.0, 0.25]
+    slope = sp.lambdify([system.q, system.p, PUSH], [
+        *(sp.diff(system.H, p) for p in system.p),
+        *(force - sp.diff(system.H, q) for q, force in zip(system.q, system.forces, strict=True))])
+    y = np.concatenate(START)
+    for force in pushes:
+        y = solve_ivp(lambda t, y, force=force: slope(y[:8], y[8:], force), (0, 0.4), y,
+                      method="DOP853", rtol=1e-13, atol=1e-14).y[:, -1]
+    with budget.shared():
+        step = gs.stepper("G-L", stages=2, system=system)
+    run = {"dt": 0.005, "steps": 240, "inputs": gs.Inputs(pushes, hold=80)}
+    alone = step.integrate(*START, **run)
+    assert np.abs([*alone.q[-1], *alone.p[-1]] - y).max() <= 1e-9  # of order 4
+    many = step.integrate_ensemble([START[0]] * 2, [START[1]] * 2, **run)
+    assert np.abs(many.q[1] - alone.q).max() <= 256 * EPS

@@ -10,7 +10,6 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.integrate import solve_ivp
 
 import gyrospark as gs
 from gyrospark.generator.pipeline import generate
@@ -23,7 +22,6 @@ from gyrospark.generator.systems.elimination_order import (
 )
 from gyrospark.generator.systems.repeated_structure import Structure
 from gyrospark.generator.systems.system import System
-from gyrospark.runtime.steppers.stepper import Stepper
 from python_newton import integrate
 from structured_systems import BEADS, beads, made_beads, start_of_beads
 
@@ -108,34 +106,6 @@ def test_ensemble_of_a_structured_system():
     for i in (0, 4):
         alone = step.integrate(q, p, dt=4e-3, steps=50, parameters=many[i])
         assert np.abs(ensemble.q[i] - alone.q).max() <= 64 * EPS
-
-
-def test_forms_without_constraints_have_inputs():
-    """Springs that are pushed at one end, each push held for 20 steps: against DOP853."""
-    n = 6
-    q, p = sp.symbols(f"u0:{n}", real=True), sp.symbols(f"v0:{n}", real=True)
-    a, push = sp.symbols("a push", real=True)
-    stretched = [y - x for x, y in pairwise(q)]
-    H = sp.Add(*(x**2 / 2 for x in p), *(d**2 / 2 + a * d**4 / 4 for d in stretched))
-    system = System(q, p, (a,), H, forces=(push, *[0] * (n - 1)), inputs=(push,), name="springs")
-    source = generate(Spec.checked("G-L", 3), system=system, structured=True).source
-    step = Stepper(source.name, source.files())
-    pushes, start = [0.5, -1.0, 0.25], np.sin(np.arange(n))
-    run = {"dt": 0.02, "steps": 60, "parameters": {"a": 0.3}, "inputs": gs.Inputs(pushes, hold=20)}
-
-    def slope(t, y, force):
-        stretch = np.diff(y[:n])
-        pull = stretch + 0.3 * stretch**3
-        return [*y[n:], *(np.append(pull, 0) - np.append(0, pull) + np.eye(n)[0] * force)]
-
-    y = np.array([*start, *np.zeros(n)])
-    for force in pushes:
-        y = solve_ivp(slope, (0, 0.4), y, args=(force,), method="DOP853", rtol=1e-13,
-                      atol=1e-14).y[:, -1]
-    alone = step.integrate(start, np.zeros(n), **run)
-    assert np.abs([*alone.q[-1], *alone.p[-1]] - y).max() <= 1e-11
-    many = step.integrate_ensemble([start] * 2, np.zeros((2, n)), **run)
-    assert np.abs(many.q[1] - alone.q).max() <= 64 * EPS
 
 
 # ---------------------------------------------------------------- size and cost
