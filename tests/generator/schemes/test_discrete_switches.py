@@ -218,16 +218,16 @@ def test_pieces_that_meet_for_no_reason_that_algebra_sees_are_no_pieces():
 
 # ---------------------------------------------------------------- EMS
 
-q = sp.symbols("q0:4", real=True)
-p = sp.symbols("p0:4", real=True)
-FAIR = gs.System(q, p, (k, a, r), sum(z**2 for z in p) / 2
+q = sp.symbols("q0:5", real=True)
+p = sp.symbols("p0:5", real=True)
+FAIR = gs.System(q, p, (k, a, r, b), sum(z**2 for z in p) / 2
                  + P((k * (q[0] + r) ** 2, q[0] < -r), (0, q[0] < r), (k * (q[0] - r) ** 2, True))
                  + k * sp.Max(0, -q[1]) ** Q(5, 2) + q[1] / 3  # bouncing on a ball
                  + sp.Abs(q[2]) + sp.Max(q[0] - q[2], 0) ** 2
-                 + k * sp.Max(0, sp.sqrt(q[2] ** 2 + q[3] ** 2) - a) ** 2 / 2, name="fair")
-WALL = gs.System(q[:1], p[:1], (k,), p[0]**2 / 2 + k * sp.Max(0, q[0]) ** 2 / 2, name="wall")
-FAIR_START = [0.9, 0.3, -0.4, 0.5], [0.1, 0.0, 0.7, -0.6]
-FAIR_PARAMETERS = {"k": 3.0, "a": 0.4, "r": 0.3}
+                 + k * sp.Max(0, sp.sqrt(q[2] ** 2 + q[3] ** 2) - a) ** 2 / 2
+                 + b * sp.Max(0, q[4]) ** 2 / 2, name="fair")  # a wall
+FAIR_START = [0.9, 0.3, -0.4, 0.5, 0.01], [0.1, 0.0, 0.7, -0.6, -0.02]
+FAIR_PARAMETERS = {"k": 3.0, "a": 0.4, "r": 0.3, "b": 2.0}
 
 
 @pytest.mark.parametrize("steps", [400, pytest.param(4_000, marks=pytest.mark.slow)])
@@ -255,10 +255,13 @@ def test_steps_across_a_kink_are_found(stiffness):
     rng, h = np.random.default_rng(1), 0.05
     p0 = rng.uniform(-1, 1, 2000)
     q0 = -p0 * h * rng.uniform(-0.5, 1.5, 2000) + 10 ** rng.uniform(-18, -2, 2000)
+    starts = np.tile([[0, 1, 0.1, 0.1, 0], [0.0] * 5], (2000, 1, 1))  # others meet no kink
+    starts[:, :, 4] = np.stack([q0, p0], axis=-1)
     for solver in ("auto", "newton"):
-        run = gs.stepper("EMS", system=WALL).integrate_ensemble(
-            q0[:, None], p0[:, None], dt=h, steps=1, parameters={"k": stiffness}, solver=solver)
-        q1, p1 = np.array(run.q)[:, -1, 0], np.array(run.p)[:, -1, 0]
+        run = gs.stepper("EMS", system=FAIR).integrate_ensemble(
+            starts[:, 0], starts[:, 1], dt=h, steps=1, solver=solver,
+            parameters=FAIR_PARAMETERS | {"b": stiffness})
+        q1, p1 = np.array(run.q)[:, -1, 4], np.array(run.p)[:, -1, 4]
         assert np.isfinite(q1).all()
         H0, H1 = (m**2 / 2 + stiffness * np.maximum(x, 0) ** 2 / 2
                   for x, m in ((q0, p0), (q1, p1)))
@@ -271,7 +274,7 @@ def test_jacobian_is_that_of_the_residual():
     run = {"dt": 0.5, "parameters": FAIR_PARAMETERS}
     rng = np.random.default_rng(3)
     for _ in range(10):
-        at_q, at_p, unknowns = (rng.uniform(-1, 1, n) for n in (4, 4, 8))
+        at_q, at_p, unknowns = (rng.uniform(-1, 1, n) for n in (5, 5, 10))
         J = step.jacobian(unknowns, at_q, at_p, **run)
         assert np.isfinite(J).all()
         found = jacobian_by_differences(step, unknowns, at_q, at_p, **run)
@@ -279,7 +282,7 @@ def test_jacobian_is_that_of_the_residual():
 
 
 def test_conditions_hold():
-    scheme = generate(Spec.checked("EMS"), system=WALL).scheme
+    scheme = generate(Spec.checked("EMS"), system=FAIR).scheme
     assert isinstance(scheme, MeanScheme)
     assert scheme.order == 2
     lines = {line.name: line for line in check_mean_scheme(scheme)}
