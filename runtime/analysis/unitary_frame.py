@@ -28,8 +28,10 @@ __all__ = ["UnitaryFrame", "canonical_form", "isotropic_flag", "tangent_projecti
 #: Least eigenvalue of H_pp in parts of the largest: coordinates without inertia have finite length.
 _LEAST = 1e-12
 #: Least kinetic energy of the differences that give H_pp, in parts of H: eight bits of it are lost.
-#: The momenta grow by a power of two until it is reached, and are left where H is linear in them.
+#: The momenta grow by a power of two until it is reached.
 _SHARE, _LARGER, _MOST_SCALES = 2.0**-8, 2.0**10, 64
+#: Round-off of a second difference of H in parts of eps |H|: four sums, of some operations each.
+_ROUND_OFF = 64
 
 
 class UnitaryFrame:
@@ -146,27 +148,48 @@ def _inverse_mass(
 
         H_ij = (H(p + e_i + e_j) − H(p + e_i) − H(p + e_j) + H(p)) / s²,   |e_i| = s
 
-    s is the size of p, and larger near rest.
+    s is the size of p. Near rest the kinetic energy drowns in the round-off of the potential one: s
+    grows until the differences have enough digits, or change by more than round-off, as those of an
+    H that is not quadratic do. If no s gives digits, as of an H that is linear in p, the first one
+    is kept.
+    """
+    p_scale = np.float64(np.abs(p.astype(float)).max(initial=0.0))
+    with np.errstate(all="ignore"):  # numbers beyond the doubles are infinite, and refused later
+        p_scale = p_scale if p_scale**2 else np.float64(1.0)
+        first, unit = _second_differences(binding, parameters, t, q, p, p_scale)
+        inverse_mass = first
+        for _ in range(_MOST_SCALES):
+            size = np.abs(inverse_mass).max()
+            if not size < _SHARE * unit:
+                return inverse_mass
+            p_scale *= _LARGER
+            larger, unit_of_larger = _second_differences(binding, parameters, t, q, p, p_scale)
+            round_off = _ROUND_OFF * max(binding.primal.epsilon, np.finfo(float).eps) * unit
+            if size > round_off and not np.abs(larger - inverse_mass).max() <= 2 * round_off:
+                return inverse_mass
+            if not np.isfinite(larger).all():
+                break
+            inverse_mass, unit = larger, unit_of_larger
+    return first
+
+
+def _second_differences(
+    binding: DerivativeBinding, parameters: dict[str, Any], t: Any, q: Array, p: Array,
+    scale: np.float64
+) -> tuple[Array, float]:
+    """Return the second differences of H by p of size s = ``scale``, shape (n, n), and max |H|/s².
     """
     primal, n = binding.primal, binding.n
-    p_scale = float(np.abs(p.astype(float)).max(initial=0.0))
-    p_scale = p_scale if p_scale**2 else 1.0
     # rows: p; p + e_i for each i; p + e_i + e_j for each pair
     momentum_changes = [np.zeros(n), *np.eye(n)]
     index_pairs = [(i, j) for i in range(n) for j in range(i + 1)]
     momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in index_pairs]
-    inverse_mass = np.zeros((n, n))
-    for _ in range(_MOST_SCALES):
-        momenta = primal.converted(np.array(momentum_changes) * p_scale) + p
-        H = primal.hamiltonian(primal.parameters(parameters, t),
-                               np.repeat(q[None], len(momenta), axis=0), momenta)
-        # in the stepper's own type: the digits cancel here
-        differences = (H - H[0]).astype(float)
-        for (i, j), energy in zip(index_pairs, differences[n + 1 :], strict=True):
-            inverse_mass[i, j] = inverse_mass[j, i] = (
-                energy - differences[i + 1] - differences[j + 1]) / p_scale**2
-        # near rest the kinetic energy drowns in the round-off of the potential one
-        if not np.abs(inverse_mass).max() * p_scale**2 < _SHARE * np.abs(H).max():
-            break
-        p_scale *= _LARGER
-    return inverse_mass
+    momenta = primal.converted(np.array(momentum_changes) * scale) + p
+    H = primal.hamiltonian(primal.parameters(parameters, t),
+                           np.repeat(q[None], len(momenta), axis=0), momenta)
+    differences = (H - H[0]).astype(float)  # in the stepper's own type: the digits cancel here
+    second = np.zeros((n, n))
+    for (i, j), energy in zip(index_pairs, differences[n + 1 :], strict=True):
+        second[i, j] = second[j, i] = (
+            energy - differences[i + 1] - differences[j + 1]) / scale**2
+    return second, float(np.abs(H).max() / scale**2)

@@ -11,6 +11,7 @@ from calls import by_names
 from chaotic_pendulum import PARAMETERS, pendulum, released
 from gyrospark.runtime.analysis.unitary_frame import (
     UnitaryFrame,
+    _inverse_mass,
     canonical_form,
     isotropic_flag,
 )
@@ -159,6 +160,17 @@ def test_a_start_near_rest_has_the_metric_of_one_at_rest():
         by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE | {"p": [p, 0.0]},
                  dt=0.01, steps=200, every=10) for p in (0.0, 1e-9))
     assert abs(near_rest.ftle - at_rest.ftle) < 1e-7  # the motion moves by 1e-8
+
+
+@pytest.mark.parametrize("k", [0.0, 1e3])
+def test_the_metric_is_that_of_small_momenta(k):
+    """H is not quadratic in p: differences of larger momenta would give another H_pp.
+
+    T = (1 + x²/4) √(m² + p²): H_pp at p = 0, of which differences by p miss the share (p/m)².
+    """
+    binding, q = systems.differentiable("relativistic")._derivative_binding(), np.array([0.8, 0.77])
+    H_pp = _inverse_mass(binding, {"m": 0.8, "k": k}, 0.0, q, np.array([6e-3, -8e-3]))
+    assert H_pp == pytest.approx(1.16 / 0.8 * np.eye(2), rel=1e-3, abs=1e-3)
 
 
 def test_a_state_without_a_finite_energy_is_refused():
