@@ -116,10 +116,13 @@ class Coordinate(sp.Symbol):
 
 def test_a_system_without_a_digest_is_derived_itself():
     """Without a digest its spec equals the one of the heavy top, which the package has in C."""
-    x, px = Coordinate("x", real=True), sp.Symbol("px", real=True)
-    oscillator = System((x,), (px,), (), px**2 / 2 + x**2 / 2, name="oscillator")
+    x, u = Coordinate("x", real=True), sp.Symbol("u", real=True)
+    k = sp.Symbol("k", positive=True)
+    # the C is that of the catalogue's oscillator
+    oscillator = System((x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, name="oscillator")
     assert system_digest(oscillator) is None
-    run = gs.stepper("G-L", 2, system=oscillator).integrate([1.0], [0.0], dt=0.01, steps=100)
+    run = gs.stepper("G-L", 2, system=oscillator).integrate([1.0], [0.0], dt=0.01, steps=100,
+                                                            parameters={"k": 1.0})
     assert run.q[-1] == pytest.approx([math.cos(1)], abs=1e-10)  # (0.01)**4/1440 of a rad a step
     with pytest.raises(gs.InputError, match="V"):
-        gs.stepper("G-L", 2, system=replace(oscillator, H=px**2 + sp.Function("V")(x)))
+        gs.stepper("G-L", 2, system=replace(oscillator, H=u**2 + sp.Function("V")(x)))
