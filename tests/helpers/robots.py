@@ -11,6 +11,23 @@ from gyrospark.generator.systems.numeric_system import NumericSystem
 
 TINY = 1e-100
 
+#: A bar with meshes, and a hand that is fast to it.
+BAR = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></material>
+<link name="base"><visual><geometry><mesh filename="package://shown/meshes/a.stl"/></geometry>
+  </visual></link>
+<link name="bar"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
+  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.01"/></inertial>
+  <visual><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/>
+    <geometry><mesh filename="meshes/a.stl" scale="0.1 0.1 0.1"/></geometry>
+    <material name="red"/></visual>
+  <visual><geometry><cylinder radius="0.05" length="1"/></geometry></visual></link>
+<link name="hand"><visual><geometry><mesh filename="meshes/b.dae"/></geometry></visual></link>
+<joint name="elbow" type="continuous"><parent link="base"/><child link="bar"/>
+  <axis xyz="1 0 0"/></joint>
+<joint name="wrist" type="fixed"><parent link="bar"/><child link="hand"/>
+  <origin xyz="1 0 0"/></joint></robot>
+"""
+
 #: Three links in space: a hinge askew, a slide, a continuous joint; one link is fixed to another.
 ARM = """<?xml version="1.0"?>
 <robot name="arm">

@@ -16,7 +16,7 @@ from gyrospark.api import Derivation
 from gyrospark.generator.models.robot_builder import plain_name
 from gyrospark.generator.models.robots import read_settings
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
-from robots import ARM, Motion
+from robots import ARM, BAR, Motion
 
 START = {"angles": {"shoulder": 0.4, "slide-1": -0.15, "wheel": 2.0},
          "rates": {"shoulder": -1.1, "slide-1": 0.7, "wheel": 9.0}}
@@ -262,22 +262,23 @@ def test_angles_beyond_a_turn_warn(arm):
 
 def test_the_command_runs_it(arm, gyrospark):
     """By name, with settings; what is there and not ignored is told in a sentence."""
-    arm.write_text(LIMITED, encoding="utf-8")
+    arm.write_text(BAR.replace('"continuous">', '"revolute"><limit lower="-1" upper="1" effort="9" '
+                               'velocity="9"/>'), encoding="utf-8")
 
     def run(*settings):
         options = [part for setting in settings for part in ("--set", setting)]
         return gyrospark("run", arm, "--scheme", "IMS", "--dt", "1e-3", "--steps", "20", "--json",
                          *options)
 
-    done = run("ignore=limits", "shoulder=0.4", "shoulder.rate=3")
+    done = run("ignore=limits", "elbow=0.4", "elbow.rate=3")
     assert done.code == 0, done.stderr
     assert done.document["steps"] == 20
     for settings, said in [
         ((), 'limits="stops"'),
         ((), "limits=1000"),
         (("ignore=limit",), "'limit'; choose limits"),
-        (("ignore=limits", "elbow=1"), "'elbow'"),
-        (("ignore=limits", "shoulder=x"), "'shoulder' is 'x'"),
+        (("ignore=limits", "wrist=1"), "'wrist'"),
+        (("ignore=limits", "elbow=x"), "'elbow' is 'x'"),
         (("ignore=limits", "base=flying"), "'flying'"),
     ]:
         failed = run(*settings)

@@ -18,6 +18,7 @@ from gyrospark.core.mesh_files import locate, read_triangles
 from gyrospark.core.shapes import Shape
 from gyrospark.runtime.plotting.meshes import IndexedMesh, encode, read_meshes
 from gyrospark.runtime.plotting.solids import mesh_of_file
+from robots import BAR
 
 #: A tetrahedron, seen counterclockwise from outside.
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], float)
@@ -155,31 +156,13 @@ def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path):
     assert read_meshes([str(path)], "none") == ({}, {})
 
 
-#: The arm of test_cli.py, with meshes, and a hand that is fast to it.
-ROBOT = """<robot name="arm"><material name="red"><color rgba="1 0 0 1"/></material>
-<link name="base"><visual><geometry><mesh filename="package://shown/meshes/a.stl"/></geometry>
-  </visual></link>
-<link name="bar"><inertial><origin xyz="0 0 -0.5"/><mass value="1"/>
-  <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.1" iyz="0" izz="0.01"/></inertial>
-  <visual><origin xyz="0 0 0.5" rpy="0 0 1.5707963267948966"/>
-    <geometry><mesh filename="meshes/a.stl" scale="0.1 0.1 0.1"/></geometry>
-    <material name="red"/></visual>
-  <visual><geometry><cylinder radius="0.05" length="1"/></geometry></visual></link>
-<link name="hand"><visual><geometry><mesh filename="meshes/b.dae"/></geometry></visual></link>
-<joint name="elbow" type="continuous"><parent link="base"/><child link="bar"/>
-  <axis xyz="1 0 0"/></joint>
-<joint name="wrist" type="fixed"><parent link="bar"/><child link="hand"/>
-  <origin xyz="1 0 0"/></joint></robot>
-"""
-
-
 @pytest.fixture
 def robot(tmp_path):
     folder = tmp_path / "shown"
     (folder / "meshes").mkdir(parents=True)
     (folder / "meshes" / "a.stl").write_bytes(binary(TRIANGLES))
     path = folder / "robot.urdf"
-    path.write_text(ROBOT, encoding="utf-8")
+    path.write_text(BAR, encoding="utf-8")
     return path
 
 
