@@ -363,7 +363,9 @@ def join(
         if key not in table:
             continue
         annotation = str(parameter.annotation)
-        if "ArrayLike" in annotation:
+        if key == "rotation":
+            values[key] = table.matrix(key, 3)
+        elif "ArrayLike" in annotation:
             values[key] = table.vector(key, 3)
         elif "tuple" in annotation:
             values[key] = table.vector(key, 2)

@@ -228,9 +228,12 @@ class Loops:
                           for key, i in _POINTS.items() if key in values}
                 axes = {key: mounts[i].space.R @ np.array(values[key], float)
                         for key, i in _AXES.items() if key in values}
+                # the attitude of the second link in the axes of the first
+                turns = {"rotation": mounts[0].inner.R @ np.array(values["rotation"])
+                         @ mounts[1].inner.R.T} if "rotation" in values else {}
                 in_space = {"axis": "axis_in_space", "axis_on_body": "axis_in_space"}
                 return {in_space.get(key, key): argument
-                        for key, argument in (values | points | axes).items()}
+                        for key, argument in (values | points | axes | turns).items()}
 
             return join(builder, frames, table, builder_arguments)
 

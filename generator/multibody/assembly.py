@@ -61,6 +61,7 @@ from .joints import (
     Connection,
     Coupling,
     Equation,
+    Fixed,
     HingedJoint,
     Joint,
     Poses,
@@ -464,6 +465,9 @@ class Assembly:
                     [copy for link, copy in self.connections.items()
                      if link in self.components.placed], self.poses, q)
                 p = self._momenta_at(poses)
+            for link in self.links:
+                if isinstance(link, Fixed):
+                    link.refuse_half_turn(poses)
             masses = {body: self.components.values[str(body.mass)]
                       for body in self.components.bodies}
             velocities = Velocities(

@@ -544,6 +544,17 @@ class Fixed(Joint):
         yield from super().equations(poses, store)
         yield from self.turns(poses, store)
 
+    def refuse_half_turn(self, poses: Poses) -> None:
+        """Refuse a start whose closing turned b by π, where the constraints hold, too.
+
+        The trace of the rotation off ``relative`` is 1 + 2 cos θ: 3, or −1 after half a turn.
+        """
+        if self.relative is not None and np.trace(
+                self.relative.T @ poses[self.a].R.T @ poses[self.b].R) < 0:
+            raise InputError(f"Joint {self.name!r} fixes its bodies at a rotation of more than 90 "
+                             "degrees from where they start; start them nearer to it, by their "
+                             "attitudes or by angles of joints.")
+
     def turns(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield n_k · m_k = 0, k = 1, 2, 3, with n_k the axes of a and m_k = n_{k+1} fixed in b."""
         # near the relative rotation R the three gradients are the axes: independent

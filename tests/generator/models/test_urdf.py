@@ -396,6 +396,30 @@ def closed(q1, q2, q3):
 MOVED = r"'crank_pin' 1\.18.*given 1\.2"
 
 
+def test_a_loop_has_the_rotation_of_its_links(tmp_path):
+    """Links a2 and b2 are turned in their bodies by 0.7 and −0.4: θ_b = θ_a + 0.7 + 0.3 + 0.4."""
+    robot, loops = tmp_path / "doors.urdf", tmp_path / "loops.toml"
+    parts = "".join(f'''<link name="{x}"><inertial><mass value="1"/><inertia ixx=".3" iyy=".2"
+        izz=".25" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="{x}2"/>
+        <joint name="{x}_hinge" type="continuous"><parent link="base"/><child link="{x}"/>
+        <axis xyz="0 0 1"/></joint><joint name="{x}3" type="fixed"><parent link="{x}"/>
+        <child link="{x}2"/><origin rpy="0 0 {turn}"/></joint>'''
+        for x, turn in (("a", 0.7), ("b", -0.4)))
+    robot.write_text(f'<robot name="doors"><link name="base"/>{parts}</robot>')
+    loops.write_text("""redundant = "leave out"
+[[joints]]
+name = "both"
+type = "fixed"
+bodies = ["a2", "b2"]
+on_a = [0, 0, 0]
+on_b = [0, 0, 0]
+rotation = [["cos(0.3)", "-sin(0.3)", 0], ["sin(0.3)", "cos(0.3)", 0], [0, 0, 1]]
+""")
+    with pytest.warns(match="left out"):  # and none that the loop moves the start
+        motion = Motion(gs.load_model(robot, loops=loops, angles={"a_hinge": 0.2, "b_hinge": 1.6}))
+    assert motion.value("b_hinge_angle") == pytest.approx(1.6, rel=1e-14)
+
+
 @pytest.mark.slow  # seconds of derivation
 def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
     """A four-bar: one freedom is left, its energy is kept, and the loop by its own equations."""

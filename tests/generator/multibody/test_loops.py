@@ -6,8 +6,10 @@ import itertools
 import math
 
 import numpy as np
+import pytest
 
 import gyrospark as gs
+from gyrospark.generator.multibody.initial_poses import rotation
 from robots import Motion
 
 
@@ -60,3 +62,22 @@ def test_a_four_bar():
     assert len(build.redundancy.left_out) == 3
     outward, along = np.array([x, y]), 1.2 * 9.81 * x * np.array([y, -x])
     np.testing.assert_allclose(motion.dp[4:6], (along - outward) / 2, rtol=1e-12)
+
+
+@pytest.mark.parametrize("turn", [0.5, 1.4, 1.7, np.pi])
+def test_a_fixed_rotation_is_met_or_refused(turn):
+    """The three constraints hold at half a turn more, too, where closing a far start may end."""
+    build = gs.Multibody("doors")
+    a, b = (build.body(name, mass=1, inertia=(0.1, 0.2, 0.3)) for name in "ab")
+    for body in (a, b):
+        build.revolute(f"hinge_{body.name}", "ground", body, at=(0, 0, 0), axis=(0, 0, 1))
+    relative = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0],
+                         [0, 0, 1]])
+    build.fixed("both", a, b, on_a=(0, 0, 0), on_b=(0, 0, 0), rotation=relative)
+    if turn > np.pi / 2:
+        with pytest.raises(gs.InputError, match="'both'"):
+            build.model(redundant="leave out")
+        return
+    model = build.model(redundant="leave out")
+    R_a, R_b = (rotation(q) for q in np.reshape(model.q0, (2, 7))[:, :4])
+    assert np.allclose(R_a.T @ R_b, relative, rtol=0, atol=1e-14)
