@@ -75,7 +75,7 @@ def test_gaps_are_formulas_and_ranges_of_joints():
         "pit_1": 0.5, "pit_2": 0.1, "ends_lower": 0.7, "ends_upper": 0.8, "end": 0.05})
 
 
-#: Two balls above a floor, a moving wall, a latch, and an arm between two stops: what runs step.
+#: The system of most runs: two balls above a floor, a moving wall, a latch, an arm between stops.
 HALL = """
 name = "hall"
 [[bodies]]
@@ -294,7 +294,7 @@ def rocking_block() -> gs.Multibody:
     return build
 
 
-@pytest.mark.slow  # a stepper an edge; one latch is that of a ball below
+@pytest.mark.slow  # a stepper an edge; one latch is that of a ball above
 def test_a_block_rocks_from_latch_to_latch():
     """Rates by Housner's 1 - 1.5 sin^2 to round-off, amplitudes and the first hit in closed form.
 
