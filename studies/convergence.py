@@ -79,8 +79,7 @@ class PeriodicErrors(NamedTuple):
 
 
 def measure(engine: Engine, study: ConvergenceStudy) -> PeriodicErrors:
-    """Return the periodic errors of a scheme for each Δt.
-    """
+    """Return the periodic errors of a scheme for each Δt."""
     errors, floors = [], []
     for dt in STEPS:
         case = study.case(dt)

@@ -86,7 +86,7 @@ ASYMMETRIC_TOPS = (
               0.001, 500),
     TrialBody("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
 )
-#: Motions of Tables 4, 6 and 7 with their Δt and N_t, and what these lack: no gravity, no symmetry.
+#: Motions of Tables 4, 6 and 7 with their Δt and N_t, and some without gravity or symmetry.
 JUDGED_BY_ENERGY = (
     TrialBody("fast top", fast_top, 0.001, 320),
     TrialBody("precession, r = h/2", regular_precession, 0.005, 80),

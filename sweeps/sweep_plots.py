@@ -213,7 +213,7 @@ def _unevenness(values: Array) -> float:
 def _spread(values: Array) -> bool:
     """Whether finite results are positive and the largest is more than 30 times the smallest.
 
-    Beyond, a linear scale shows the small ones, which matter of errors, as 0.
+    Above this ratio a linear scale would draw the small errors at 0.
     """
     finite = values[np.isfinite(values)]
     return bool(len(finite)) and bool((finite > 0).all()) and finite.max() > 30 * finite.min()

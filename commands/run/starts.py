@@ -76,7 +76,7 @@ def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
     times = [text for text in settings if _key(text) == "t"]
     if not times:
         return settings, 0.0
-    # one at most: ``refuse_repeated`` was here before
+    # one at most, for ``refuse_repeated`` is called before
     time_text = times[-1].partition("=")[2].strip()
     t0 = real_number("--set t", time_text)
     if isinstance(t0, float) and not math.isfinite(t0):

@@ -201,7 +201,7 @@ class _StepCode(NamedTuple):
     lanes: LaneIteration | None
     plain: PlainIteration | None
     refusal: str
-    #: Of equations and iteration: constants of a run are those that one of them reads.
+    #: Kernels of the equations and of the iteration, which read the constants of a run.
     all_kernels: list[EmittedKernel]
 
 

@@ -65,7 +65,7 @@ KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "ball
 _MODEL = "__model__"
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
 #: Gravity in m/s² of a <world> without <gravity>, by the standard, and of a file without a world,
-#: about which the standard says nothing: that of all other models here.
+#: about which the standard says nothing: the gravity of all other models here.
 _STANDARD, _USUAL = [0.0, 0.0, -9.8], [0.0, 0.0, -9.81]
 
 

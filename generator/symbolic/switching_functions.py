@@ -157,7 +157,7 @@ class Sides(NamedTuple):
 
 
 def sides(e: sp.Basic) -> Sides | None:
-    """Return the two sides of a switch, |w| or sign(w); None of other expressions."""
+    """Return the two sides of a comparison, |w| or sign(w); None for other expressions."""
     if isinstance(e, Switch):
         below, above = (e.args[i] for i in e.branches)
         return Sides(e.args[0] - e.args[1], below, above)

@@ -97,7 +97,7 @@ def hits_of(
             hits.setdefault(step, []).append(Hit(
                 times_in_step[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
                 crossings.p_before[i], crossings.p[i],
-                # in the type of the C, that of q: its products with arrays keep it
+                # in the type of q, which products with arrays then keep
                 crossings.q.dtype.type(crossings.impulse[i])))
     for step, hits_of_step in hits.items():
         # |since|: Δt < 0 in a run backwards in time

@@ -70,7 +70,7 @@ class Device(Protocol):
 
 def is_on_card(array: Any) -> bool:
     """Whether an array of any library lies in memory of a card."""
-    # a class has the method too, unbound; NumPy's arrays are told apart first, as most are these
+    # a class has the method too, unbound; NumPy's arrays, the usual ones, need no further look
     if isinstance(array, (np.ndarray, type)) or not hasattr(array, "__dlpack_device__"):
         return False
     return array.__dlpack_device__()[0] not in _OF_CPU
