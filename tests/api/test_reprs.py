@@ -48,39 +48,40 @@ def fallen():
 
 
 @pytest.fixture(scope="module")
-def shown(gl3, tmp_path_factory):
+def shown(tmp_path_factory):
     """Objects of every public class, and of those that their attributes and calls return."""
-    run = gl3.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
+    step = systems.stepper("heavy_top")
+    run = step.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
     model, tableau = systems.case("double_top").system, gs.tableau("G-L", stages=3)
-    tuned = gs.tune(gl3, TOP, dt=1e-3, gamma="auto", steps=20)
+    tuned = gs.tune(step, TOP, dt=1e-3, gamma="auto", steps=20)
     certificate = gs.certify(TOP, "EMS", dt=1e-3, steps=20)
     dip = gs.Event("q1", level=0.2)
-    section = gs.section(gl3, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
+    section = gs.section(step, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
     tops = systems.run("double_top", systems.stepper("double_top"), 3)
-    swung = gl3.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
-    many = gl3.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
-    moved = gl3.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
+    swung = step.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
+    many = step.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
+    moved = step.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         *systems.stepper("heavy_top_in_frame").symmetries,
-        gl3, gl3.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
+        step, step.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
         many, DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         tuned, *tuned.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), model,
         model.system, small_system(), *built(),
-        gl3.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
+        step.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
         moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
-        gs.lyapunov(gl3, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
-        gs.fit(gl3, TOP, run.t[::100], run.q[::100], free=["I1"], **RUN),
+        gs.lyapunov(step, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
+        gs.fit(step, TOP, run.t[::100], run.q[::100], free=["I1"], **RUN),
         gs.periodic_orbit(systems.stepper("pendulum"), [0.6, -0.8], [0.0, 0.0], dt=6.5 / 40,
                           steps=40, parameters=systems.case("pendulum").parameters, fix="x"),
         TOP.start, run[-1], tops.body("a"), tops.joint(),
         gs.Solver("newton", tolerance=1e-9), gs.Inputs([0.1, 0.2], hold=3),
         gs.Impact("floor"), fallen().impacts["floor"],
         systems.run("beam", systems.stepper("beam", "IMS"), 2).beam("rod"),
-        gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(gl3),
-        record(gl3, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
+        gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(step),
+        record(step, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
         gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),
     ]
 

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import PARAMETERS, TOP
 from gyrospark.core import progress
 from stores import record
@@ -74,7 +75,7 @@ def fit(step):
 
 def sweep(step):
     pytest.importorskip("xarray")
-    gs.sweep(TOP, {"gamma": [1e-3, 2e-3]}, scheme="G-L", stages=3, dt=1e-3, steps=3)
+    gs.sweep(TOP, {"gamma": [1e-3, 2e-3]}, scheme="G-L", stages=2, dt=1e-3, steps=3)
 
 
 CALLS = {
@@ -85,10 +86,10 @@ CALLS = {
 
 
 @pytest.mark.parametrize("name", CALLS)
-def test_a_notebook_shows_what_is_under_way(name, notebook, gl3, tmp_path, monkeypatch):
+def test_a_notebook_shows_what_is_under_way(name, notebook, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    CALLS[name](gl3)
-    assert any("%" in text and ("gl3" in text or "cells" in text) for text in notebook), notebook
+    CALLS[name](systems.stepper("heavy_top"))
+    assert any("%" in text and ("gl2" in text or "cells" in text) for text in notebook), notebook
     assert notebook[-1] == ""
 
 
@@ -109,15 +110,16 @@ def test_an_interactive_python_and_who_reads_the_log_hear_of_a_task(fresh, monke
 
 
 @pytest.mark.parametrize("name", ["integrate", "lyapunov"])
-def test_a_script_shows_nothing_unless_it_asks(name, fresh, gl3, capsys):
-    CALLS[name](gl3)
+def test_a_script_shows_nothing_unless_it_asks(name, fresh, capsys):
+    step = systems.stepper("heavy_top")
+    CALLS[name](step)
     assert capsys.readouterr() == ("", "")
-    CALLS[name](gl3, progress=True)
+    CALLS[name](step, progress=True)
     out, err = capsys.readouterr()
     assert out == ""
     assert "%" in err
     assert LOGGER.handlers == []
-    CALLS[name](gl3)
+    CALLS[name](step)
     assert capsys.readouterr() == ("", "")
 
 
