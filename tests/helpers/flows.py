@@ -11,8 +11,8 @@ from gyrospark.interop.discrete_flow import DiscreteFlow
 #: Case → system of the catalogue and its scheme.
 _SYSTEMS = {"top": ("heavy_top", "G-L"), "framed": ("heavy_top_in_frame", "G-L"),
             "IMS": ("heavy_top", "IMS"), "pushed": ("pushed_pendulum", "G-L"),
-            "bead": ("bead", "G-L")}
-CASES = [*_SYSTEMS]
+            "bead": ("bead", "G-L"), "driven": ("driven_pendulum", "G-L")}
+CASES = [case for case in _SYSTEMS if case != "driven"]
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": 0.0016}
 
@@ -26,16 +26,19 @@ def start_of(case):
     """Return q, p, parameters, dt and t0 of a case; its start is consistent."""
     if case == "pushed":
         return np.array([0.6, 0.8]), np.array([-0.8, 0.6]), {"k": 1.3}, 0.05, 0.0
-    if case == "bead":
-        entry = systems.case("bead")
-        return *systems.start("bead", stepper_of(case)), entry.parameters, entry.dt, entry.t0
+    if case in ("bead", "driven"):
+        name = _SYSTEMS[case][0]
+        entry = systems.case(name)
+        parameters = {key: x for key, x in entry.parameters.items() if key != "push"}
+        return *systems.start(name, stepper_of(case)), parameters, entry.dt, entry.t0
     rates = {"omega_body": 50.0} if case == "framed" else {}
     return np.array(TOP.q0), np.array(TOP.p0), PARAMETERS | rates, 1e-3, 0.0
 
 
 def inputs_of(case, steps):
     """Return inputs of each step, or None for a system that has none."""
-    return np.random.default_rng(3).normal(size=(steps, 2)) if case == "pushed" else None
+    count = {"pushed": 2, "driven": 1}.get(case)
+    return np.random.default_rng(3).normal(size=(steps, count)) if count else None
 
 
 def flow_of(case, steps):
