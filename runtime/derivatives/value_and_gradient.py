@@ -14,7 +14,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import real_array
 from ...core.solver import as_solver
-from ...core.start import Start
+from ...core.start import Rule, Start
 from ..bindings.array_checks import as_numbers
 from ..bindings.inputs import Inputs
 from .gradient import loss_of
@@ -60,7 +60,7 @@ class Objective:
                 raise InputError(f"wrt has {name!r} {wrt.count(name)} times, and x would have as "
                                  "many values of it; name it once.")
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
-        self._start, self._inputs = start, inputs
+        self._inputs = inputs
         self._span, self._memory, self._options = span, memory, options
         input_values: Any = inputs
         self._hold = 1  # an array has a row for each step
@@ -73,6 +73,12 @@ class Objective:
             dt=dt, steps=0))
         self._state = run_of_start.q, run_of_start.p
         binding = stepper._derivative_binding()
+        # γ, α and rates of a frame by a rule keep their numbers at the start: a mean that followed
+        # the moments in x would have a derivative that a run does not know
+        self._start = replace(start, parameters={**start.parameters, **{
+            name: number for name, number in run_of_start.parameters.items()
+            if name not in stepper.binding.input_names
+            and isinstance(start.parameters.get(name, ""), (Rule, str))}})
         self._basis = TangentSpace(
             binding, binding.own.parameters(run_of_start.parameters, run_of_start.t0),
             run_of_start.q, run_of_start.p,

@@ -517,6 +517,7 @@ class Differentiation(Evaluation):
             As of ``integrate``: what x does not replace. With "start" in ``wrt`` the first
             2 (n − m) numbers are y in z = consistent(z0 + B y), where B is the basis at (q, p). The
             derivative of consistent is a difference of fourth order where it moves a state.
+            γ and α that are left out are the means of the moments at the start, for every x.
         wrt : sequence of str
             What x is made of, in this order: "start", "inputs" (all rows, row by row), parameters,
             "dt", "t0".

@@ -180,3 +180,16 @@ def test_a_start_time_moves_the_constraints_whatever_its_size(t0):
     assert np.array_equal(f([1])[1], f([1.0])[1])
     with pytest.raises(gs.InputError, match="'l' 2 times"):
         step.value_and_gradient(loss, begin, wrt=["l", "l"], dt=0.02, steps=10)
+
+
+def test_gamma_by_a_rule_does_not_follow_the_moments_of_x():
+    """A value whose γ did would have another slope than its gradient."""
+    step, top = systems.differentiable("heavy_top"), gs.problems.fast_top()
+
+    def loss(run):
+        return run.p[-1].sum(), {"p": np.ones(4)}
+
+    f = step.value_and_gradient(loss, top, wrt=["I1"], dt=4e-3, steps=20)
+    moment, h = top.parameters["I1"], 1e-3 * top.parameters["I1"]
+    a, b, c, d = (f([moment + k * h])[0] for k in (1, -1, 2, -2))
+    assert f([moment])[1] == pytest.approx((8 * (a - b) - c + d) / (12 * h), rel=1e-7)
