@@ -170,8 +170,10 @@ def _report_results(reports: Array) -> dict[str, Array]:
     states = reports["recorded"] if "recorded" in columns else steps + 1
     results: dict[str, Array] = {"energy_start": reports["energy_start"].astype(float)}
     for name, column in _ERRORS.items():
-        results[f"{name}_max"] = reports[f"{column}_max"].astype(float)
-        results[f"{name}_mean"] = reports[f"{column}_sum"].astype(float) / np.maximum(states, 1)
+        mean = reports[f"{column}_sum"].astype(float) / np.maximum(states, 1)
+        # the maximum of the C leaves out NaN, which the sum contains
+        results[f"{name}_max"] = np.where(np.isnan(mean), mean, reports[f"{column}_max"])
+        results[f"{name}_mean"] = mean
     results["iterations_mean"] = reports["iterations"] / np.maximum(steps, 1)
     results |= {name: reports[name] for name in ("iterations_max", "newton_steps")}
     results["steps_done"] = steps

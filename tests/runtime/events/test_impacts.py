@@ -528,19 +528,29 @@ def hoisted(gravity: float, angle: float, rate: float) -> np.ndarray:
     return np.concatenate([1.1 * along, along / 9 + 1.1 * w * turned])
 
 
-def test_derivatives_after_an_impact_on_constraints_that_move():
-    """In float, whose arrays keep their type, beside the equation of the angle."""
-    step = differentiable("hoisted", real="float")
+@pytest.mark.parametrize("real", ["float", pytest.param("double", marks=pytest.mark.slow)])
+def test_derivatives_after_an_impact_on_constraints_that_move(real):
+    """Beside the equation of the angle in float, whose arrays keep their type, else differences."""
+    step = differentiable("hoisted", real=real)
     start = step.consistent([0.5, -1.0], [4.5, 2.0], parameters={"g": 9.81}, t=0.3)
     q, p = (np.asarray(x, float) for x in (start.q, start.p))
     angle, rate = np.arctan2(q[0], -q[1]), (p[1] * q[0] - p[0] * q[1]) / (q @ q)
-    exact = differences(lambda h: hoisted(9.81 + h, angle, rate), 1e-3)
-    run = step.integrate(gs.Start(start.q, start.p, {"g": 9.81}, t=0.3), dt=0.03, steps=20,
-                         events=gs.Impact("gap", restitution=0.8),
-                         tangents=gs.Tangents(start=None, parameters=["g"]))
-    assert 0 < run.impacts["gap"].steps[0] < 18
-    assert run.tangents["g"][-1] == pytest.approx(exact, rel=1e-4)
-    assert run.gradient({"q": np.array([1.0, 0.0])})["g"] == pytest.approx(exact[0], rel=1e-4)
+
+    def run(gravity=9.81, **options):
+        return step.integrate(gs.Start(start.q, start.p, {"g": gravity}, t=0.3), dt=0.03, steps=20,
+                              events=gs.Impact("gap", restitution=0.8), **options)
+
+    def end(h):
+        if real == "float":
+            return hoisted(9.81 + h, angle, rate)
+        ended = run(9.81 + h)
+        return np.concatenate([ended.q[-1], ended.p[-1]])
+
+    exact, bound = differences(end, 1e-3), {"float": 1e-4, "double": 1e-9}[real]
+    struck = run(tangents=gs.Tangents(start=None, parameters=["g"]))
+    assert 0 < struck.impacts["gap"].steps[0] < 18
+    assert struck.tangents["g"][-1] == pytest.approx(exact, rel=bound)
+    assert struck.gradient({"q": np.array([1.0, 0.0])})["g"] == pytest.approx(exact[0], rel=bound)
 
 
 def test_derivatives_of_an_end_between_two_steps_after_three_impacts():

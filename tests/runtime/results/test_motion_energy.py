@@ -111,3 +111,6 @@ def test_an_energy_that_is_no_number_has_no_largest_error():
         report = step.integrate([start], [0.0], dt=0.01, steps=20).report
         assert math.isnan(report.energy_error_max) == math.isnan(report.energy_error_mean) == (
             start < 0)
+    cells = gs.sweep(gs.Model(system, {}, [1.0], [0.0]), {"start": {"q": [[-1.0], [1.0]], "p": [
+        [0.0], [0.0]]}}, scheme="G-L", stages=2, dt=0.01, steps=20)
+    assert np.isnan(cells.energy_error_max).values.tolist() == [True, False]
