@@ -185,14 +185,20 @@ def digits_of(number: Any) -> Any:
 
     As a float if it is one, else as text: the shortest of at least 33 digits that gives it back.
     """
-    if float(number) == number or number != number:
-        return float(number)
+    return float(number) if float(number) == number or number != number else wide_text(number)
+
+
+def wide_text(number: Any) -> str:
+    """Return a finite long double or mpf of 113 bits as text that gives it back in its own type.
+
+    The shortest text of a double, such as 0.1, would give another number of a wider type.
+    """
     if not hasattr(number, "context"):  # NumPy writes the shortest text itself
         return str(number)
     exact_value = exact(number)
     # ⌊112 log₁₀ 2⌋ = 33 decimals survive binary128; 36 tell any number from its neighbours
     for count in range(_QUAD_DIGITS - 3, _QUAD_DIGITS + 1):
-        text = number.context.nstr(number, count)
+        text: str = number.context.nstr(number, count)
         mantissa, exponent = nearest(Fraction(text), *_QUAD)
         if mantissa * Fraction(2) ** exponent == exact_value:
             return text

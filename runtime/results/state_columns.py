@@ -20,7 +20,7 @@ import numpy as np
 from ...core.arguments import as_items, as_text, listed, proposal, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.exact_numbers import digits_of
+from ...core.exact_numbers import wide_text
 from ...core.manifest import SystemManifest
 from .outputs import OUTPUTS, QUANTITY, arrays_in_files
 
@@ -167,7 +167,7 @@ def written(array: Array, *, flat: bool = False) -> list[Any]:
     """
     rows: list[list[Any]] = array.tolist()
     if array.dtype in (object, np.longdouble):
-        rows = [[digits_of(value) for value in row] for row in rows]
+        rows = [[wide_text(x) if abs(x) < math.inf else float(x) for x in row] for row in rows]
     return [value for row in rows for value in row] if flat else rows
 
 

@@ -431,7 +431,7 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
     try:
         for titles, columns in blocks:
             record_table = pyarrow.table([pyarrow.array(
-                written(column[:, None], flat=True) if _is_wide(column) else column)
+                [*map(str, written(column[:, None], flat=True))] if _is_wide(column) else column)
                 for column in columns], names=titles)
             writer = writer or ParquetWriter(path, record_table.schema)
             writer.write_table(record_table)

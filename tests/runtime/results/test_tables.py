@@ -6,6 +6,7 @@ import csv
 import sys
 
 import numpy as np
+import pandas
 import pytest
 
 import gyrospark as gs
@@ -91,7 +92,11 @@ def test_wide_numbers_keep_their_digits(tmp_path):
     q0, p0 = long.project(TOP.q0, TOP.p0, parameters=RUN["parameters"])
     run = long.integrate(q0, p0, steps=2, **RUN)
     titles, rows = read(run.save(tmp_path / "long.csv"))
-    assert np.longdouble(rows[-1, titles.index("q1")]) == run.q[-1, 1]
+    saved = pandas.read_parquet(run.save(tmp_path / "long.parquet"))
+    for name, numbers in (("time", run.t), ("q1", run.q[:, 1]), ("q2", run.q[:, 2])):
+        # times are doubles here, whose shortest text is another long double
+        assert np.array_equal(rows[:, titles.index(name)].astype(np.longdouble), numbers)
+        assert np.array_equal(saved[name].to_numpy().astype(str).astype(np.longdouble), numbers)
     assert run.table()["q1"].dtype == np.longdouble
 
 
