@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.arguments import choose
+from ...core.arguments import choose, few
 from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import Inertia, as_moments, tensor_of_inverse
@@ -246,8 +246,9 @@ def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
     bodies: dict[str, BodyAt | PlacedAt] = {**bodies_of(manifest), **placed_of(manifest)}
     if not bodies:
         raise InputError(
-            f"System {system!r} is not one rigid body; t, q, p, multipliers and energy() are "
-            "defined for it. (That a gyrospark.System is one, rigid_body=True says.)")
+            f"System {system!r} has no rigid body; the columns of points and of other coordinates "
+            f"are in q and p: {few(manifest.system.coordinates)}. (That a gyrospark.System is one, "
+            "rigid_body=True says.)")
     body_name = _choose_of_several(system, "body", name, bodies,
                                    f"System {system!r} is not one rigid body but {len(bodies)},")
     return body_name, bodies[body_name]
@@ -256,9 +257,17 @@ def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
 def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
     """Return a joint and its name; None is the name of a single one.
 
-    Raises InputError where there is no joint, or several and none is named.
+    Raises InputError where there is no joint, or several and none is named, and for a connection of
+    a point mass or a moving point.
     """
     joints = {key: layout for key, layout in joints_of(manifest).items() if layout.constraints}
+    if isinstance(name, str) and name not in {*joints, *manifest.system.bodies}:
+        multipliers = [constraint for constraint in manifest.system.constraint_names
+                       if constraint.startswith(f"{name}: ")]
+        if multipliers:
+            raise InputError(f"The force of {name!r} in system {manifest.system.name!r} is not "
+                             "computed, as of all connections of point masses, moving points and "
+                             f"slides; its multipliers are in run.multipliers: {few(multipliers)}.")
     joint_name = _choose(manifest, "joint", name, joints)
     return joint_name, joints[joint_name]
 

@@ -10,6 +10,7 @@ import gyrospark as gs
 import systems
 from calls import RUN, TOP
 from gyrospark.core.errors import InputWarning
+from gyrospark.runtime.compilation.body_columns import body_named, joint_named
 from gyrospark.runtime.results.joint_motion import shortest_rotation
 
 EPS = float(np.finfo(float).eps)
@@ -287,6 +288,15 @@ def test_names_that_are_not_there(four_bar, tops, gl3):
         four_bar.body("bus")
     with pytest.raises(gs.InputError, match="joints"):
         gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN).joint()
+    build = gs.Multibody("hand")
+    build.rod("string", build.moving_point("grip", (0, 0, sp.sin(build.time))),
+              build.point_mass("bob", mass=0.5, position=(0, 0, -1)))
+    hanging = build.model()
+    manifest = gs.stepper("G-L", 2, system=hanging).manifest
+    with pytest.raises(gs.InputError, match="bob_x"):
+        body_named(manifest, "bob")
+    with pytest.raises(gs.InputError, match="string: length"):
+        joint_named(manifest, "string")
     with pytest.raises(gs.InputError, match=r"'ground'.*body or space"):
         tops.body("a").angular_velocity(frame="ground")
     with pytest.raises(gs.InputError, match=r"[Ff]rame.*'joint'"):
