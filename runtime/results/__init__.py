@@ -19,6 +19,6 @@ Open first: ``trajectory.Trajectory``.
     missed_rates        whether a time scale misses a rate of the motion
     trajectory_display  tables, figures, pages, films and notebook output of a trajectory
     table               a run or an ensemble as a dataset, a data frame, .csv, .nc, .parquet
-    load                a run or an ensemble of a file or store
+    load                the run of a file or store
     state_columns       the states as columns, under their names
 """

@@ -213,9 +213,9 @@ class JointMotion:
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque Gᵀλ on b in space, shape (rows, 3) each, in N and N m."""
         if self._at.pulls is None:
-            raise InputError(f"The force and the torque of {self.name!r} are not known: its "
-                             "constraint acts on more than its two bodies, as that of a gear, or "
-                             "is one of your own class without a Pull. Its multipliers are in "
+            raise InputError(f"The force and the torque of {self.name!r} are not known: it is a "
+                             "slide, acts on more than its two bodies, as a gear does, or is of "
+                             "your own class without a Pull. Its multipliers are in "
                              "run.multipliers.")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run).astype(float)

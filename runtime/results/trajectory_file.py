@@ -114,7 +114,8 @@ def _readable(path: Path) -> Iterator[None]:
         why = error.strerror or error
         raise InputError(f"{str(path)!r} cannot be read: {why}.") from error
     except Exception as error:  # a damaged zip file raises of ten kinds, zlib.error among them
-        raise InputError(f"{str(path)!r} is no run that gyrospark saved, or damaged.") from error
+        raise InputError(f"{str(path)!r} is no run that gyrospark saved, or damaged; the file of "
+                         "an ensemble is read with numpy.load or xarray.open_dataset.") from error
 
 
 def load_npz(path: Path) -> Trajectory:

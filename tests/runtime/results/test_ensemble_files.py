@@ -111,6 +111,13 @@ def test_a_picture(tmp_path) -> None:
         ensemble().plot("w")
 
 
+@pytest.mark.parametrize("name", ["run.npz", "run.nc"])
+def test_an_ensemble_is_not_read_as_a_run(tmp_path, name) -> None:
+    path = ensemble().save(tmp_path / name)
+    with refused("ensemble"):
+        gs.load(path)
+
+
 def test_another_ending_is_refused(tmp_path) -> None:
     with refused(r"\.npz, \.csv, \.nc"):
         ensemble().save(tmp_path / "run.mat")
