@@ -310,8 +310,8 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
 
     A state takes the mean of the ends of the two steps that meet there; the first and the last
     state take that of their one step. Schemes with one multiplier a step, in its middle,
-    extrapolate there: λ_0 = 2 λ_1 − λ_2. If states of steps are missing, a state takes the end of
-    its step.
+    extrapolate there: λ_0 = 2 λ_1 − λ_2. If states of steps are missing, or an impact follows
+    within the next step, a state takes the end of its step, the first state NaN.
     """
     step_multipliers = _multipliers_of_steps(trajectory)
     state_multipliers = np.full((len(trajectory), step_multipliers.shape[2]), np.nan,
@@ -333,6 +333,10 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
             for end, neighbour, second_neighbour in ((0, 1, 2), (-1, -2, -3)):
                 state_multipliers[end] = (2 * state_multipliers[neighbour]
                                           - state_multipliers[second_neighbour])
+        # a step with an impact has the multipliers after it, which the state before has not yet
+        before = _rows_before_impacts(trajectory)
+        state_multipliers[before] = at_end[before - 1]
+        state_multipliers[before[before == 0]] = np.nan
     return state_multipliers
 
 
@@ -349,13 +353,16 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     if not len(step_multipliers) or not _is_whole(trajectory):
         raise InputError("A function of multipliers at states needs the state after every step; "
                          "integrate with every = 1, or give cotangents of \"multipliers\".")
+    # zeros of the type and shape of the multipliers
+    cotangents: Array = 0 * step_multipliers
+    before = _rows_before_impacts(trajectory)
+    cotangents[before[before > 0] - 1, -1] += w[before[before > 0]]
+    w[before] = 0 * w[before]
     if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
         for end, neighbour, second_neighbour in ((0, 1, 2), (-1, -2, -3)):
             w[neighbour] += 2 * w[end]
             w[second_neighbour] -= w[end]
             w[end] = 0 * w[end]
-    # zeros of the type and shape of the multipliers
-    cotangents: Array = 0 * step_multipliers
     cotangents[:-1, -1] += w[1:-1] / 2
     cotangents[1:, 0] += w[1:-1] / 2
     cotangents[0, 0] += w[0]
@@ -369,6 +376,12 @@ def _multipliers_of_steps(trajectory: Trajectory) -> Array:
     multipliers = trajectory.multipliers
     multipliers = multipliers.astype(float) if multipliers.dtype == np.float32 else multipliers
     return multipliers.reshape(len(multipliers), trajectory.manifest.scheme.multipliers, m)
+
+
+def _rows_before_impacts(trajectory: Trajectory) -> Array:
+    """Return the rows of the states from which a step with an impact starts, each once."""
+    return np.unique(np.concatenate([np.zeros(0, int), *(
+        impacts.steps for impacts in trajectory.impacts.values())]))
 
 
 def _is_whole(trajectory: Trajectory) -> bool:
