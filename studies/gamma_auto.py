@@ -14,8 +14,8 @@ from .case_runner import Engine
 from .gamma_trials import (
     ASYMMETRIC_TOPS,
     BODIES,
+    ENERGY_BODIES,
     FREE_BODY,
-    JUDGED_BY_ENERGY,
     METHODS,
     TIMES,
     Trial,
@@ -36,22 +36,22 @@ def study(engine: Engine) -> Finding:
     """Return the finding: γ chosen for eleven motions and eight methods, beside the paper's γ."""
     # a short study has every fourth method, six bodies and two times
     methods = METHODS[::4] if engine.short else METHODS
-    bodies, times = (JUDGED_BY_ENERGY, TIMES[:2]) if engine.short else (BODIES, TIMES)
+    bodies, times = (ENERGY_BODIES, TIMES[:2]) if engine.short else (BODIES, TIMES)
     trials = {body: [Trial(body, *method) for method in methods] for body in bodies}
     all_trials = [trial for trials_of_body in trials.values() for trial in trials_of_body]
-    ims = {body: Trial(body, "IMS", None) for body in JUDGED_BY_ENERGY}
+    ims = {body: Trial(body, "IMS", None) for body in ENERGY_BODIES}
     claims = [
         *(motion_claim(body, row, times) for body, row in trials.items()),
         gain_claim(all_trials, times),
         price_claim(all_trials, times),
         ims_claim([trial for body, trial in ims.items() if body.symmetric]),
-        *(energy_claim(body, trials[body]) for body in JUDGED_BY_ENERGY),
-        *(longer_claim(body, trials[body]) for body in JUDGED_BY_ENERGY),
+        *(energy_claim(body, trials[body]) for body in ENERGY_BODIES),
+        *(longer_claim(body, trials[body]) for body in ENERGY_BODIES),
         kinetic_claim([Trial(body, "LIIIA-B", 2) for body in ASYMMETRIC_TOPS]),
         idle_claim(ims[FREE_BODY]),
     ]
     return Finding("gamma-auto", "γ chosen by pilot runs", _about(ims), claims,
-                   [_panel(Trial(body, "G-L", 2)) for body in JUDGED_BY_ENERGY])
+                   [_panel(Trial(body, "G-L", 2)) for body in ENERGY_BODIES])
 
 
 # ---------------------------------------------------------------- the motion

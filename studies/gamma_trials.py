@@ -27,8 +27,17 @@ from ..runtime.rigid_body.quaternion import euler_quaternion, momentum
 from ..runtime.tuning.motion_distance import MotionError, root_mean_squares
 from ..runtime.tuning.tune import Tuned, tune
 
-__all__ = ["ASYMMETRIC_TOPS", "BODIES", "FREE_BODY", "JUDGED_BY_ENERGY", "METHODS", "TIMES",
-           "Trial", "TrialBody", "asymmetric_top"]
+__all__ = [
+    "ASYMMETRIC_TOPS",
+    "BODIES",
+    "ENERGY_BODIES",
+    "FREE_BODY",
+    "METHODS",
+    "TIMES",
+    "Trial",
+    "TrialBody",
+    "asymmetric_top",
+]
 
 METHODS = (("IMS", None), ("EMS", None), ("G-L", 1), ("G-L", 2), ("G-L", 3), ("LIIIA-B", 2),
            ("LIIIA-B", 3), ("LIIIA-B", 4))
@@ -87,7 +96,7 @@ ASYMMETRIC_TOPS = (
     TrialBody("heavy asymmetric top", _top((3, 2, 1), 10, 0.5, 0, 0.5, 20), 0.005, 500),
 )
 #: Motions of Tables 4, 6 and 7 with their Δt and N_t, and some without gravity or symmetry.
-JUDGED_BY_ENERGY = (
+ENERGY_BODIES = (
     TrialBody("fast top", fast_top, 0.001, 320),
     TrialBody("precession, r = h/2", regular_precession, 0.005, 80),
     TrialBody("precession, r = 3h/2", lambda: regular_precession(1.5), 0.01, 80),
@@ -95,7 +104,7 @@ JUDGED_BY_ENERGY = (
     *ASYMMETRIC_TOPS,
 )
 BODIES = (
-    *JUDGED_BY_ENERGY,
+    *ENERGY_BODIES,
     TrialBody("Lagrange's top", _top((0.004, 0.004, 0.001), 0.3924, 0.6, 0, 0, 60), 0.002, 500),
     TrialBody("slow top", _top((0.002, 0.002, 0.0008), 0.3924, 1, 1, 2, 20), 0.001, 500),
     TrialBody("sleeping top", _top((0.002, 0.002, 0.0008), 0.3924, 0.05, 0.5, 0, 150), 0.001, 500),

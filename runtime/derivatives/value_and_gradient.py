@@ -108,7 +108,7 @@ class Objective:
         names = np.repeat(np.array(self._wrt, object), [self._sizes[name] for name in self._wrt])
         # by coordinates of the basis at the first start: ``gradient.start`` has those of another
         blocks = [self._basis.T @ by_state if name == "start"
-                  else np.ravel(np.asarray(gradient[name])) for name in dict.fromkeys(self._wrt)]
+                  else np.ravel(np.asarray(gradient[name])) for name in self._wrt]
         slopes = np.concatenate(blocks)
         if self._moves(variables[names == "start"], arguments.state, moved_state):
             for k in np.flatnonzero(~np.isin(names, ("inputs", "dt"))).tolist():
@@ -144,12 +144,16 @@ class Objective:
                 parameters[name] = block[0]
         return _VariedArguments(state, times, parameters, inputs)
 
+    @property
+    def _projects(self) -> bool:
+        """Whether variables may take the start off the constraints: a parameter may, and t0."""
+        return bool(self._stepper.m) and not {*self._wrt} <= {"inputs", "dt"}
+
     def _on_constraints(self, variables: Array) -> Array:
         """Return the state (q, p) at x, consistent(z₀ + B y), shape (2 n,)."""
         state, times, parameters, _ = self._varied_arguments(variables)
         stepper = self._stepper
-        # a parameter may move the constraints, and so may t0
-        if not stepper.m or {*self._wrt} <= {"inputs", "dt"}:
+        if not self._projects:
             return state
         return np.concatenate(stepper.project(
             *np.split(state, 2), t=times["t0"],
@@ -161,7 +165,7 @@ class Objective:
         ``state`` is z₀ + B y and ``moved_state`` its projection, shapes (2 n,). The run takes the
         derivative at a consistent state, y = 0; IMS and EMS differentiate no momenta of a start.
         """
-        if not self._stepper.m or {*self._wrt} <= {"inputs", "dt"}:
+        if not self._projects:
             return False
         round_off = 64 * float(self._stepper.binding.epsilon)
         sizes = np.abs(state.astype(float)) + np.abs(moved_state.astype(float))

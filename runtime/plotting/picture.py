@@ -221,7 +221,7 @@ class SceneDrawing:
         self.stands: list[_DrawnMesh] = []
         if scene.gravity:
             self.floor = _lowest_height(scene, [solid.corners, *lines])
-            self.stands = list(_stands(scene, frames[0], self.floor))
+            self.stands = list(_supports(scene, frames[0], self.floor))
         framed = np.concatenate([solid.corners.reshape(-1, 3), *lines]
                                 + [mesh.points for mesh, _, _ in self.stands])
         self.camera, self.reach, self.centre = _camera(framed, scene.up, facing, tilt, *self.size)
@@ -432,7 +432,7 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
             yield _DrawnMesh(replace(mesh, light=0 * mesh.light), colour_of(colour))
 
 
-def _stands(scene: Scene, frame: int, floor: float) -> Iterator[_DrawnMesh]:
+def _supports(scene: Scene, frame: int, floor: float) -> Iterator[_DrawnMesh]:
     """Yield supports of the bodies that the ground holds: one post, two at a hinge, a plate above.
 
     ``floor`` is the height of the floor in m. The plate is above the point if the body hangs below
