@@ -58,7 +58,7 @@ class BodyManifest:
 class ConstraintForceManifest:
     """How the multiplier of a constraint acts on a joint's second body (``body_columns.Pull``)."""
 
-    kind: Literal["force", "torque", "distance", "axial"]
+    kind: Literal["force", "torque", "distance", "normal", "axial", "thread"]
     on_a: tuple[Entry, ...] = ()
     on_b: tuple[Entry, ...] = ()
 

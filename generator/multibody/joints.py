@@ -664,7 +664,9 @@ class Planar(HingedJoint):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield the constraints; values of their parameters go into ``store``."""
         yield from self.hinge.equations(poses, store)
-        yield Equation(f"{self.name}: distance", self.along(poses, store))
+        in_a, _ = self.hinge.ends(poses, store)
+        yield Equation(f"{self.name}: distance", self.along(poses, store),
+                       ConstraintForce("normal", in_a))
 
     def along(self, poses: Poses, store: Store) -> sp.Expr:
         """Return R(q_a) e · d, with the axis e and the vector d between the points."""
@@ -731,7 +733,8 @@ class Cylindrical(Planar):
         d = self.offset(store)
         for k, normal in enumerate(self.triad(poses)[:2], start=1):
             n = unit_vector(f"{self.name}_normal{k}", normal, store)
-            yield Equation(f"{self.name}: across {k}", dot(self.a.direction(n), d))
+            yield Equation(f"{self.name}: across {k}", dot(self.a.direction(n), d),
+                           ConstraintForce("normal", n))
 
     def triad(self, poses: Poses) -> tuple[Array, Array]:
         """Return n₁ and n₂ in the axes of a, unit vectors perpendicular to the joint's axis."""
@@ -806,7 +809,10 @@ class Screw(Cylindrical):
         yield from super().equations(poses, store)
         phi = self._angle_by_length(store) * self.along(poses, store)
         cosine, sine = cosine_and_sine(self.hinge, poses, store)
-        yield Equation(f"{self.name}: thread", sine * sp.cos(phi) - cosine * sp.sin(phi))
+        in_a, _ = self.hinge.ends(poses, store)
+        lead = named_number(f"{self.name}_lead", self.lead, store)
+        yield Equation(f"{self.name}: thread", sine * sp.cos(phi) - cosine * sp.sin(phi),
+                       ConstraintForce("thread", in_a, (lead,)))
 
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return angle, rate, travel or speed; the angle is 2π s/h, for any number of turns."""

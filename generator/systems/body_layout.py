@@ -58,17 +58,21 @@ class ConstraintForce:
         g = e·(P_a − P_b)       force λ e on b at P_b, −λ e on a
         g = (R_a n)·(R_b e)     torque λ (R_a n) × (R_b e) on b, its opposite on a
         g = |P_a − P_b|² − l²   force 2λ (P_a − P_b) on b at P_b, its opposite on a at P_a
+        g = (R_a n)·(P_b − P_a)  force −λ R_a n on b at P_b, its opposite there on a
         g = sin(f(t) − φ)       torque λ R_a e on b, its opposite on a, where g is 0
+        g = sin(φ − 2π s/h)     torque −λ R_a e and force λ (2π/h) R_a e on b at P_b, its
+                                opposites on a, where g is 0; s is the travel along e
 
     Attributes
     ----------
-    kind : {"force", "torque", "distance", "axial"}
+    kind : {"force", "torque", "distance", "normal", "axial", "thread"}
     on_a, on_b : three entries, or ()
         Force: ``on_a`` is e, in space. Torque: ``on_a`` is n in a's axes, ``on_b`` e in b's.
-        Axial torque: ``on_a`` is e, the axis of φ, in a's axes.
+        Normal force: ``on_a`` is n in a's axes. Axial torque and thread: ``on_a`` is e, the axis of
+        φ, in a's axes. Thread: ``on_b`` is the lead h, one entry.
     """
 
-    kind: Literal["force", "torque", "distance", "axial"]
+    kind: Literal["force", "torque", "distance", "normal", "axial", "thread"]
     on_a: Entries = ()
     on_b: Entries = ()
 

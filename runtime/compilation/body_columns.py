@@ -31,7 +31,8 @@ __all__ = ["BodyAt", "JointAt", "PlacedAt", "Pull", "beam_named", "bodies_of", "
 #: Vectors of a joint, where it has them, and how many entries they have.
 _VECTORS = {"on_a": 3, "on_b": 3, "axis_a": 6, "axis_b": 3, "zero": 5}
 #: How a multiplier acts → how many entries its vectors on a and on b have.
-_PULLS = {"force": (3, 0), "torque": (3, 3), "distance": (0, 0), "axial": (3, 0)}
+_PULLS = {"force": (3, 0), "torque": (3, 3), "distance": (0, 0), "normal": (3, 0), "axial": (3, 0),
+          "thread": (3, 1)}
 
 
 @dataclass(frozen=True)
@@ -87,8 +88,10 @@ class Pull:
     """Force or torque of the multiplier λ of a joint's constraint on body b; its opposite is on a.
 
     ``kind`` is ``"force"``, λ e with e = ``on_a`` in space; ``"torque"``, λ (R_a n) × (R_b e) with
-    n = ``on_a`` and e = ``on_b``; ``"distance"``, the force 2λ (P_a − P_b); or ``"axial"``, the
-    torque λ R_a e with e = ``on_a``. ``index`` is the constraint's row.
+    n = ``on_a`` and e = ``on_b``; ``"distance"``, the force 2λ (P_a − P_b); ``"normal"``, the force
+    −λ R_a n with n = ``on_a``; ``"axial"``, the torque λ R_a e with e = ``on_a``; or ``"thread"``,
+    the torque −λ R_a e and the force λ (2π/h) R_a e with the lead h = ``on_b``. Forces act on both
+    bodies at P_b. ``index`` is the constraint's row.
     """
 
     index: int
@@ -130,6 +133,11 @@ class JointAt:
     pulls: list[Pull] | None
     constraints: int
     section: SectionManifest | None = None
+
+    @property
+    def slides(self) -> bool:
+        """Whether its point on b slides on a line or a plane of a."""
+        return any(pull.kind == "normal" for pull in self.pulls or ())
 
 
 def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Floats:
@@ -266,8 +274,8 @@ def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
                        if constraint.startswith(f"{name}: ")]
         if multipliers:
             raise InputError(f"The force of {name!r} in system {manifest.system.name!r} is not "
-                             "computed, as of all connections of point masses, moving points and "
-                             f"slides; its multipliers are in run.multipliers: {few(multipliers)}.")
+                             "computed, as of all connections of point masses and moving "
+                             f"points; its multipliers are in run.multipliers: {few(multipliers)}.")
     joint_name = _choose(manifest, "joint", name, joints)
     return joint_name, joints[joint_name]
 

@@ -352,7 +352,7 @@ def _ties(trajectory: Trajectory, parts: list[ScenePart]) -> list[Tie]:
                             for e in (joint.on_a, joint.on_b, joint.axis_b))
         ties.append(Tie(name, kind, numbered[joint.a], numbered[joint.b], on_a, on_b,
                         axis if joint.axis_b else None,
-                        slides=kind == "hinge" and joint.pulls is None))
+                        slides=kind == "hinge" and joint.slides))
     return ties
 
 

@@ -204,7 +204,7 @@ class JointMotion:
         return self._in(frame, self._reaction()[0])
 
     def torque(self, frame: str = "space") -> Array:
-        """Return the torque that a exerts on b, about the joint's point, shape (N+1, 3), in N m.
+        """Return the torque that a exerts on b, about the joint's point on b, (N+1, 3), in N m.
 
         Takes the same argument as ``force``, with the same errors and the same accuracy.
         """
@@ -213,10 +213,9 @@ class JointMotion:
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque Gᵀλ on b in space, shape (rows, 3) each, in N and N m."""
         if self._at.pulls is None:
-            raise InputError(f"The force and the torque of {self.name!r} are not known: it is a "
-                             "slide, acts on more than its two bodies, as a gear does, or is of "
-                             "your own class without a Pull. Its multipliers are in "
-                             "run.multipliers.")
+            raise InputError(f"The force and the torque of {self.name!r} are not known: it "
+                             "acts on more than its two bodies, as a gear does, or is of your own "
+                             "class without a Pull. Its multipliers are in run.multipliers.")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run).astype(float)
         for pull in self._at.pulls:
@@ -224,14 +223,18 @@ class JointMotion:
             along = self._direction(pull)
             if pull.kind in ("torque", "axial"):
                 torque = torque + factor * along
-            else:  # its line of action is through the joint's point: no torque about it
+            elif pull.kind == "thread":
+                lead, = numbers(pull.on_b, self._run.parameters)
+                torque, force = torque - factor * along, force + factor * along * 2 * np.pi / lead
+            else:  # its line of action is through the joint's point on b: no torque about it
                 force = force + factor * along
         return force, torque
 
     def _direction(self, pull: Pull) -> Array:
         """Return the force or torque on b of a multiplier of 1 in space axes, (N+1, 3) or (1, 3).
 
-        It is minus the derivative of the constraint g by the displacement or rotation of b.
+        It is minus the derivative of the constraint g by the displacement or rotation of b; of a
+        thread it is the axis of both.
         """
         if pull.kind == "distance":  # g = |d|² − l² with d from a to b
             on_a, on_b = self._points()
@@ -240,8 +243,10 @@ class JointMotion:
         if pull.kind == "force":  # along a fixed direction in space
             return on_a[None]
         q_a, q_b = self._attitudes()
-        if pull.kind == "axial":  # about an axis of a
+        if pull.kind in ("axial", "thread"):  # about an axis of a
             return rotate(q_a, on_a)
+        if pull.kind == "normal":  # g = n·d of a normal n of a
+            return -rotate(q_a, on_a)
         # g = u·v of a unit vector u of a and v of b, at right angles: the torque is u × v
         on_b = numbers(pull.on_b, self._run.parameters)
         return np.cross(rotate(q_a, on_a), rotate(q_b, on_b))

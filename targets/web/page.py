@@ -95,7 +95,7 @@ def _page_data(manifest: Manifest, options: Options) -> dict[str, Any]:
         "bodies": [{"name": name, "q": body.q, "x": body.x, "origin": body.origin,
                     "centre": body.centre, "inertia": body.inertia, "mass": body.mass}
                    for name, body in bodies.items()],
-        "ties": [{"name": name, "kind": kind, "slides": kind == "hinge" and joint.pulls is None,
+        "ties": [{"name": name, "kind": kind, "slides": kind == "hinge" and joint.slides,
                   "a": index_of[joint.a], "b": index_of[joint.b], "onA": joint.on_a,
                   "onB": joint.on_b, "axis": joint.axis_b or None}
                  for name, (kind, joint) in drawn_joints(manifest).items()],

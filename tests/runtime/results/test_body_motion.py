@@ -198,14 +198,33 @@ def test_a_hinge_holds_more_and_turns():
     assert np.abs(joint.position()).max() < 1e-13
 
 
-def test_a_closed_loop_obeys_newton_and_euler(four_bar):
-    """Each bar: m ẍ and l̇ are what its two hinges and gravity do, with the sign that is told."""
+@pytest.fixture(scope="module")
+def sliding():
+    """Each joint that slides or turns along an axis, in a row from the ground."""
+    build = gs.Multibody("sliding", gravity=(0, -9.81, 0))
+    box = {"mass": 2.0, "inertia": (0.3, 0.2, 0.25)}
+    for i, name in enumerate("abcd"):
+        build.body(name, **box, position=(0.4 * i, 0.1, 0.6))
+    build.planar("plane", "ground", "a", axis=(1, 0, 2), at=(0, 0.1, 0.3), rate=0.3)
+    build.prismatic("slide", "a", "b", axis=(1, 2, 2), at=(0.2, 0.1, 0.3), speed=0.7)
+    build.cylindrical("pole", "b", "c", axis=(2, 0, 1), at=(0.6, 0, 0.5), speed=-0.4, rate=0.8)
+    build.screw("thread", "c", "d", axis=(0, 1, 1), at=(1, 0.1, 0.5), lead=0.2, rate=1.5)
+    return run(build.model(), 150)
+
+
+def test_reactions_obey_newton_and_euler(four_bar, sliding):
+    """m ẍ and l̇ of each body are the reactions of its joints and gravity, with the stated sign."""
     assert four_bar.joints == ("hinge0", "hinge1", "hinge2", "hinge3")
-    for i, name in enumerate(("crank", "coupler", "rocker")):
-        body = four_bar.body(name)
+    for trajectory, name, joints in (
+            *((four_bar, name, {f"hinge{i}": 1, f"hinge{i + 1}": -1})
+              for i, name in enumerate(("crank", "coupler", "rocker"))),
+            *((sliding, name, dict(zip(pair, (1, -1), strict=False))) for name, *pair in (
+                ("a", "plane", "slide"), ("b", "slide", "pole"), ("c", "pole", "thread"),
+                ("d", "thread")))):
+        body = trajectory.body(name)
         force, torque = np.array([0, -9.81 * body.mass, 0]), np.zeros(3)
-        for hinge, sign in ((i, 1), (i + 1, -1)):
-            joint = four_bar.joint(f"hinge{hinge}")
+        for joint_name, sign in joints.items():
+            joint = trajectory.joint(joint_name)
             force = force + sign * joint.force()
             arm = joint.position() - body.position()
             torque = torque + sign * (joint.torque() + np.cross(arm, joint.force()))
