@@ -6,6 +6,8 @@ from __future__ import annotations
 import importlib.machinery
 import importlib.util
 import shlex
+import sys
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,8 @@ __all__ = ["compile_verified", "import_module", "loaded"]
 SAFER_FLAGS: tuple[tuple[str, ...], ...] = (
     (), ("-fno-tree-vectorize", "-fno-tree-slp-vectorize", "-Wno-error"), ("-O1", "-Wno-error"),
     ("-O0", "-Wno-error"))  # each level of optimisation has warnings of its own
+#: Held while sys.modules has a module under the name of its stepper.
+_IMPORTS = threading.Lock()
 
 
 def compile_verified(
@@ -105,6 +109,11 @@ def import_module(name: str, path: Path, module_kind: ModuleKind = "runs") -> An
     spec = importlib.util.spec_from_file_location(module_name(name), path, loader=loader)
     if spec is None:
         raise ImportError(f"{path} is not an extension module.")
-    module = importlib.util.module_from_spec(spec)
-    loader.exec_module(module)
+    # CPython loads a file again into the object that sys.modules has under its name: into another
+    # kind of module, or that of another system, whose functions it would replace.
+    with _IMPORTS:
+        sys.modules.pop(spec.name, None)
+        module = importlib.util.module_from_spec(spec)
+        loader.exec_module(module)
+        sys.modules.pop(spec.name, None)
     return module

@@ -96,3 +96,17 @@ def test_the_table_has_every_function_in_the_order_of_the_calls():
         assert len(entries) == 4 + len(object_files.newton_functions(name, header))
         for place, function in enumerate(entries):
             assert (f"(&{function}))table[{place}])" in calls) is (function != "check")
+
+
+def test_modules_of_one_name_keep_their_functions():
+    """Two kinds of modules have the name of their stepper; another stepper of it loads both again.
+
+    CPython would load each again into the object of the other.
+    """
+    known = systems.stepper("oscillator")
+    kinds = ["runs", "derivatives", "runs", "derivatives"]
+    loaded = [stepper_module.load_module(known.name, dict(known.files), kind) for kind in kinds]
+    paths = [module.__file__ for module in loaded]
+    assert paths[0] == paths[2] != paths[1] == paths[3]
+    functions = [dir(module.lib) for module in loaded]
+    assert functions[0] == functions[2] != functions[1] == functions[3]
