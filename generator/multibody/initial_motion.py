@@ -458,10 +458,13 @@ class Velocities:
             momenta = self._momenta(self._unscale(solution))
             rates = numbers.H_pp_times(q, momenta, momenta_by_y)
             # the constraints' rates f are A (y − solution) more at y; rows get the length 1
-            A, terms = G @ rates, np.abs(G) @ np.abs(rates)
+            A = G @ rates
             lengths = np.linalg.norm(A, axis=1)
-            # Rotations keep |q| = 1: that row is 0, but for its round-off.
-            independent = lengths > ROUNDING * np.linalg.norm(terms, axis=1)
+            # Rotations keep |q| = 1: that row is 0, but for its round-off. A rate of a coordinate
+            # that is nearly 0 has the round-off of the other coordinates of its body, so that the
+            # size of a row is that of its largest rates.
+            sizes = np.where(G != 0, np.linalg.norm(rates, axis=1), 0.0).max(axis=1, initial=0.0)
+            independent = lengths > ROUNDING * np.linalg.norm(G, axis=1) * sizes
             f = numbers.f(q, momenta) + A @ (y - solution)
             step = nearest_step(A[independent] / lengths[independent, None],
                                 f[independent] / lengths[independent],

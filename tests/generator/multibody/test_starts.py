@@ -146,6 +146,17 @@ def test_the_other_angles_of_a_loop_follow():
     np.testing.assert_allclose(both.q0, model.q0, atol=ROUNDING)
 
 
+def test_a_rate_is_kept_where_a_quaternion_is_off_by_round_off():
+    """Gears, 2 θ₁ + 3 θ₂ = const: the row of |q| = 1 of the wheel is 0, but for its round-off."""
+    build = rod(rate=1.5)
+    build.body("wheel", **BODY, position=(1, 0, 0.2), quaternion=(1, 0, 1e-18, 0))
+    build.revolute("axle", "ground", "wheel", axis=(0, -1, 0), at=(1, 0, 0))
+    build.gear("mesh", "h", "axle", teeth=(2, 3))
+    build.flywheel("disc", "axle", inertia=0.03)
+    _, omega = motion_of(build.model(), "wheel", BODY["inertia"])
+    np.testing.assert_allclose(omega, (0, 1, 0), atol=ROUNDING)
+
+
 @pytest.mark.parametrize(("given", "message"), [
     ({"h0": {"angle": 0.5}, "h1": {"angle": 0.0}}, "'h0'.*0.5.*'h1'"),
     ({"h0": {"rate": 3.0}, "h3": {"rate": 1.0}}, "'h.'.*nearest"),
