@@ -244,12 +244,24 @@ class Model:
         ------
         InputError
             For a system that moves where its momenta are 0, one from a Lagrangian or with velocity
-            constraints, and where no equilibrium is reached.
+            constraints, where no equilibrium is reached, and where contacts or stops would hold it.
         """
+        from ..symbolic.numeric_evaluation import evaluate
         from ..systems.equilibrium import equilibrium
 
         values = {**dict.fromkeys(self.bodies, 1.0), **self.parameters}  # γ moves nothing at rest
         q, _ = equilibrium(self.system, values, self.q0)
+        gaps = [event.quantity for event in self.events if isinstance(event, Impact)]
+        numbers = dict(zip(self.system.q, q, strict=True)) | {
+            x: float(values[str(x)]) for x in self.system.parameters}
+        if self.system.time is not None:
+            numbers[self.system.time] = 0.0
+        sizes = evaluate([self.system.quantities[name] for name in gaps], numbers)
+        for name, size in zip(gaps, sizes, strict=True):
+            if size < 0:
+                raise InputError(f"Model {self.name!r} is in equilibrium where the gap {name!r} is "
+                                 f"{size:.6g}, below 0; forces of contacts and stops are not in "
+                                 "the equilibrium: give a joint or a spring in their place.")
         return replace(self, q0=q, p0=np.zeros(len(q)))
 
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:

@@ -31,6 +31,8 @@ __all__ = ["equilibrium"]
 _ITERATIONS, _LARGEST_CHANGE = 500, 0.3
 #: Changes below may stagnate at round-off.
 _ROUNDING = 1e-9
+#: Residuals below this part of their terms are round-off.
+_ROUND_OFF = 8 * float(np.finfo(float).eps)
 #: Coordinates below, in m or rad, are 0 with rounding.
 _NOTHING = 1e-14
 #: τ of the first step times the largest entry of its matrix.
@@ -138,7 +140,8 @@ def equilibrium(
     # changes are relative to the largest coordinate up to there, as equilibria may have q = 0
     extent = float(np.abs(x[:n]).max())
     J_rows, _, J_values = J
-    tau = _FIRST_TAU / max(float(np.abs(J_values[J_rows < n]).max(initial=0.0)), _TINY)
+    stiffness = float(np.abs(J_values[J_rows < n]).max(initial=0.0))
+    tau = _FIRST_TAU / (stiffness or size or 1.0)  # no stiffness: a body falls, its rope is slack
     for _ in range(_ITERATIONS):
         step, curvature = _implicit_step(x, r, J, tau, n)
         previous_change = change
@@ -153,15 +156,23 @@ def equilibrium(
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))
-        # converged: the change is round-off, which it is if it no longer falls by half
+        # converged: the change is round-off, which it is if it no longer falls by half; where
+        # bodies move freely a large τ makes it larger than that of the forces
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
-        if change <= _EPS or (change < _ROUNDING and stagnates):
+        if change <= _EPS or (stagnates and (
+                change < _ROUNDING or size <= _ROUND_OFF * _size_of_terms(J, x))):
             return x[:n], x[n:]
         # τ grows as the residual falls, so that the last steps are Newton steps
         tau *= min(max(previous_size / max(size, _TINY), 0.5), 10.0)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
                      f"{_ITERATIONS} iterations |H_q + g_qᵀλ − F| = {size:.3g}; fix or hinge what "
                      "moves freely, or begin nearer.")
+
+
+def _size_of_terms(J: tuple[Array, Array, Array], x: Array) -> float:
+    """Return the norm of |J| |x|, the size of the terms of the residual."""
+    rows, columns, values = J
+    return float(np.linalg.norm(np.bincount(rows, np.abs(values * x[columns]), len(x))))
 
 
 def _refuse_without_statics(system: System) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -11,6 +13,7 @@ import lagrangians
 from gyrospark.generator.systems.equilibrium import equilibrium
 
 EPS = np.finfo(float).eps
+EXAMPLES = Path(__file__).parents[3] / "examples"
 q = sp.symbols("x y", real=True)
 p = sp.symbols("u v", real=True)
 g, k = sp.symbols("g k", positive=True)
@@ -69,6 +72,22 @@ def test_a_pendulum_in_its_angle():
         assert abs(found[0]) <= 8 * EPS
 
 
+def test_a_rope_that_is_slack_at_the_start():
+    """The jumper hangs where the rope is longer than l by m g/k; at the start nothing is stiff."""
+    jump = gs.load_model(EXAMPLES / "bungee.toml")
+    mass, gravity, slack, stiffness = (float(jump.parameters[name]) for name in "mglk")
+    length = slack + mass * gravity / stiffness
+    assert np.abs(jump.equilibrium().q0 - [0, -length]).max() <= 8 * EPS * length
+
+
+@pytest.mark.slow  # 131 unknowns
+def test_rods_that_turn_freely_about_themselves():
+    """The platform of a delta robot comes to rest on its axis of symmetry."""
+    robot = gs.models.delta_robot().equilibrium()
+    place = dict(zip(map(str, robot.system.q), robot.q0, strict=True))
+    assert np.abs([place["platform_x"], place["platform_y"]]).max() <= 64 * EPS
+
+
 def test_refusals():
     falling = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1], name="falling")
     turning = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 - g * (q[0] * p[1] - q[1] * p[0]),
@@ -80,3 +99,18 @@ def test_refusals():
         values = dict.fromkeys(map(str, system.parameters), 1.0)
         with pytest.raises(gs.InputError, match=words):
             equilibrium(system, values, np.ones(system.n))
+
+
+def test_a_stop_that_would_hold_a_rod_is_refused():
+    """A rod with a stop on one side hangs straight down where the stop leaves room for it."""
+    for lower, refused in ((-0.2, False), (0.2, True)):
+        build = gs.Multibody("stopped")
+        rod = build.body("rod", mass=2.0, inertia=(0.2, 0.2, 0.01), position=(0, 0, -0.5))
+        pin = build.revolute("pin", build.ground, rod, at=(0, 0, 0), axis=(0, 1, 0), angle=0.3)
+        build.stop("end", pin, lower=lower)
+        if refused:
+            with pytest.raises(gs.InputError, match="gap 'end'"):
+                build.model().equilibrium()
+        else:
+            rest = build.model().equilibrium()
+            assert np.abs(rest.q0 - [1, 0, 0, 0, 0, 0, -0.5]).max() <= 8 * EPS
