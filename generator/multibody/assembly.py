@@ -437,8 +437,8 @@ class Assembly:
         # numbers that are not finite end in a refusal
         with np.errstate(all="ignore"):
             g = numbers.g(self.q0)
-            worst = int(np.abs(g).argmax())
-            if not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
+            worst = int(np.abs(g).argmax()) if g.size else 0
+            if g.size and not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
                 raise InputError(f"{numbers.names[worst]!r} is open by {g[worst]:.3g} where its "
                                  "latch closes; give start=run[-1] of a run that ended there.")
             q = project_coordinates(numbers, self.q0)

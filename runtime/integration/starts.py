@@ -80,12 +80,20 @@ def merged_start(
 
 
 def events_or_own(
-    start: Any, events: Event | Impact | Sequence[Event | Impact] | None
+    starts: Any, events: Event | Impact | Sequence[Event | Impact] | None
 ) -> Event | Impact | Sequence[Event | Impact]:
-    """Return the caller's events, or those of a model if the caller gives none."""
+    """Return the caller's events, or those of a model, or of a list of starts, if there are none.
+
+    Raises InputError for starts with different events.
+    """
     if events is not None:
         return events
-    return start.start._events if has_start(start) else ()
+    many = starts if isinstance(starts, Sequence) else [starts]
+    own = [start.start._events for start in many if has_start(start)]
+    if any(other != own[0] for other in own):
+        raise InputError("The starts have different events; give starts of one model, or "
+                         "events=[...] for all.")
+    return own[0] if own else ()
 
 
 def _impacts_of(start: Start) -> tuple[Impact, ...]:

@@ -340,6 +340,14 @@ def test_a_latch_closes_at_the_time_of_the_start():
     assert closed.p0[:3] == pytest.approx([3.0, 0, 0], abs=4 * EPS)
 
 
+def test_a_model_without_constraints_has_the_given_start():
+    build = gs.Multibody("throw")
+    build.point_mass("ball", mass=3.0)
+    model = build.model(start=gs.Start([1, 2, 3], [4, 5, 6]))
+    assert model.q0.tolist() == [1, 2, 3]
+    assert model.p0.tolist() == [4, 5, 6]
+
+
 def test_a_latch_closes_with_the_masses_of_the_run():
     """Points of 3 and 1 kg that meet at 1 m/s and at rest go on together at 0.75 m/s."""
     build = gs.Multibody("coupling", gravity=(0, 0, 0))

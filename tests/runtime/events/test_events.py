@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 
 import mpmath
 import numpy as np
@@ -321,6 +322,23 @@ def test_a_model_file_has_events(tmp_path) -> None:
     assert "'half'" in str(twice.exception)
     changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
+
+
+def test_a_list_of_models_has_their_events(tmp_path) -> None:
+    """As one model has: terminal ones are refused, and so are those that differ."""
+    path = tmp_path / "ball.toml"
+    path.write_text(BALL, encoding="utf-8")
+    model = gs.load_model(path)
+    half, landing = model.events
+    step, options = gs.stepper("G-L", 2, system=model), {"dt": model.dt, "steps": model.steps}
+    with_half, with_landing = (replace(model, events=(event,)) for event in (half, landing))
+    many = step.integrate_ensemble([with_half, with_half], **options)
+    assert abs(many.events["half"].first - np.sqrt(0.5)).max() < 1e-14  # h = g t²/2
+    assert step.integrate_ensemble([with_half, with_half], events=(), **options).events == {}
+    for starts, word in (([with_landing, with_landing], "'landing'"),
+                         ([with_half, with_landing], "different events")):
+        with pytest.raises(gs.InputError, match=word):
+            step.integrate_ensemble(starts, **options)
 
 
 @pytest.mark.parametrize("end", [
