@@ -79,6 +79,8 @@ class Target:
         Choices of ``--for``, the platforms of its binaries; the first is the default.
     several : bool
         Whether several schemes go into one artefact.
+    has_velocities : bool
+        Whether the artefact starts from velocities in place of momenta, where H has them.
     real : str
         Floating-point type where none is chosen.
     """
@@ -91,6 +93,7 @@ class Target:
     suffix: str = ""
     platforms: tuple[str, ...] = ()
     several: bool = False
+    has_velocities: bool = False
     real: RealName = "double"
 
     def load(self) -> TargetModule:
@@ -107,9 +110,9 @@ TARGETS: dict[str, Target] = {target.name: target for target in (
     Target("arduino", "arduino", "a library of Arduino and PlatformIO", checks=("c++", "cc"),
            real="float"),
     Target("fmu2", "fmu2", "FMU for co-simulation, FMI 2.0", checks=("cc",), suffix=".fmu",
-           platforms=("own", "linux", "windows", "mac")),
+           platforms=("own", "linux", "windows", "mac"), has_velocities=True),
     Target("fmu3", "fmu3", "FMU for co-simulation, FMI 3.0", checks=("cc",), suffix=".fmu",
-           platforms=("own", "linux", "windows", "mac", "aarch64")),
+           platforms=("own", "linux", "windows", "mac", "aarch64"), has_velocities=True),
     Target("wasm", "web.webassembly", "WebAssembly without imports, and a class of JavaScript",
            needs=("zig",), checks=("wasmtime", "cc"), several=True),
     Target("web", "web.page", "a page that integrates, one HTML file without network",

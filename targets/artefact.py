@@ -81,6 +81,8 @@ class Options:
     steppers : tuple of Written
         All that go into the artefact, where it takes several schemes; the first is the one that
         ``files`` gets.
+    rates : tuple of float
+        q' = H_p at the start, for targets that have velocities.
     """
 
     dt: float
@@ -90,6 +92,7 @@ class Options:
     description: str = ""
     max_iterations: int = 50
     steppers: tuple[Written, ...] = ()
+    rates: tuple[float, ...] = ()
 
 
 @explain_arguments

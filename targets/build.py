@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -139,6 +140,8 @@ def build(
         if start is not None or not {*(parameters or ())}.isdisjoint(
                 steppers[0].manifest.system.start_parameters):
             _refuse_off_constraints(specs[0], model, options)
+        if chosen_target.has_velocities:
+            options = replace(options, rates=_rates(_system_of(specs[0], model), options))
         if path is None:
             path = Path(f"{steppers[0].name}{chosen_target.suffix}")
             check_out(path, chosen_target.suffix)
@@ -290,15 +293,28 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
                              "double, or other units.")
 
 
-def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
-    """Refuse a start off the constraints at the artefact's parameters: steps do not project it."""
-    # of a file, a name, or the caller's own
+def _system_of(spec: Spec, model: Any) -> System:
+    """Return the system of a file, of a name, or of ``model``, the caller's own."""
     if spec.model is not None:
         model = load_model(spec.model)
     elif model is None:
         entry = {**SYSTEMS, **MODELS}[spec.system]
         model = entry.make(spec.rep) if entry.kind == "system" else entry.make()
-    projection = consistent(getattr(model, "system", model), options.q, options.p,
+    system: System = getattr(model, "system", model)
+    return system
+
+
+def _rates(system: System, options: Options) -> tuple[float, ...]:
+    """Return q' = H_p at the start, from H itself: its text in a manifest rounds decimals."""
+    from ..generator.systems.numeric_system import NumericSystem
+
+    rates = NumericSystem(system, options.parameters).H_p(np.array(options.q), np.array(options.p))
+    return tuple(rates.tolist())
+
+
+def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
+    """Refuse a start off the constraints at the artefact's parameters: steps do not project it."""
+    projection = consistent(_system_of(spec, model), options.q, options.p,
                             parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
     # by how much projecting the start moves it

@@ -30,6 +30,7 @@ _FUNCTIONS = {
     sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log",
     sp.sinh: "sinh", sp.cosh: "cosh", sp.tanh: "tanh",
     sp.asin: "arcsin asin", sp.acos: "arccos acos", sp.atan: "arctan atan",
+    sp.asinh: "arcsinh asinh", sp.acosh: "arccosh acosh", sp.atanh: "arctanh atanh",
 }
 
 

@@ -156,25 +156,10 @@ def _meanings(system: SystemManifest) -> dict[str, str]:
 
 
 def _velocities(system: SystemManifest, options: Options) -> list[float]:
-    """Return the velocities of a start: 2 L(q) q' of a quaternion, else q', with q' = H_p.
-
-    H_p is the complex step Im H(q, p + iε e_k)/ε, independent of the C.
-    """
-    import sympy as sp
-
-    from ...generator.models.formulas import parse_formula
-    from ...generator.symbolic.numeric_evaluation import evaluate
+    """Return the velocities of a start: 2 L(q) q' of a quaternion, else q'."""
     from ...runtime.rigid_body.quaternion import left_matrix
 
-    names = {name: sp.Symbol(name) for name in (
-        *system.coordinates, *system.momenta, *options.parameters)}
-    text = system.hamiltonian.replace("Abs(", "abs(")  # SymPy's name, and that of formulas
-    H = parse_formula(text, names, frozenset(names.values()))
-    # column k of p has the step along e_k: one evaluation gives all derivatives
-    p = np.array(options.p)[:, None] + 1e-100j * np.eye(len(options.p))
-    symbol_values = {**options.parameters, **dict(zip(system.coordinates, options.q, strict=True)),
-                     **dict(zip(system.momenta, p, strict=True))}
-    rates = evaluate([H], {names[name]: x for name, x in symbol_values.items()}).imag[0] / 1e-100
+    rates = np.array(options.rates)
     index_of = {name: k for k, name in enumerate(system.coordinates)}
     velocities: list[float] = []
     used_indices: set[int] = set()

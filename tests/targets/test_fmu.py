@@ -22,6 +22,7 @@ from c_programs import STRICT, run
 from compilers import MAIN, compiler
 from gyrospark.core.manifest import NumberManifest, SystemManifest
 from gyrospark.targets.artefact import MARKER, Options
+from gyrospark.targets.build import _rates
 from gyrospark.targets.fmi.archive import library_of, own_platform
 from gyrospark.targets.fmi.slave import Slave
 from gyrospark.targets.fmi.variables import variables_of
@@ -482,18 +483,24 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
 
 
 def test_velocities_of_a_start_are_derived_from_h():
-    """q' = H_p at any p, with all that a formula may contain."""
-    roles = {"m": "parameter", "q": "q", "p": "p", "q_dot": "velocity"}
+    """q' = H_p, whatever H contains: functions and names that a formula of a file has not."""
+    q, p, m, low = sp.symbols("q p m min", real=True)
+    H = (p - sp.sin(q))**2 * sp.E / (2*m) * sp.acosh(2 + low**70) + sp.asinh(q)
+    system = gs.System((q,), (p,), (m, low), H, name="one")
+    roles = {"m": "parameter", "min": "parameter", "q": "q", "p": "p", "q_dot": "velocity"}
     numbers = tuple(NumberManifest(name=name, role=role, domain="real", unit=None, start=None)
                     for name, role in roles.items())
-    system = SystemManifest(
-        name="one", hamiltonian="(p - sin(q))**2/(2*m) + q**2*Abs(q)", coordinates=("q",),
-        momenta=("p",), parameters={"m": "real"}, constraints=(), hidden=(), start_parameters=(),
+    manifest = SystemManifest(
+        name="one", hamiltonian=str(H), coordinates=("q",), momenta=("p",), hidden=(),
+        parameters={"m": "real", "min": "real"}, constraints=(), start_parameters=(),
         rigid_body=False, numbers=numbers)
-    found = {v.name: v for v in variables_of(SimpleNamespace(name="one", system=system), Options(
-        0.1, (0.5,), (2.0,), {"m": 4.0}))}
-    assert found["q_dot"].start == pytest.approx((2 - math.sin(0.5)) / 4, rel=1e-15)
-    assert found["q_dot"].depends == found["energy"].depends == ("m",)
+    options = Options(0.1, (0.5,), (2.0,), {"m": 4.0, "min": 1.0})
+    found = {v.name: v for v in variables_of(
+        SimpleNamespace(name="one", system=manifest),
+        replace(options, rates=_rates(system, options)))}
+    assert found["q_dot"].start == pytest.approx(
+        (2 - math.sin(0.5)) * math.e * math.acosh(3) / 4, rel=1e-15)
+    assert found["q_dot"].depends == found["energy"].depends == ("m", "min")
     assert found["q"].depends == ()
     assert "p" not in found
 
