@@ -403,6 +403,10 @@ def _tree(
     robot.followers = [joint.follower for joint in first.values() if joint.follower]
     root = root_of(links, edges)
     floats = root != "world" if base is None else base == "floating"
+    if floats and root == "world":
+        holding = next(joint.name for joint in joints if "world" in (joint.parent, joint.child))
+        raise InputError(f"base = 'floating', and joint {shown(holding)} holds the model in the "
+                         "world; remove the joint, or leave base out.")
     grow_tree(robot, links, edges, pose.then(places[root]), free_base() if floats else None)
     for joint in joints:
         if joint not in first.values():

@@ -175,7 +175,6 @@ def lyapunov(
     co-moving frame gives those of the motion in its frame, which are the same.
     """
     check_stepper(stepper)
-    every = as_positive_count("every", every, minimum=1)
     state = merged_start(stepper, start, p, parameters)
     step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), minimum=1)
     size = 2 * (stepper.n - stepper.m)  # dimension of the tangent spaces of the constraints

@@ -21,8 +21,8 @@ JOINT = ('<joint name="{child}_pin" type="revolute"><parent>{parent}</parent><ch
          '</spring_stiffness><spring_reference>.3</spring_reference></dynamics></axis></joint>')
 JOINTS = "".join(JOINT.format(parent=parent, child=child) for parent, child in (
     ("world", "crank"), ("crank", "coupler"), ("coupler", "rocker")))
-CLOSE = ('<joint name="loop" type="{}"><pose>.7 0 0 0 0 0</pose><parent>world</parent>'
-         '<child>rocker</child><axis><xyz>0 1 0</xyz></axis></joint>')
+CLOSE = ('<joint name="loop" type="{}"><pose relative_to="rocker">.7 0 0 0 0 0</pose>'
+         '<parent>world</parent><child>rocker</child><axis><xyz>0 1 0</xyz></axis></joint>')
 
 
 def written(tmp_path, inside):
@@ -50,10 +50,12 @@ def by_hand(closing):
     return Motion(build.model(redundant="leave out"))
 
 
-@pytest.mark.parametrize("closing", ["", "ball", "revolute"])
+@pytest.mark.parametrize("closing", ["", CLOSE.format("ball"), CLOSE.format("revolute"), (
+    CLOSE.format("ball").replace(">world<", ">tip<").replace(">rocker<", ">world<").replace(
+        ">tip<", ">rocker<"))], ids=["", "ball", "revolute", "ball to the world"])
 def test_bars_are_those_put_together_by_hand(tmp_path, closing):
     """A triple pendulum, and with a joint more a four-bar, by accelerations of all pins."""
-    path = written(tmp_path, LINKS + JOINTS + (CLOSE.format(closing) if closing else ""))
+    path = written(tmp_path, LINKS + JOINTS + closing)
     if closing:
         with pytest.warns(gs.errors.InputWarning, match="loop"):
             found = Motion(gs.load_model(path))
@@ -113,11 +115,37 @@ def test_angles_move_the_tree(tmp_path):
     assert floating.system.n - floating.system.m == 6 + 2
     x = 0.2 * np.array([np.cos(1.2), 0, np.sin(1.2)]) + [0, 0, 0.5]
     assert floating.q0[4:7] == pytest.approx(x, abs=1e-15)
+    held = gs.load_model(tmp_path / "bars.sdf", base="fixed")
+    assert held.system.n - held.system.m == 2
+
+
+@pytest.mark.parametrize(("text", "said"), [
+    ("<robot/>", "<robot>.*<sdf>"), ("<sdf version='1.7'/>", "0 models"),
+    ("<sdf version='1.7'><model name='a'/><model name='b'/></sdf>", "2 models"),
+])
+def test_a_file_has_one_model(tmp_path, text, said):
+    path = tmp_path / "two.sdf"
+    path.write_text(text)
+    with pytest.raises(gs.InputError, match=said):
+        gs.load_model(path)
+
+
+@pytest.mark.parametrize(("base", "said"), [
+    ("floating", "floating.*'crank_pin'"), ("fixd", "'fixd'.*fixed or floating")])
+def test_what_hangs_on_the_world_does_not_float(tmp_path, base, said):
+    with pytest.raises(gs.InputError, match=said):
+        gs.load_model(written(tmp_path, LINKS + JOINTS), base=base)
 
 
 @pytest.mark.parametrize(("inside", "said"), [
     ("", "<link>"), (LINKS + JOINTS.replace("revolute", "gearbox"), "'gearbox'"),
     (LINKS + JOINTS.replace("<child>rocker", "<child>rockr"), "'rockr'.*rocker"),
+    (LINKS + JOINTS.replace("<parent>crank", "<parent>bars"), "'coupler_pin'.*'bars'"),
+    (LINKS + JOINTS.replace("<parent>world</parent>", ""), "<parent>"),
+    (LINKS + JOINTS.replace("<xyz>", "<xyz expressed_in='here'>"), "'crank_pin'.*'here'"),
+    (LINKS.replace("<mass>1\n</mass>", "") + JOINTS, "'crank'.*<mass>"),
+    (LINKS.replace("<pose>0 0 .5", "<pose degrees='true' rotation_format='quat_xyzw'>0 0 .5 0")
+     + JOINTS, "degrees.*quaternion"),
     (LINKS + JOINTS.replace("0 -1 0", "0 0 0"), "zero"), (LINKS + JOINTS + LINKS, "'crank'"),
     (LINKS.replace('relative_to="crank"', 'relative_to="rocker"') + JOINTS, "circle"),
     (LINKS.replace('relative_to="crank"', 'relative_to="frame"') + JOINTS, "'frame'"),

@@ -50,15 +50,17 @@ def changed(tmp_path, *pairs):
     return path
 
 
-def test_gravity_is_that_of_the_earth(arm):
-    """All forces on the bodies together are their weight, down z."""
-    model = gs.load_model(arm, ignore="limits", **START)
+@pytest.mark.parametrize("gravity", [None, (1.0, -2.0, 0.5)])
+def test_gravity_is_that_of_the_earth(arm, gravity):
+    """All forces on the bodies together are their weight, down z, or along another gravity."""
+    model = gs.load_model(arm, ignore="limits", gravity=gravity, **START)
     system = model.system
     at = dict(zip((*system.q, *system.p), (*model.q0, *np.zeros(system.n)), strict=True))
     at |= {parameter: model.parameters[str(parameter)] for parameter in system.parameters}
     mass = sum(model.parameters[f"{body.name}_m"] for body in system.bodies)
     force = -evaluate(system.H_q, at).reshape(-1, 7)[:, 4:].sum(axis=0)
-    assert np.abs(force - [0, 0, -9.81 * mass]).max() <= 64 * EPS * 9.81 * mass
+    weight = mass * np.array(gravity or (0, 0, -9.81))
+    assert np.abs(force - weight).max() <= 64 * EPS * 9.81 * mass
 
 
 def test_links_that_are_fixed_are_one_body(arm):
@@ -319,6 +321,12 @@ BAD = [
      "2 roots, 'base', 'lost'"),
     ([('child link="wheel"', 'child link="slider"')],
      "'slider'.*'slide-1'.*'wheel'"),
+    ([('<parent link="slider"/>', "")], "'wheel'.*<parent>"),
+    ([('<parent link="slider"/>', "<parent/>")], "'wheel'.*<parent>.*link="),
+    ([('<inertia ixx="0.001" ixy="0" ixz="0" iyy="0.002" iyz="0"\n      izz="0.0015"/>', "")],
+     "'plate'.*<inertia>"),
+    ([('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="flange"/>')], "'wheel'.*'flange'"),
+    ([('<axis xyz="1 0 0"/>', '<axis xyz="1 0 0"/><mimic joint="wheel"/>')], "'wheel'.*itself"),
     ([("</robot>", "")], "element"),
     ([('<link name="plate">', '<link name="plate">heavy')], "<link>.*'heavy'"),
     ([("</inertial>", "<!-- -->2</inertial>")], "<inertial>.*'2'"),

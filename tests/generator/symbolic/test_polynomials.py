@@ -34,11 +34,13 @@ def test_random_polynomials_expand_as_in_sympy():
 
 
 def test_long_expansions_are_known_before():
-    """(x + y + 1)**n has (n + 1)(n + 2)/2 terms, also beside a function."""
+    """(x + y + 1)**n has (n + 1)(n + 2)/2 terms, also beside a function; 1/(x + n) is one."""
     x, y, *_ = _X
     for factor in (1, sp.cos(x * y)):
         assert is_small(factor * (x + y + 1) ** 9)
         assert not is_small(factor * (x + y + 1) ** 300)
+    assert is_small(sp.Mul(*(1 / (x + n) for n in range(20))))
+    assert not is_small(sp.Mul(*(x + n for n in range(20))))
 
 
 def test_constants_and_cancelled_terms():
