@@ -64,6 +64,7 @@ from .joints import (
     Fixed,
     HingedJoint,
     Joint,
+    Planar,
     Poses,
     RheonomicConstraint,
     Store,
@@ -412,17 +413,23 @@ class Assembly:
         """Return the layouts of the joints, aliases of joints last.
 
         ``equations`` are the system's constraints, ``counted`` the names of joints whose full
-        turns count. Travels along a body's own axis and joints with points that are no bodies have
-        no layout: they have neither an angle nor a reaction to show.
+        turns count. Travels along a body's own axis and connections of point masses have no layout,
+        nor have those of moving points but for joints that hold a point or an axis.
         """
         def layout(link: Connection, *, is_counted: bool) -> JointLayout:
             """Return the layout of a joint, with those of its constraints that the system keeps."""
             return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
                             parameters, values, is_counted=is_counted)
 
+        def has_layout(link: Connection) -> bool:
+            """Whether force, angle and rate of a connection follow from bodies alone."""
+            holds = isinstance(link, Joint | Align) and not isinstance(link, BeamJoint | Planar)
+            unknown = Particle if holds else MovingPoint | Particle
+            return not isinstance(link, Slide) and not any(
+                isinstance(frame, unknown) for frame in link.frames)
+
         layouts = [layout(link, is_counted=link.name in counted) for link in self.links
-                   if not isinstance(link, Slide) and not any(
-                       isinstance(frame, MovingPoint | Particle) for frame in link.frames)]
+                   if has_layout(link)]
         # an alias shares its joint's point and reaction, but has no angle of its own
         layouts += [replace(layout(self.connections[joint], is_counted=False), name=name,
                             axis_a=(), axis_b=())
@@ -576,6 +583,9 @@ def joint_at(
     constraint_forces = tuple(
         (equation.name, _force_entries(equation.constraint_force, parameters, values))
         for equation in equations)
+    # where a moving point is at a time, no entry says: the joint's point on it is left out
+    on_a, on_b = (() if isinstance(frame, MovingPoint) else point
+                  for frame, point in ((link.a, on_a), (link.b, on_b)))
     return JointLayout(
         link.name, _name(link.a), _name(link.b), entries(on_a), entries(on_b), entries(axis_a),
         entries(axis_b),

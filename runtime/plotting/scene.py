@@ -364,9 +364,9 @@ def drawn_joints(manifest: Manifest) -> dict[str, tuple[str, JointAt]]:
             continue  # a drive, at the place of its joint
         if not (joint.on_a or joint.on_b or joint.axis_b):
             continue  # a motor or a spring of a joint, a body that rolls
-        if not joint.on_b:  # an axis alone: where b is held, or where its origin is
-            if not joint.b:
-                continue
+        if not (joint.on_a and joint.on_b):  # an axis alone: where b is held, or its origin is
+            if not joint.b or joint.on_a or joint.on_b:
+                continue  # nor at a moving point
             joint = replace(joint, on_a=[0.0]*3, on_b=[0.0]*3)
         keeps_distance = joint.pulls is not None and any(
             pull.kind == "distance" for pull in joint.pulls)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -65,9 +65,9 @@ class JointMotion:
         Raises
         ------
         InputError
-            For a joint that has no point, an axis alone.
+            For a joint that has no point on b: an axis alone, a moving point.
         """
-        return self._points()[1]
+        return self._point("b")
 
     # ------------------------------------------------------------ angle
 
@@ -237,8 +237,7 @@ class JointMotion:
         thread it is the axis of both.
         """
         if pull.kind == "distance":  # g = |d|² − l² with d from a to b
-            on_a, on_b = self._points()
-            return 2 * (on_a - on_b)
+            return 2 * (self._point("a") - self._point("b"))
         on_a = numbers(pull.on_a, self._run.parameters)
         if pull.kind == "force":  # along a fixed direction in space
             return on_a[None]
@@ -267,19 +266,19 @@ class JointMotion:
 
     # ------------------------------------------------------------ inside
 
-    def _points(self) -> tuple[Array, Array]:
-        """Return the joint's points on a and on b in space, shape (N+1, 3) each.
+    def _point(self, side: Literal["a", "b"]) -> Array:
+        """Return the joint's point on a or b in space, (N+1, 3): those of a rod and a slide differ.
 
-        They differ for a rod. Raises InputError for a joint without points.
+        Raises InputError for a joint without a point there.
         """
-        if not self._at.on_b:
-            raise InputError(f"Joint {self.name!r} has no point: it keeps an axis in common.")
-        points = []
-        for name, r in zip(self.bodies, (self._at.on_a, self._at.on_b), strict=True):
-            point = numbers(r, self._run.parameters)
-            points.append(self._run.body(name).position(point) if name else
-                          np.broadcast_to(point, (*self._run.q.shape[:-1], 3)))
-        return points[0], points[1]
+        body, r = (self._at.a, self._at.on_a) if side == "a" else (self._at.b, self._at.on_b)
+        if not r:
+            raise InputError(f"Joint {self.name!r} has no point on "
+                             f"{repr(body) if body else 'the ground'}: it keeps an axis in common, "
+                             "or is at a moving point.")
+        point = numbers(r, self._run.parameters)
+        return self._run.body(body).position(point) if body else np.broadcast_to(
+            point, (*self._run.q.shape[:-1], 3))
 
     def _attitudes(self) -> tuple[Array, Array]:
         """Return the quaternions of a and b, shape (N+1, 4) each; the ground's is (1, 0, 0, 0)."""

@@ -200,15 +200,17 @@ def test_a_hinge_holds_more_and_turns():
 
 @pytest.fixture(scope="module")
 def sliding():
-    """Each joint that slides or turns along an axis, in a row from the ground."""
+    """Each joint that slides or turns along an axis, in a row from a point that moves."""
     build = gs.Multibody("sliding", gravity=(0, -9.81, 0))
     box = {"mass": 2.0, "inertia": (0.3, 0.2, 0.25)}
-    for i, name in enumerate("abcd"):
+    for i, name in enumerate("abcde"):
         build.body(name, **box, position=(0.4 * i, 0.1, 0.6))
-    build.planar("plane", "ground", "a", axis=(1, 0, 2), at=(0, 0.1, 0.3), rate=0.3)
-    build.prismatic("slide", "a", "b", axis=(1, 2, 2), at=(0.2, 0.1, 0.3), speed=0.7)
-    build.cylindrical("pole", "b", "c", axis=(2, 0, 1), at=(0.6, 0, 0.5), speed=-0.4, rate=0.8)
-    build.screw("thread", "c", "d", axis=(0, 1, 1), at=(1, 0.1, 0.5), lead=0.2, rate=1.5)
+    build.moving_point("hand", (sp.sin(3 * build.time) / 4, build.time**2, 0))
+    build.revolute("pivot", "hand", "a", axis=(0, 0, 1), at=(0, 0, 0), rate=0.5)
+    build.planar("plane", "a", "b", axis=(1, 0, 2), at=(0, 0.1, 0.3), rate=0.3)
+    build.prismatic("slide", "b", "c", axis=(1, 2, 2), at=(0.5, 0.1, 0.3), speed=0.7)
+    build.cylindrical("pole", "c", "d", axis=(2, 0, 1), at=(1, 0, 0.5), speed=-0.4, rate=0.8)
+    build.screw("thread", "d", "e", axis=(0, 1, 1), at=(1.4, 0.1, 0.5), lead=0.2, rate=1.5)
     return run(build.model(), 150)
 
 
@@ -219,8 +221,8 @@ def test_reactions_obey_newton_and_euler(four_bar, sliding):
             *((four_bar, name, {f"hinge{i}": 1, f"hinge{i + 1}": -1})
               for i, name in enumerate(("crank", "coupler", "rocker"))),
             *((sliding, name, dict(zip(pair, (1, -1), strict=False))) for name, *pair in (
-                ("a", "plane", "slide"), ("b", "slide", "pole"), ("c", "pole", "thread"),
-                ("d", "thread")))):
+                ("a", "pivot", "plane"), ("b", "plane", "slide"), ("c", "slide", "pole"),
+                ("d", "pole", "thread"), ("e", "thread")))):
         body = trajectory.body(name)
         force, torque = np.array([0, -9.81 * body.mass, 0]), np.zeros(3)
         for joint_name, sign in joints.items():
@@ -232,6 +234,13 @@ def test_reactions_obey_newton_and_euler(four_bar, sliding):
         assert np.abs(error).max() < 1e-3 * np.abs(force).max()
         error = slope(body.angular_momentum(), DT) - torque[1:-1]
         assert np.abs(error).max() < 1e-3 * np.abs(torque).max()
+
+
+def test_a_hinge_at_a_point_that_moves(sliding):
+    pivot = sliding.joint("pivot")
+    assert np.abs(slope(pivot.angle(), DT) - pivot.rate()[1:-1]).max() < 1e-4
+    where = np.stack([np.sin(3 * sliding.t) / 4, sliding.t**2, 0 * sliding.t], axis=1)
+    assert np.abs(pivot.position() - where).max() < 64 * EPS
 
 
 def test_angles_count_whole_turns(four_bar):
