@@ -312,7 +312,7 @@ def draw_values(
         for axes, name in zip(panels, value_names, strict=True):
             # iterations belong to steps: one number fewer than states
             series = run_values[name]()
-            axes.plot(run.t[-len(series):][shown_states].astype(float),
+            axes.plot(run.t[len(run) - len(series):][shown_states].astype(float),
                       series[shown_states].astype(float), color=colour, linewidth=0.7)
             _mark_impacts(axes, run)
     work_term = " − W" if runs[0].manifest.system.forces else ""

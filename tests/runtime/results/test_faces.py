@@ -113,6 +113,10 @@ def test_an_ensemble_has_the_same_face(gl3, tmp_path):
 def test_values_are_drawn_by_name(run, stored, tmp_path):
     for one in (run, stored):
         assert [len(axes.lines) for axes in one.plot("energy", "q1").axes] == [1, 1]
+    for states in (1, 4):  # iterations belong to steps
+        line, = run[:states].plot("iterations").axes[0].lines
+        assert line.get_xydata().tolist() == [*map(list, zip(
+            run.t[1:states], run.iterations[:states - 1], strict=True))]
     stored.plot("energy", tmp_path / "energy.png")
     run.plot(tmp_path / "all.svg")
     assert (tmp_path / "energy.png").stat().st_size > 1000
