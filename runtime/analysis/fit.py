@@ -387,10 +387,10 @@ def fit(
     inputs
         As of ``integrate``.
     observe : {"attitude", "angular_velocity", "q", "p"}, name, sequence of them, or callable
-        What the columns of data are, attitudes first, then angular velocities: the attitudes of all
-        bodies, four columns each, or of one, "upper attitude"; the angular velocities, three
-        columns each, as ``run.body().angular_velocity()`` has them, or "upper angular_velocity";
-        all coordinates or momenta; a coordinate or a momentum by name. A function
+        What the columns of data are, in their order: the attitudes of all bodies, four columns
+        each, or of one, "upper attitude"; the angular velocities, three columns each, as
+        ``run.body().angular_velocity()`` has them, or "upper angular_velocity"; all coordinates or
+        momenta; a coordinate or a momentum by name. A function
         of q and p, rows of states of shape (N, n), returns (values, by_q, by_p) of the shapes
         (N, C), (N, C, n) and (N, C, n): what the data measure, and its
         derivatives.

@@ -10,8 +10,8 @@ An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,6 +31,9 @@ __all__ = ["Observation", "Observe", "observation_of"]
 
 #: A function of rows of q and p: values (rows, c), and derivatives by q and by p, (rows, c, n).
 Observe = Callable[[Array, Array], tuple[ArrayLike, ArrayLike, ArrayLike]]
+
+#: What is measured: columns of q that are an attitude, a body that turns, or a column of (q, p).
+Part = list[int] | BodyAt | int
 
 #: How far |d| of a measured attitude may be from 1.
 _NORM = 1e-3
@@ -52,22 +55,18 @@ class Observation:
 
     Attributes
     ----------
-    attitudes : list of list of int
-        Columns of q that are the quaternion of a body; four columns of data for each come first.
-    turning : list of BodyAt
-        Bodies whose angular velocity is measured; three columns of data for each come next.
-    columns : list of int
-        Columns of (q, p) that are measured themselves; a column of data for each.
+    parts : list of Part
+        What is measured, in the order of the columns of data: the columns of q that are the
+        quaternion of a body, with four columns of data; a body whose angular velocity is measured,
+        with three; a column of (q, p), with one.
     function : callable or None
-        In place of both.
+        In place of the parts.
     names : list of str
         Of the columns of data; empty with a function.
     """
 
     n: int
-    attitudes: list[list[int]]
-    turning: list[BodyAt]
-    columns: list[int]
+    parts: list[Part]
     function: Observe | None
     names: list[str]
 
@@ -98,8 +97,10 @@ class Observation:
             row, column = np.argwhere(~np.isfinite(measurements))[0]
             raise InputError(f"data[{row}, {column}] = {measurements[row, column]} is not finite; "
                              "leave out the samples that are missing, and their times.")
-        for k in range(len(self.attitudes)):
-            attitudes = measurements[:, 4 * k : 4 * k + 4]
+        for part, columns_of_part, _ in self._columns():
+            if not isinstance(part, list):
+                continue
+            attitudes = measurements[:, columns_of_part]
             norms = np.linalg.norm(attitudes, axis=1)
             off = int(np.argmax(np.abs(norms - 1)))
             if abs(norms[off] - 1) > _NORM:
@@ -118,33 +119,38 @@ class Observation:
         """
         if self.function is not None:
             return self._of_function(self.function, data, q, p)
-        # Columns of residuals: three for each attitude, for each angular velocity, then others.
-        sample_count, first_column = len(data), 3 * (len(self.attitudes) + len(self.turning))
-        count = first_column + len(self.columns)
-        residuals = np.zeros((sample_count, count))
-        by_state = np.zeros((sample_count, count, 2 * self.n))
-        for k, columns in enumerate(self.attitudes):
-            angle_columns = slice(3 * k, 3 * k + 3)
-            residuals[:, angle_columns], by_state[:, angle_columns, columns] = _rotation_between(
-                data[:, 4 * k : 4 * k + 4], q[:, columns])
+        count = sum(1 if isinstance(part, int) else 3 for part in self.parts)
+        residuals = np.zeros((len(data), count))
+        by_state = np.zeros((len(data), count, 2 * self.n))
         by_parameters: dict[str, Array] = {}
-        other_data = data[:, 4 * len(self.attitudes) :]
-        for k, body in enumerate(self.turning):
-            omega, by_q, by_p, by_inertia = _angular_velocity(body, q[:, body.q], p[:, body.q],
-                                                              parameters)
-            body_column = 3 * (len(self.attitudes) + k)
-            residuals[:, body_column : body_column + 3] = omega - other_data[:, 3 * k : 3 * k + 3]
-            by_state[:, body_column : body_column + 3, body.q] = by_q
-            by_state[:, body_column : body_column + 3, [self.n + i for i in body.q]] = by_p
-            for name, change in by_inertia.items():
-                derivative = by_parameters.setdefault(name, np.zeros_like(residuals))
-                derivative[:, body_column : body_column + 3] = change
-        if self.columns:
-            z = np.concatenate([q, p], axis=1)
-            residuals[:, first_column:] = z[:, self.columns] - other_data[:, 3 * len(self.turning):]
-            by_state[:, range(first_column, count), self.columns] = 1.0
+        for part, columns, rows in self._columns():
+            measured = data[:, columns]
+            if isinstance(part, list):
+                residuals[:, rows], by_state[:, rows, part] = _rotation_between(
+                    measured, q[:, part])
+            elif isinstance(part, int):
+                residuals[:, rows] = np.concatenate([q, p], axis=1)[:, [part]] - measured
+                by_state[:, rows, part] = 1.0
+            else:
+                omega, by_q, by_p, by_inertia = _angular_velocity(part, q[:, part.q], p[:, part.q],
+                                                                  parameters)
+                residuals[:, rows] = omega - measured
+                by_state[:, rows, part.q] = by_q
+                by_state[:, rows, [self.n + i for i in part.q]] = by_p
+                for name, change in by_inertia.items():
+                    derivative = by_parameters.setdefault(name, np.zeros_like(residuals))
+                    derivative[:, rows] = change
         return Residuals(residuals, by_state[:, :, : self.n], by_state[:, :, self.n :],
                          by_parameters)
+
+    def _columns(self) -> Iterator[tuple[Part, slice, slice]]:
+        """Yield each part, its columns of data, and its columns of residuals."""
+        datum = residual = 0
+        for part in self.parts:
+            size = 1 if isinstance(part, int) else 3
+            width = 4 if isinstance(part, list) else size  # a quaternion has a rotation vector
+            yield part, slice(datum, datum + width), slice(residual, residual + size)
+            datum, residual = datum + width, residual + size
 
     def _of_function(
         self, function: Observe, data: Array, q: Array, p: Array
@@ -214,10 +220,13 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
     Raises InputError for an unknown name, with the nearest.
     """
     if callable(observe):
-        return Observation(step.n, [], [], [], observe, [])
+        return Observation(step.n, [], observe, [])
     measurable = _measurable_parts(step)
     names = [observe] if isinstance(observe, str) else as_items("observe", observe, "names")
-    parts: dict[str, list[Any]] = {"attitude": [], "angular velocity": [], "state": []}
+    system = step.manifest.system
+    coordinates, state_names = list(system.coordinates), [*system.coordinates, *system.momenta]
+    parts: list[Part] = []
+    labels: list[str] = []
     for name in names:
         if not isinstance(name, str):
             raise InputError(f"observe has {shown(name)}, which is no name; write text.")
@@ -225,41 +234,32 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
             raise unknown("quantity to observe", name, measurable,
                           "; for a quantity, such as a joint's angle, give a function of (q, p) "
                           "that returns values and derivatives by q and by p")
-        kind, parts_of_name = measurable[name]
-        parts[kind] += parts_of_name
+        for label, part in measurable[name]:
+            parts.append(part)
+            if isinstance(part, list):
+                labels += [coordinates[i] for i in part]
+            elif isinstance(part, int):
+                labels.append(state_names[part])
+            else:
+                labels += [f"{label}_omega{axis}" for axis in (1, 2, 3)]
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
-    bodies, system = bodies_of(step.manifest), step.manifest.system
-    coordinates, state_names = list(system.coordinates), [*system.coordinates, *system.momenta]
-    # in the order of the columns of data: attitudes, angular velocities, numbers of the state
-    labels = [*(coordinates[i] for columns in parts["attitude"] for i in columns),
-              *(f"{name}_omega{axis}" for name in parts["angular velocity"] for axis in (1, 2, 3)),
-              *(state_names[i] for i in parts["state"])]
-    return Observation(step.n, parts["attitude"],
-                       [bodies[name] for name in parts["angular velocity"]], parts["state"], None,
-                       labels)
+    return Observation(step.n, parts, None, labels)
 
 
-def _measurable_parts(step: Stepper) -> dict[str, tuple[str, list[Any]]]:
-    """Return the names that ``observe`` may have, each with its kind and the parts it stands for.
-
-    - "attitude": for each body, the columns of its quaternion in q
-    - "angular velocity": names of bodies
-    - "state": columns of z = (q, p)
-    """
+def _measurable_parts(step: Stepper) -> dict[str, list[tuple[str, Part]]]:
+    """Return the names that ``observe`` may have, each with its parts and the bodies of these."""
     n, system, bodies = step.n, step.manifest.system, bodies_of(step.manifest)
-    parts: dict[str, tuple[str, list[Any]]] = {}
+    parts: dict[str, list[tuple[str, Part]]] = {}
     for name, body in bodies.items():
-        parts[f"{name} attitude"] = "attitude", [body.q]
+        parts[f"{name} attitude"] = [(name, body.q)]
+        parts[f"{name} angular_velocity"] = [(name, body)]
     if bodies:
-        parts["attitude"] = "attitude", [body.q for body in bodies.values()]
-    for name in bodies:
-        parts[f"{name} angular_velocity"] = "angular velocity", [name]
-    if bodies:
-        parts["angular_velocity"] = "angular velocity", [*bodies]
+        parts["attitude"] = [(name, body.q) for name, body in bodies.items()]
+        parts["angular_velocity"] = [*bodies.items()]
     # a coordinate of the name of a longer vector does not replace it
-    parts.setdefault("q", ("state", [*range(n)]))
-    parts.setdefault("p", ("state", [*range(n, 2 * n)]))
+    parts.setdefault("q", [("", i) for i in range(n)])
+    parts.setdefault("p", [("", i) for i in range(n, 2 * n)])
     for i, name in enumerate((*system.coordinates, *system.momenta)):
-        parts.setdefault(name, ("state", [i]))
+        parts.setdefault(name, [("", i)])
     return parts

@@ -142,8 +142,8 @@ def section(
     Raises
     ------
     InputError
-        As ``integrate_ensemble``; if ``event`` is no event; for ``tangents`` of an event of a
-        quantity, and if a point only touches the level.
+        As ``integrate_ensemble``; if ``event`` is no event; for ``tangents`` if a point only
+        touches the level.
     """
     check_stepper(stepper)
     if not isinstance(event, Event):
