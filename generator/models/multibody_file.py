@@ -393,7 +393,9 @@ def _force(
         builder.motor(table.symbol("name", table.text("name")), *_joints(table, kind), **efforts)
         return
     if kind in ("spring", "joint_spring"):
-        table.require("name", *(["stiffness"] if kind == "spring" else []))
+        # a joint spring may be a damper alone, which has no rest
+        is_damper = kind == "joint_spring" and "damping" in table and "rest" not in table
+        table.require("name", *([] if is_damper else ["stiffness"]))
         ends: Sequence[Frame | str] = (
             _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
         numbers: dict[str, Any] = {}

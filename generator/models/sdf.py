@@ -362,6 +362,9 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     damping, stiffness, rest_angle = (
         0.0 if dynamics is None else _number(dynamics, key, 0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
+    if damping < 0:
+        raise InputError(f"line {axis.line}: the damping of joint {shown(name)} is {damping:g}, "
+                         "which would add energy; write 0 or more.")
     return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(direction), damping,
                        stiffness, rest_angle, _range(axis), _follower(name, axis))
 

@@ -210,11 +210,13 @@ def _joint(version: str, followers: list[Follower], name: str, element: Element)
         followers.append(Follower(
             name, attribute_of(mimic, "joint"), numbers_of(mimic, "multiplier", 1, [1.0])[0],
             numbers_of(mimic, "offset", 1, [0.0])[0]))
+    damping = 0.0 if dynamics is None or kind not in MOVING else numbers_of(
+        dynamics, "damping", 1, [0.0])[0]
+    if damping < 0:
+        raise InputError(f"its damping is {damping:g}, which would add energy; write 0 or more.")
     # 0: ``grow_tree`` sets the number of the body
     joint = None if kind == "fixed" else RobotJoint(
-        name, KINDS[kind], 0, _axis(element, kind), np.zeros(3),
-        damping=0.0 if dynamics is None or kind not in MOVING else numbers_of(
-            dynamics, "damping", 1, [0.0])[0],
+        name, KINDS[kind], 0, _axis(element, kind), np.zeros(3), damping=damping,
         range=_range(version, kind, element.first("limit")))
     return Edge(name, parent, child, place_of(element), joint)
 

@@ -384,6 +384,8 @@ def test_bodies_are_what_the_builder_makes():
     ('"-k*b_omega1"', '"-k*c_omega1"', ["[[forces]] 2, torque, entry 1", "c_omega1", "unknown"]),
     ("c*(b_x - a_x)**2", "c*b_px", ["potential", "b_px", "unknown"]),
     ("stiffness = 5", "", ["[[forces]] 1, stiffness", "missing"]),
+    ("[parameters]", '[[forces]]\nname = "s"\ntype = "joint_spring"\njoints = ["hinge"]\nrest = 1\n'
+     "damping = 2\n[parameters]", ["[[forces]] 4, stiffness", "missing"]),
     ("m = 2", "m = -2", ["[[bodies]] 2", "mass"]),
     ("k = 0.1", "k = 0.1\na_x = 1", ["[parameters] a_x", "another name"]),
     ("without = []", 'without = ["hinge: q"]', ["'hinge: q'", "leave"]),

@@ -151,6 +151,7 @@ def test_what_hangs_on_the_world_does_not_float(tmp_path, base, said):
     (LINKS.replace('relative_to="crank"', 'relative_to="frame"') + JOINTS, "'frame'"),
     (LINKS.replace("<mass>1", "<mass>-1") + JOINTS, "'crank'"),
     (LINKS.replace("<ixx>.001", "<ixx>nan") + JOINTS, "'nan'"),
+    (LINKS + JOINTS.replace("<damping>.1", "<damping>-.1"), r"damping.*-0\.1"),
     (LINKS + JOINTS + "<plugin/>", "plugin"), (LINKS + JOINTS + "<include/>", "<include>"),
     (LINKS.replace("<ixx>.001</ixx>", "") + JOINTS, "<ixx>"),
     (LINKS.replace("<pose>0 0 .5", "<pose degrees='no'>0 0 .5") + JOINTS, "'no'"),

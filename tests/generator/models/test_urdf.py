@@ -311,6 +311,7 @@ BAD = [
     ([(MASS, '<mass value="nan"/>')], "value='nan'"),
     ([(MASS, "")], "'slider'.*<mass>"),
     ([('ixx="0.01"', 'ixx="-0.01"')], r"'slider'.*-0\.01"),
+    ([('damping="0.3"', 'damping="-0.3"')], r"damping is -0\.3"),
     ([('<axis xyz="0 0.6 0.8"/>', "")], "'slide-1'.*<axis>"),
     ([('<axis xyz="0 0.6 0.8"/>', '<axis xyz="0 0 0"/>')], "<axis>.*zero"),
     ([('type="continuous"', 'type="continous"')],
