@@ -597,7 +597,7 @@ def test_tableau_runs(gyrospark):
     size = ("--dt", "1e-3", "--steps", "20", "--json")
     answer = gyrospark("run", "free-body", "--tableau", path, *size)
     assert answer.code == 0, answer.stderr
-    step = gs.stepper(tableau=path, system="free_body")
+    step = gs.stepper(tableau=path)
     run = step.integrate(gs.problems.free_body(), dt=1e-3, steps=20)
     assert answer.document["q"] == list(run.report.q)
     named = gyrospark("run", "free-body", "--scheme", "G-L", "--stages", "2", *size).document

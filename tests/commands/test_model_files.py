@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 import gyrospark as gs
 import systems
-from command_line import CONTRACT, refused
+from command_line import CONTRACT, ECCENTRIC, refused
 from processes import PATIENCE, ROOT
 
 EPS = float(np.finfo(float).eps)
@@ -380,18 +380,7 @@ def test_rules_are_those_of_the_option(gyrospark):
 def orbit(tmp_path):
     """The eccentric orbit of the catalogue as a file: the options of a run of it."""
     path = tmp_path / "eccentric.toml"
-    path.write_text("""name = "eccentric"
-[system]
-coordinates = ["x", "y"]
-momenta = ["u", "v"]
-hamiltonian = "(u**2 + v**2)/2 - k/sqrt(x**2 + y**2)"
-time_scale = "(x**2 + y**2)**(3/4)"
-[parameters]
-k = 1
-[start]
-q = [0.4, 0]
-p = [0, 2]
-""")
+    path.write_text(ECCENTRIC)
     return "run", str(path), "--scheme", "G-L", "--stages", "2"
 
 

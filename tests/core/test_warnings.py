@@ -11,6 +11,7 @@ import pytest
 
 import gyrospark as gs
 from calls import TOP
+from command_line import ECCENTRIC
 from gyrospark.core.warnings import capture_warnings, warn
 from gyrospark.generator.models.model_file import parse_model
 from gyrospark.runtime.integration.run_arguments import warn_of_negative
@@ -224,11 +225,11 @@ def test_warnings_that_a_user_makes_errors_stay_lines(gyrospark, monkeypatch):
 
 def test_other_commands_say_it_too(gyrospark, generate, tmp_path):
     path = tmp_path / "said.toml"
-    path.write_text(changed("l = 0.2", "l = 0.2\nlength = 3"), encoding="utf-8")
+    path.write_text(ECCENTRIC.replace("k = 1", "k = 1\nlength = 3"), encoding="utf-8")
     study = tmp_path / "study.toml"
-    study.write_text('model = "said.toml"\nscheme = "IMS"\n[grid]\nl = [0.1, 0.2]\n'
-                     .replace("[grid]", "steps = 2\n[grid]"), encoding="utf-8")
-    for answer in (generate("--scheme", "IMS", "--system", path, "--no-compile"),
+    study.write_text('model = "said.toml"\nscheme = "G-L 2"\ndtau = 0.1\nsteps = 2\n'
+                     '[grid]\nk = [0.9, 1.1]\n', encoding="utf-8")
+    for answer in (generate("--scheme", "G-L", "--stages", "2", "--system", path, "--no-compile"),
                    gyrospark("sweep", study, "--json")):
         assert answer.code == 0, answer.stderr
         assert answer.stderr.count("\n") == 1

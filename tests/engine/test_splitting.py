@@ -5,14 +5,12 @@ from __future__ import annotations
 import ctypes
 import struct
 from fractions import Fraction
-from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
-import splitting_systems
 from c_programs import shared_library
 from gyrospark.core.errors import InputError, StepFailed
 from gyrospark.generator.pipeline import generate
@@ -240,28 +238,20 @@ def test_what_a_splitting_does_not_have_is_refused():
             call()
 
 
-DRAG = splitting_systems.TOP | {"k": 0.2}
-DRAGGED_START = splitting_systems.start((0.5, 0.2, 3), DRAG)
+def with_drag(turntable, **moments):
+    """Return the stepper of the turntable, which chooses its flows by the moments, start, values.
+    """
+    values = dict(turntable.parameters) | {"c": 0.2} | moments
+    return gs.stepper("splitting", order=4, system=turntable), (turntable.q0, turntable.p0), values
 
 
-@cache
-def dragged():
-    """The stepper of a top with drag, which chooses its flows by the moments."""
-    return gs.stepper("splitting", order=4, system=splitting_systems.SYSTEMS["drag"][0])
-
-
-def values_of(parameters):
-    """Return those parameters that the stepper of the dragged top has."""
-    return {name: parameters[name] for name in dragged().parameter_domains}
-
-
-def test_work_of_drag_has_the_order_of_the_motion():
-    step, values, errors = dragged(), values_of(DRAG), []
+def test_work_of_drag_has_the_order_of_the_motion(turntable):
+    (step, start, values), errors = with_drag(turntable, a_I2=1.0), []
     for steps in (40, 80):
-        run = step.integrate(*DRAGGED_START, dt=1 / steps, steps=steps, parameters=values)
+        run = step.integrate(*start, dt=1 / steps, steps=steps, parameters=values)
         errors.append(np.abs(run.energy_error()).max())
     assert errors[0] / errors[1] > 12
-    held = step.start(*DRAGGED_START, dt=0.025, parameters=values)
+    held = step.start(*start, dt=0.025, parameters=values)
     for _ in range(40):
         held.advance(1)
         held.parameters = dict(values)
@@ -312,12 +302,13 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control
     assert np.abs(np.array(p) - run.p[-1]).max() < 1e-14
 
 
-def test_profile_run_takes_the_steps_of_the_full_profile(tmp_path):
+def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
     """Whole runs and pieces; asymmetric, with drag and its work."""
-    system, values = splitting_systems.SYSTEMS["drag"][0], values_of(DRAG | {"I2": 1.2})
-    source = generate(Spec.checked("splitting", order=4).with_profile("run"), system=system).source
+    step, start, values = with_drag(turntable)
+    source = generate(Spec.checked("splitting", order=4).with_profile("run"), model=turntable,
+                      system=turntable.system).source
     library, name = shared_library(source, tmp_path), source.name
-    wanted = dragged().integrate(*DRAGGED_START, dt=5e-3, steps=40, parameters=values)
+    wanted = step.integrate(*start, dt=5e-3, steps=40, parameters=values)
 
     def numbers(values):
         return (ctypes.c_double * len(values))(*map(float, values))
@@ -327,12 +318,12 @@ def test_profile_run_takes_the_steps_of_the_full_profile(tmp_path):
         found.restype = ctypes.c_size_t if function == "work_size" else ctypes.c_int
         return found
 
-    parameters = numbers(values.values())
+    parameters = numbers([values[name] for name in step.parameter_domains])
     options = (ctypes.c_double * 2)()  # tolerance 0, solver AUTO
     ends, dt = [], ctypes.c_double(5e-3)
     for pieces in ((40,), (1, 20, 19)):
         work = ctypes.create_string_buffer(of("work_size")())
-        q, p = map(numbers, DRAGGED_START)
+        q, p = map(numbers, start)
         of("begin")(work, parameters, options, dt, q, p)
         for steps in pieces:
             assert of("advance")(work, ctypes.c_long(steps), q, p) == 0
@@ -340,10 +331,10 @@ def test_profile_run_takes_the_steps_of_the_full_profile(tmp_path):
         assert np.abs(np.array(q) - wanted.q[-1]).max() < 1e-14
         assert np.abs(np.array(p) - wanted.p[-1]).max() < 1e-13
     assert ends[0] == ends[1]
-    (q, p), report = map(numbers, DRAGGED_START), ctypes.create_string_buffer(512)
-    rows, done = (ctypes.c_double * 16)(), (ctypes.c_double * 4)()
+    (q, p), report = map(numbers, start), ctypes.create_string_buffer(512)
+    rows, done = (ctypes.c_double * (4 * step.n))(), (ctypes.c_double * 4)()
     assert of("integrate")(parameters, options, dt, ctypes.c_long(40), ctypes.c_long(10), q, p,
                            rows, None, None, done, report, work) == 0
     assert [*q, *p] == ends[0]
-    assert np.abs(np.array(rows).reshape(4, 4) - wanted.q[10::10]).max() < 1e-14
+    assert np.abs(np.array(rows).reshape(4, -1) - wanted.q[10::10]).max() < 1e-14
     assert np.abs(np.array(done) - wanted.work[10::10]).max() < 1e-13

@@ -12,6 +12,19 @@ CONTRACT = {
 }
 RUN = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "20"]
 FAILS = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1", "--steps", "20"]
+#: The eccentric orbit of the catalogue as a file, which so has its stepper.
+ECCENTRIC = """name = "eccentric"
+[system]
+coordinates = ["x", "y"]
+momenta = ["u", "v"]
+hamiltonian = "(u**2 + v**2)/2 - k/sqrt(x**2 + y**2)"
+time_scale = "(x**2 + y**2)**(3/4)"
+[parameters]
+k = 1
+[start]
+q = [0.4, 0]
+p = [0, 2]
+"""
 
 
 def refused(answer, *fragments, code=2):

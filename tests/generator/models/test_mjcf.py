@@ -153,15 +153,6 @@ def test_an_armature_adds_to_the_inertia(tmp_path):
     assert motion.acceleration("j_rate") == pytest.approx(wanted, rel=1e-14)
 
 
-def test_the_angle_of_a_joint_with_armature_is_its_qpos(tmp_path):
-    """The flywheel has the coordinate; the hinge has the angle of ``ref``, too."""
-    path = written(tmp_path, hinged('<geom size=".1" pos="0 0 -.3"/>',
-                                    '<joint name="j" axis="0 1 0" ref="20" armature=".7"/>'))
-    model = gs.load_model(path, angles={"j": 0.8})
-    run = gs.stepper("IMS", system=model.system).integrate(model, dt=1e-3, steps=1)
-    assert run.joint("j").angle() == pytest.approx(run.quantity("j_angle"), rel=8 * EPS)
-
-
 def test_armatures_of_balls_and_free_joints(tmp_path):
     """Of the ground's ball a on each moment; of a free body a mass a without weight, too."""
     shape = '<inertial pos="0 0 0" mass="2" diaginertia="1 2 2.5"/>'
@@ -497,7 +488,7 @@ def test_bad_starts_are_refused(tmp_path, options, said):
 
 
 TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
-             '<joint name="b" axis="0 1 0" armature=".1"/>'
+             '<joint name="b" axis="0 1 0" ref="20" armature=".1"/>'
              '<joint name="slide" type="slide" axis="1 0 0" armature="1"/>',
              after='<actuator><motor name="a" joint="slide"/><motor name="b" joint="b"/></actuator>'
                    '<keyframe><key name="k" ctrl="1 2"/></keyframe>')
@@ -506,7 +497,9 @@ TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
 def test_the_command_runs_it(tmp_path, gyrospark):
     """An actuator is an input, the keyframe a setting; what is wrong ends in one line.
 
-    Where nothing moves, for the robot hangs at rest and no input turns it, this is said.
+    The angle of a joint with armature is that of its flywheel, which has the coordinate, and of
+    its hinge with ``ref``: its qpos. Where nothing moves, for the robot hangs at rest and no input
+    turns it, this is said.
     """
     path = written(tmp_path, TWO)
     run = ("run", path, "--scheme", "IMS", "--steps", "5", "--json")
@@ -516,6 +509,7 @@ def test_the_command_runs_it(tmp_path, gyrospark):
     document, saved = done.document, gs.load(tmp_path / "run.npz")
     assert saved.joint("slide").position().shape == (6, 3)
     assert saved.joint("b").angle()[0] == pytest.approx(0.5, abs=1e-12)
+    assert saved.joint("b").angle() == pytest.approx(saved.quantity("b_angle"), rel=8 * EPS)
     assert saved.joint("b").rate()[0] == pytest.approx(2, abs=1e-12)
     assert document["parameters"]["b"] == 2
     assert document["quantities"]["b_angle"] == pytest.approx(0.5 + 2 * 5 * 0.002, rel=1e-2)
