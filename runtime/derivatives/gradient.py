@@ -353,8 +353,11 @@ def gradient_of(
     is too little, with how much is needed, and for events without derivatives; StepFailed as the
     run itself does: there is no partial gradient.
     """
+    memory_bytes = as_bytes(memory)
+    if memory_bytes is None:
+        _refuse_reversed(stepper, run)  # before derivatives are compiled
     adjoint = _AdjointRun(stepper, run, cotangents)
-    w = adjoint.advance(as_bytes(memory), end)
+    w = adjoint.advance(memory_bytes, end)
     if cotangents.size > 0:
         warn_of_growth(stepper, "On its way to the start the cotangent has",
                        float(np.linalg.norm(w.astype(float))) / cotangents.size)
@@ -549,6 +552,13 @@ def _summed_over_hold(inputs_bar: Array, hold: int) -> Array:
 # ------------------------------------------------------------------ the steps, from the last on
 
 
+def _refuse_reversed(stepper: Stepper, run: RunArguments) -> None:
+    """Refuse runs that steps of −Δt do not lead back: they do not pass through jumps, for one."""
+    refuse_together(reversed='memory = "none"', inputs=run.inputs is not None and "inputs",
+                    frame=bool(stepper.symmetries) and "a co-moving frame",
+                    impacts=bool(run.impact_steps) and "a run with impacts")
+
+
 def backwards(
     stepper: Stepper, run: RunArguments, memory: int | None, end: tuple[Array, Array] | None
 ) -> Iterator[KeptSteps]:
@@ -561,9 +571,6 @@ def backwards(
     """
     if run.steps == 0:
         return
-    # without memory the way back is steps of −Δt, which do not pass through jumps
-    refuse_together(reversed=memory is None and 'memory = "none"', impacts=bool(run.impact_steps)
-                    and "a run with impacts")
     if memory is None:
         yield from _iterate_backwards(stepper, run, end)
     elif run.impact_steps:
@@ -662,8 +669,6 @@ def _iterate_backwards(
 
     ``end`` is the state (q, p) at the end of the run, which is integrated for it if None.
     """
-    refuse_together(reversed="memory = \"none\"", inputs=run.inputs is not None and "inputs",
-                    frame=bool(stepper.symmetries) and "a co-moving frame")
     if end is None:
         trajectory = stepper._run(replace(run, every=max(run.steps, 1)))
         end = _last_state(trajectory)

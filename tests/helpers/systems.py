@@ -237,12 +237,14 @@ def _driven_pendulum() -> Case:
 
 
 def _dragged_pendulum() -> Case:
-    """Forces that are neither linear nor along the velocity."""
+    """Forces that are neither linear nor along the velocity, and quantities of every kind."""
     return _plane("dragged_pendulum", (0.6, -0.8), (0.8, 0.6),
                   {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}, (u**2 + v**2) / 2 + 9 * y,
                   x**2 + y**2 - 1, time=t,
                   forces=(-c * u + f * sp.cos(omega * t), -c * v - k * x * (x * v - y * u)),
-                  quantities={"height": y, "drive": f * sp.cos(omega * t)})
+                  quantities={"height": y, "drive": f * sp.cos(omega * t), "spin": x * v - y * u,
+                              "phase": sp.sin(k * t) * sp.exp(-x), "three": sp.Integer(3),
+                              "ratio": f / (1 + x**2 + sp.sqrt(1 + u**2)), "rates": k**2 * omega})
 
 
 def _pushed_pendulum() -> Case:

@@ -15,6 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import gyrospark as gs
+import systems
 from compilers import COMPILERS
 from gyrospark.commands.run.outputs import RunOutcome
 from gyrospark.commands.run.report import as_text, result_of
@@ -25,26 +26,14 @@ from processes import call
 from strategies import EPS
 
 x, y, u, v, t = sp.symbols("x y u v t", real=True)
-k, unused = sp.symbols("k unused", positive=True)
-QUANTITIES = {
-    "height": y,
-    "spin": x * v - y * u,
-    "phase": sp.sin(k * t) * sp.exp(-x),
-    "ratio": unused / (1 + x**2 + sp.sqrt(1 + u**2)),
-    "three": sp.Integer(3),
-    "of_parameters": k**2 * unused,
-}
-PARAMETERS = {"k": 1.3, "unused": 0.7}
-
-
-def system(name="watched", **more):
-    return gs.System((x, y), (u, v), (k, unused), (u**2 + v**2) / 2 + k * y, (x**2 + y**2 - 1,),
-                     name=name, **{"time": t, "quantities": QUANTITIES, **more})
+CASE = systems.case("dragged_pendulum")
+QUANTITIES, PARAMETERS = CASE.system.quantities, CASE.parameters
+NUMBERS = {s: PARAMETERS[str(s)] for s in CASE.system.parameters}
 
 
 @pytest.fixture(scope="module")
 def step():
-    return gs.stepper("EMS", system=system(forces=(-u * t, 0)))
+    return systems.stepper("dragged_pendulum", "EMS")
 
 
 def exact(name, values):
@@ -60,7 +49,7 @@ def test_every_quantity_at_every_stored_state(step):
     assert run.quantities == tuple(QUANTITIES)
     for row, time in enumerate(run.t.tolist()):
         values = dict(zip((x, y, u, v), [*run.q[row].tolist(), *run.p[row].tolist()], strict=True))
-        values |= {t: time, k: PARAMETERS["k"], unused: PARAMETERS["unused"]}
+        values |= {t: time} | NUMBERS
         for name in QUANTITIES:
             right = float(exact(name, values))
             assert abs(run.quantity(name)[row] - right) <= 16 * EPS * max(1, abs(right))
@@ -72,7 +61,7 @@ def test_states_of_any_size(step, numbers):
     q, p, time = numbers[:2], numbers[2:4], numbers[4]
     found = step.quantities(q, p, parameters=PARAMETERS, t=time)
     values = dict(zip((x, y, u, v, t), numbers, strict=True))
-    values |= {k: PARAMETERS["k"], unused: PARAMETERS["unused"]}
+    values |= NUMBERS
     for name, value in found.items():
         right = float(exact(name, values))
         # exp and sin lose |argument| ε; products of two numbers up to 4 add up to 32.
@@ -95,7 +84,7 @@ def test_leading_axes(step):
 
 def test_unknown_names_are_refused(step):
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=1, parameters=PARAMETERS)
-    with pytest.raises(InputError, match=r"'hight'.*height, spin"):
+    with pytest.raises(InputError, match=r"'hight'.*height, drive, spin"):
         run.quantity("hight")
     top = gs.problems.fast_top()
     plain = gs.stepper("EMS").integrate(
@@ -143,9 +132,11 @@ def test_reported_by_run(step):
 
 def test_quantities_do_not_touch_the_steps():
     """Beside one without them, a stepper with quantities has more lines, and no other ones."""
-    spec = Spec.checked("G-L", 2)
-    plain = generate(spec, system=system(quantities={}, time=None)).source
-    watched = generate(spec, system=system()).source
+    spec, unused = Spec.checked("G-L", 2), sp.Symbol("unused", positive=True)
+    plain, watched = (generate(spec, system=gs.System(
+        (x, y), (u, v), (unused,), (u**2 + v**2) / 2 + y, (x**2 + y**2 - 1,), name="watched",
+        quantities=quantities, time=time)).source for quantities, time in (
+            ({}, None), ({"ratio": unused * sp.sin(t) / (1 + x**2)}, t)))
     for without, having in ((plain.source, watched.source), (plain.header, watched.header)):
         changes = [line for line in difflib.ndiff(without.splitlines(), having.splitlines())
                    if line[0] in "-+"]
