@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,9 @@ import sympy as sp
 
 import gyrospark as gs
 from calls import refused
+from gyrospark import api
 from gyrospark.api import stepper_of
+from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import ROOT
 
@@ -60,12 +63,15 @@ def test_unusable_system_and_tableau_are_refused():
             gs.stepper(**options)
 
 
-def test_tableau_object_goes_with_any_named_system():
+def test_tableau_object_goes_with_any_named_system(monkeypatch):
     """As the named scheme does; free_body is not silently taken for heavy_top."""
     tableau = gs.tableau(ROOT / "examples" / "tableaux" / "radau_plain_2.json")
-    step = gs.stepper(tableau=tableau, system="free_body", rep="gamma")
-    assert step.name.startswith("free_body_")
-    assert set(step.parameter_domains) == {"I1", "I2", "I3", "gamma"}
+    source = generate(Spec.of_tableau("gamma", "free_body"), tableau=tableau).source
+    monkeypatch.setattr(api, "stepper_of", lambda *given, **more: given)
+    spec, system, of_object = gs.stepper(tableau=tableau, system="free_body", rep="gamma")[:3]
+    assert (spec.system, system, of_object) == ("free_body", None, tableau)
+    assert source.name.startswith("free_body_")
+    assert set(json.loads(source.manifest)["system"]["parameters"]) == {"I1", "I2", "I3", "gamma"}
 
 
 def test_unusable_tableau_request_is_refused():
