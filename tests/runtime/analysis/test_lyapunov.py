@@ -175,8 +175,8 @@ def test_the_metric_is_that_of_small_momenta(k):
 
 def test_a_state_without_a_finite_energy_is_refused():
     with pytest.raises(gs.InputError, match="not finite"):
-        gs.lyapunov(systems.differentiable("oscillator"), [1e200], [0.0], dt=0.05, steps=100,
-                    parameters={"k": 2.0})
+        gs.lyapunov(systems.differentiable("driven_oscillator"), [1e200], [0.0], dt=0.05,
+                    steps=100, parameters=systems.case("driven_oscillator").parameters)
 
 
 @pytest.mark.parametrize(("change", "word"), [
