@@ -145,9 +145,9 @@ def test_rest_at_the_start_in_the_middle_and_at_the_end(scheme, stages):
         assert 1e-15 < line.bound < 1e-12
     assert found.line("energy").holds is (None if stages else True)  # H and g are quadratic
     assert found.line("momentum maps").found == "none"
-    height = found.line("height")  # of the user
-    assert height.holds is None
-    assert height.value > 0.1
+    tension = found.line("tension")  # of the user
+    assert tension.holds is None
+    assert tension.value > 0.1
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])

@@ -336,12 +336,12 @@ def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
         assert model.rules == {"gamma": rule}
         assert "gamma" not in model.parameters
     assert document("run", path, *run, "--gamma", "m")["parameters"]["gamma"] == gs.gamma(inertia)
-    satellite = gs.models.satellite()
-    numbers = {name: x for name, x in satellite.parameters.items() if name != "a_gamma"}
-    by_rule = gs.Model(satellite.system, numbers, satellite.q0, satellite.p0, dt=satellite.dt,
-                       bodies=satellite.bodies, rules={"a_gamma": "h"})
+    tops = systems.case("double_top").system
+    numbers = {name: x for name, x in tops.parameters.items() if name != "a_gamma"}
+    by_rule = gs.Model(tops.system, numbers, tops.q0, tops.p0, dt=tops.dt, bodies=tops.bodies,
+                       rules={"a_gamma": "h"})
     assert gs.certify(by_rule, "G-L", 2, steps=10).parameters["a_gamma"] == gs.gamma(
-        satellite.bodies["a_gamma"], "h")
+        tops.bodies["a_gamma"], "h")
 
 
 def test_a_sweep_has_no_motion_to_choose_for(ruled):

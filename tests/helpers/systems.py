@@ -27,6 +27,7 @@ import mechanisms
 import rolling_systems
 import scaled_motions
 import time_lagrangians
+from processes import ROOT
 
 Array = NDArray[Any]
 
@@ -87,7 +88,7 @@ class Case:
             return frozenset({"constraints", "bodies"} | {*self.options} & {"frame"})
         system = getattr(system, "system", system)  # of a model
         present = {"constraints": system.constraints, "forces": system.forces,
-                   "time": system.time is not None, "inputs": system.inputs,
+                   "time": system.is_nonautonomous, "inputs": system.inputs,
                    "velocity_constraints": system.velocity_constraints,
                    "lagrangian": system.velocities and not system.velocity_constraints,
                    "bodies": system is not self.system, "quantities": system.quantities,
@@ -185,10 +186,11 @@ def _polar() -> Case:
 
 
 def _pendulum() -> Case:
-    """l² = x² + y², released at rest 1 rad from the lowest point."""
-    return _plane("pendulum", (np.sin(1.0), -np.cos(1.0)), (0.0, 0.0), {"g": 1.0, "l": 1.0},
-                  (u**2 + v**2) / 2 + g * y, x**2 + y**2 - length**2,
-                  quantities={"side": x, "height": y}, dt=0.05, exact=_pendulum_motion)
+    """That of examples/pendulum.toml, l² = x² + y², released at rest 1 rad from the lowest point.
+    """
+    return Case({"system": gs.load_model(ROOT / "examples" / "pendulum.toml").system},
+                (np.sin(1.0), -np.cos(1.0)), (0.0, 0.0), {"m": 1.0, "g": 1.0, "l": 1.0}, 0.05,
+                exact=_pendulum_motion)
 
 
 def _pendulum_motion(time: float) -> Array:

@@ -28,11 +28,11 @@ from stores import (
 )
 
 #: Dips below a level, what is crossed once a swing, on the way up alone, and never.
-EVENTS = [gs.Event("height", level=-1 + 1e-7, name="dip"), gs.Event("side"),
-          gs.Event("v", level=0.3, direction=1), gs.Event("side", level=5, name="never")]
+EVENTS = [gs.Event("y", level=-1 + 1e-7, name="dip"), gs.Event("angle"),
+          gs.Event("py", level=0.3, direction=1), gs.Event("angle", level=5, name="never")]
 #: Ends by a dip in step 16, and by a crossing in step 29.
-DIP = gs.Event("height", level=-1 + 1e-7, terminal=True, name="touch")
-STOP = gs.Event("side", level=-0.8, direction=-1, terminal=True, name="stop")
+DIP = gs.Event("y", level=-1 + 1e-7, terminal=True, name="touch")
+STOP = gs.Event("angle", level=-0.93, direction=-1, terminal=True, name="stop")
 
 
 def arguments(**others):
@@ -97,7 +97,7 @@ def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
         found = gs.load(out)
         part = integrate(step, **run | {"steps": found.steps_done})
         assert_same_events(found.events, part.events)
-        assert found.dataset().sizes["event_side"] == len(part.events["side"])
+        assert found.dataset().sizes["event_angle"] == len(part.events["angle"])
         seen.append(found.steps_done)
     assert seen == sorted(set(seen))
     assert seen[-1] > 17
@@ -150,16 +150,16 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
     for events, words in (
             ([], r"events .*\{.*None"),
             (EVENTS[:3], r"events\.never .*\{.*None"),
-            ([*EVENTS, STOP], r"events\.stop .*None.*\{'quantity': 'side'"),
-            ([*EVENTS[:3], gs.Event("side", level=0.1, name="never")],
+            ([*EVENTS, STOP], r"events\.stop .*None.*\{'quantity': 'angle'"),
+            ([*EVENTS[:3], gs.Event("angle", level=0.1, name="never")],
              r"events\.never\.level.*5\.0.*0\.1"),
-            ([*EVENTS[:3], gs.Event("side", level=5, direction=1, terminal=True, name="never")],
+            ([*EVENTS[:3], gs.Event("angle", level=5, direction=1, terminal=True, name="never")],
              r"never\.direction.*0.*1.*terminal")):
         with pytest.raises(gs.InputError, match="another run.*" + words):
             record(step, out=tmp_path / "run.zarr", resume=True, **run | {"events": events})
-    with pytest.raises(gs.InputError, match=r"'\.\./side'"):  # no array can have this name
+    with pytest.raises(gs.InputError, match=r"'\.\./angle'"):  # no array can have this name
         record(step, out=tmp_path / "other.zarr", **run | {
-            "events": gs.Event("side", name="../side")})
+            "events": gs.Event("angle", name="../angle")})
     assert not (tmp_path / "other.zarr").exists()
     assert as_files(tmp_path / "run.zarr") == before
 
@@ -183,22 +183,22 @@ def test_parts_of_a_stored_run(tmp_path) -> None:
     """From a state on there are the events behind it; thinned, there are all."""
     step, run = arguments(every=10)
     stored = record(step, out=tmp_path / "run.zarr", **run)
-    whole = integrate(step, **run).events["side"]
+    whole = integrate(step, **run).events["angle"]
     assert whole.steps.tolist() == [16, 50]
-    assert stored[2:].events["side"].steps.tolist() == [50]
-    assert stored[::3].events["side"].steps.tolist() == [16, 50]
+    assert stored[2:].events["angle"].steps.tolist() == [50]
+    assert stored[::3].events["angle"].steps.tolist() == [16, 50]
 
 
 def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
-    step, run = arguments(steps=9, events=gs.Event("side"))
+    step, run = arguments(steps=9, events=gs.Event("angle"))
     record(step, out=tmp_path / "run.zarr", **run)
     path = tmp_path / "run.zarr" / "zarr.json"
     sound = json.loads(path.read_text())
     for changes, words in (
             ({"events": {}}, r"events are \{\}"), ({"events": 3}, "events are 3"),
-            ({"events": {"side": -1}}, r"events\.side is -1"),
-            ({"events": {"side": 7}}, "'event_side_t'.* 7 rows"),
-            ({"status": "ended: side"}, "'ended: side'")):
+            ({"events": {"angle": -1}}, r"events\.angle is -1"),
+            ({"events": {"angle": 7}}, "'event_angle_t'.* 7 rows"),
+            ({"status": "ended: angle"}, "'ended: angle'")):
         path.write_text(json.dumps(sound | {"attributes": sound["attributes"] | changes}))
         with pytest.raises(gs.InputError, match="damaged.*" + words):
             gs.load(tmp_path / "run.zarr")
@@ -206,15 +206,15 @@ def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
 
 def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
     """Neither is a missing block NaN, nor a missing array no event."""
-    step, run = arguments(events=gs.Event("side"))
+    step, run = arguments(events=gs.Event("angle"))
     stored = record(step, out=tmp_path / "run.zarr", **run)
-    shutil.rmtree(tmp_path / "run.zarr" / "event_side_q" / "c")
+    shutil.rmtree(tmp_path / "run.zarr" / "event_angle_q" / "c")
     for use in (lambda: stored.events, lambda: stored[:],
                 lambda: stored.save(tmp_path / "run.csv")):
-        with pytest.raises(gs.InputError, match="'event_side_q'"):
+        with pytest.raises(gs.InputError, match="'event_angle_q'"):
             use()
-    shutil.rmtree(tmp_path / "run.zarr" / "event_side_q")
-    with pytest.raises(gs.InputError, match=r"'event_side_q'.*missing"):
+    shutil.rmtree(tmp_path / "run.zarr" / "event_angle_q")
+    with pytest.raises(gs.InputError, match=r"'event_angle_q'.*missing"):
         gs.load(tmp_path / "run.zarr")
 
 
@@ -258,7 +258,7 @@ def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
 
 def test_names_that_netcdf_has_not_are_refused(tmp_path):
     for name in ("a/b", "/", "nul\0"):
-        step, run = arguments(steps=20, events=[gs.Event("side", name=name)])
+        step, run = arguments(steps=20, events=[gs.Event("angle", name=name)])
         computed = integrate(step, **run)
         with pytest.raises(gs.InputError, match="NetCDF"):
             computed.save(tmp_path / "run.nc")
@@ -270,7 +270,7 @@ def test_names_that_netcdf_has_not_are_refused(tmp_path):
 def test_no_name_is_a_formula_of_spreadsheets(tmp_path):
     """Numbers, which may be negative, are as they were."""
     names = ["=1+1", "+dip", "-dip", "@SUM(A1)", "\t=1", "dip", "a-b"]
-    step, run = arguments(events=[gs.Event("side", name=name) for name in names])
+    step, run = arguments(events=[gs.Event("angle", name=name) for name in names])
     computed = integrate(step, **run)
     computed.save(tmp_path / "run.csv")
     with (tmp_path / "run.events.csv").open(encoding="utf-8", newline="") as file:

@@ -17,7 +17,7 @@ from gyrospark.runtime.analysis.unitary_frame import (
 )
 
 #: A pendulum that stands on its head, at which x'' = x.
-SADDLE = {"q": [0.0, 1.0], "p": [0.0, 0.0], "parameters": {"g": 1.0, "l": 1.0}}
+SADDLE = {"q": [0.0, 1.0], "p": [0.0, 0.0], "parameters": {"m": 1.0, "g": 1.0, "l": 1.0}}
 
 
 def test_saddle():
@@ -51,7 +51,7 @@ def test_saddle_with_a_pair_of_zeros():
 def test_small_oscillations():
     """Periods are equal, so that directions do not even grow linearly."""
     found = gs.lyapunov(systems.differentiable("pendulum"), [1e-4, -np.sqrt(1 - 1e-8)], [0.0, 0.0],
-                        dt=0.05, steps=4000, every=50, parameters={"g": 2.0, "l": 1.0})
+                        dt=0.05, steps=4000, every=50, parameters={"m": 1.0, "g": 2.0, "l": 1.0})
     assert np.abs(found.exponents).max() < 5e-3
     assert abs(found.megno) < 0.1
     assert found.symplectic_defect < 1e-13
@@ -69,7 +69,7 @@ def test_damping_contracts_volume():
 def test_regular_motion():
     """A large oscillation of a plane pendulum: 0 within errors, MEGNO 2."""
     found = gs.lyapunov(systems.differentiable("pendulum"), [np.sin(2.9), -np.cos(2.9)], [0, 0],
-                        dt=0.05, steps=8000, every=40, parameters={"g": 1.0, "l": 1.0})
+                        dt=0.05, steps=8000, every=40, parameters={"m": 1.0, "g": 1.0, "l": 1.0})
     assert np.all(np.abs(found.exponents) < 3 * found.errors)
     assert found.exponents[0] < 0.02
     assert abs(found.megno - 2) < 0.25

@@ -29,7 +29,8 @@ def test_a_constrained_motion_has_the_frequency_of_its_tangent_space():
     """A pendulum released at rest: ω² = g cos(θ)/l, here beside the lowest point."""
     step = systems.stepper("pendulum", "EMS")
     q, p = np.array([np.sin(1e-4), -np.cos(1e-4)]), np.zeros(2)
-    run = step._run_arguments(StartNumbers(q, p, {"g": 9.0, "l": 1.0}, 0.0), dt=3.0, steps=5)
+    parameters = {"m": 1.0, "g": 9.0, "l": 1.0}
+    run = step._run_arguments(StartNumbers(q, p, parameters, 0.0), dt=3.0, steps=5)
     assert fastest_frequency(step.binding, run, 2) == pytest.approx(3.0, rel=1e-5)
 
 

@@ -78,9 +78,9 @@ def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
 def test_names_of_quantities_and_columns_that_are_taken():
     run = systems.run("pendulum", systems.stepper("pendulum"), 3)
     frame = run.table()
-    assert np.array_equal(frame["height"], run.quantity("height"))
+    assert np.array_equal(frame["angle"], run.quantity("angle"))
     assert np.array_equal(frame["x"], run.q[:, 0])
-    assert "quantity_height" in run.dataset()
+    assert "quantity_angle" in run.dataset()
     with pytest.raises(gs.InputError, match=r"'pendulum'.*rigid"):
         run.table(euler="zyx")
     with pytest.raises(gs.InputError, match=r"'pendulum'.*rigid"):

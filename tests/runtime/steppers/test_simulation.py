@@ -158,16 +158,16 @@ def test_the_same_parameters_change_nothing(step):
 def test_parameters_that_the_state_is_off(gl3):
     """The length of a pendulum cannot change under way; the old value stays."""
     sim = systems.stepper("pendulum").start([0.6, -0.8], [0.8, 0.6], dt=0.01,
-                                            parameters={"l": 1, "g": 9.81})
+                                            parameters={"m": 1, "l": 1, "g": 9.81})
     with refused("constraints"):
-        sim.parameters = {"l": 1.1, "g": 9.81}
-    sim.parameters = {"l": 1, "g": 1.62}
+        sim.parameters = {"m": 1, "l": 1.1, "g": 9.81}
+    sim.parameters = {"m": 1, "l": 1, "g": 1.62}
     sim.advance(5)
-    assert sim.parameters == {"l": 1, "g": 1.62}
+    assert sim.parameters == {"m": 1, "l": 1, "g": 1.62}
     with pytest.raises(TypeError):
         sim.parameters["g"] = 3
-    for wrong, said in (({"g": 1}, "'l'"), ({"l": 1, "g": -1}, "not positive"),
-                        ({"l": 1, "g": 1, "h": 1}, "'h' is unknown")):
+    for wrong, said in (({"m": 1, "g": 1}, "'l'"), ({"m": 0, "l": 1, "g": 1}, "m = 0.*zero"),
+                        ({"m": 1, "l": 1, "g": 1, "h": 1}, "'h' is unknown")):
         with refused(said):
             sim.parameters = wrong
 
