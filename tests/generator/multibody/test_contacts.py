@@ -231,7 +231,10 @@ def test_a_row_keeps_the_impacts_and_other_runs_refuse_them(hall):
 
 
 def test_a_pendulum_between_two_stops(hall):
-    """Rates before a stop by energy, after it by e; the loss is ½ I (1 − e²) ω²."""
+    """Rates before a stop by energy, after it by e; the loss is ½ I (1 − e²) ω².
+
+    A state before an impact has the reaction before it: m (ẍ − g) along the arm.
+    """
     model, step, _ = hall
     high = thrown(model, [0, 0, 50, 1, 0, 50], [0.0] * 6)
     run = step.integrate(high, dt=1e-3, t_end=2)
@@ -241,7 +244,13 @@ def test_a_pendulum_between_two_stops(hall):
     squared = 2 * 2 * 9.81 * 0.5 * (np.cos(0.2) - np.cos(0.5)) / inertia
     lost = inertia / 2 * 0.4375 * squared * 0.5625**np.arange(2)
     assert hits.energy_lost == pytest.approx(lost, rel=1e-9)
-    assert run.joint("hinge").angle().min() > -0.2 - 1e-12
+    hinge, row = run.joint("hinge"), hits.steps[0]
+    turn, rate, force = hinge.angle(), hinge.rate(), hinge.force()
+    along = -2 * (9.81 * np.cos(turn) + 0.5 * rate**2)
+    assert abs(along[row + 1] - along[row]) > 1
+    radial = -force[:, 0] * np.sin(turn) - force[:, 2] * np.cos(turn)
+    assert np.abs(radial - along)[[row - 1, row, row + 1]].max() < 1e-5  # to dt²
+    assert turn.min() > -0.2 - 1e-12
     assert abs(run.energy_error()).max() < 1e-9
     assert scene_of(run, 100).impacts.tolist() == hits.t.tolist()
 
