@@ -51,7 +51,7 @@ NAMES = {
     "top": "time q0 q1 q2 q3 p0 p1 p2 p3 energy g_error f_error iterations multipliers0 "
            "multipliers1 multipliers2",
     "forced": "time x y u v energy g_error f_error iterations multipliers0 multipliers1 "
-              "multipliers2 work height drive",
+              "multipliers2 work height drive spin phase three ratio rates",
     "two constraints": "time x1 y1 x2 y2 px1 py1 px2 py2 energy g_error f_error iterations "
                        + " ".join(f"multipliers{i}_g{j}" for i in range(3) for j in range(2))
                        + " gap held",

@@ -127,8 +127,8 @@ def test_a_step_without_a_solution_says_so(solver):
     assert str(again) == str(end.value)
 
 
-@pytest.mark.parametrize("scheme", [
-    "IMS", pytest.param("EMS", marks=pytest.mark.slow)])  # test_discrete_switches.py has EMS
+@pytest.mark.slow  # a stepper each; test_remarks has the jumps that IMS tells
+@pytest.mark.parametrize("scheme", ["IMS", "EMS"])
 def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has(scheme):
     """V = |x|: midpoints on either side disagree; the discrete gradient is continuous.
 
