@@ -136,7 +136,7 @@ def equilibrium(
         raise InputError(f"System {system.name!r} moves where its momenta are 0, as in a turning "
                          "frame; it has no static equilibrium.")
     r, J = statics(x)
-    size, change = float(np.linalg.norm(r)), np.inf
+    size, change, rejected = float(np.linalg.norm(r)), np.inf, np.inf
     # changes are relative to the largest coordinate up to there, as equilibria may have q = 0
     extent = float(np.abs(x[:n]).max())
     J_rows, _, J_values = J
@@ -149,9 +149,13 @@ def equilibrium(
         if not np.isfinite(change):
             break
         # negative curvature: along the step the potential would have a maximum
-        if change > _LARGEST_CHANGE or (curvature < 0 and change > _ROUNDING):
+        # no τ shortens the way to g = 0: a long step that a smaller τ left as long is taken
+        is_long = change > _LARGEST_CHANGE and change < 0.9 * rejected
+        if is_long or (curvature < 0 and change > _ROUNDING):
+            rejected = change
             tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
             continue
+        rejected = np.inf
         x = np.concatenate([x[:n] - step[:n], -step[n:]])
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)

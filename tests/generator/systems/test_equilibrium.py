@@ -38,12 +38,13 @@ def test_a_hanging_chain_of_rods():
 
 
 def test_the_stable_one_of_two_is_found():
-    """A pendulum that starts a little off its upper equilibrium ends in the lower one."""
+    """A pendulum that starts a little off its upper equilibrium, or far off its circle, hangs."""
     system = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1],
                        [q[0]**2 + q[1]**2 - 1], name="pendulum")
-    found, force = equilibrium(system, {"g": 2.0}, np.array([0.1, np.sqrt(0.99)]))
-    assert np.abs(found - [0, -1]).max() <= 8 * EPS
-    assert force == pytest.approx([1.0], abs=8 * EPS)  # g + 2 λ y = 0
+    for start in ([0.1, np.sqrt(0.99)], [1.2, -1.6], [-5.0, 3.0], [0.01, 0.2]):
+        found, force = equilibrium(system, {"g": 2.0}, np.array(start))
+        assert np.abs(found - [0, -1]).max() <= 8 * EPS
+        assert force == pytest.approx([1.0], abs=8 * EPS)  # g + 2 λ y = 0
 
 
 def test_forces_without_a_potential_and_the_time():
