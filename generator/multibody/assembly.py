@@ -146,11 +146,35 @@ class Assembly:
 
     def redundancy(self, t: float) -> Redundancy:
         """Return the constraints that depend on others at the start, at time t."""
+        return find_redundant(self.components.name, self._constraints_at(t), self.q0)
+
+    def _constraints_at(self, t: float) -> NumericConstraints:
+        """Return the constraints and the velocity constraints at time t."""
         A, a = coefficients_of([e.expression for e in self.velocity_equations], self._velocities)
-        return find_redundant(self.components.name, NumericConstraints(
+        return NumericConstraints(
             self._coordinate_symbols, [e.expression for e in self.equations],
             [e.name for e in self.equations], self.store | {str(TIME): t}, A, a,
-            [e.name for e in self.velocity_equations]), self.q0)
+            [e.name for e in self.velocity_equations])
+
+    def refuse_open(self, t: float) -> None:
+        """Refuse a state at time t in which a joint of a latch is open, or holds half a turn off.
+        """
+        constraints = self._constraints_at(t)
+        # numbers that are not finite end in a refusal
+        with np.errstate(all="ignore"):
+            g = constraints.g(self.q0)
+            worst = int(np.abs(g).argmax()) if g.size else 0
+            if g.size and not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
+                raise InputError(f"{constraints.names[worst]!r} is open by {g[worst]:.3g} where "
+                                 "its latch closes; give start=run[-1] of a run that ended there.")
+        self._refuse_half_turns(self._poses_at(self.q0), "where its latch closes; give a start "
+                                "at which they are nearer to it")
+
+    def _refuse_half_turns(self, poses: Mapping[Frame, Pose], cure: str) -> None:
+        """Refuse poses in which a fixed joint holds, but half a turn off."""
+        for link in self.links:
+            if isinstance(link, Fixed):
+                link.refuse_half_turn(self.poses, poses, cure)
 
     def warn_of_sizes(self) -> None:
         """Warn of bodies whose radius of gyration is far from the lengths of the model.
@@ -438,19 +462,12 @@ class Assembly:
 
     def closed_state(self, numbers: NumericSystem) -> Projection:
         """Return the state with latches closed: p is projected onto g_q H_p = 0, a plastic impact.
-
-        Raises InputError for coordinates at which a joint of a latch is open.
         """
         # numbers that are not finite end in a refusal
         with np.errstate(all="ignore"):
-            g = numbers.g(self.q0)
-            worst = int(np.abs(g).argmax()) if g.size else 0
-            if g.size and not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
-                raise InputError(f"{numbers.names[worst]!r} is open by {g[worst]:.3g} where its "
-                                 "latch closes; give start=run[-1] of a run that ended there.")
             q = project_coordinates(numbers, self.q0)
             p = project_momenta(numbers, q, self.p0)
-        return report(numbers, (self.q0, self.p0), (q, p), (g, numbers.g(q)),
+        return report(numbers, (self.q0, self.p0), (q, p), (numbers.g(self.q0), numbers.g(q)),
                       (numbers.f(self.q0, self.p0), numbers.f(q, p)))
 
     def consistent_state(self, numbers: NumericSystem) -> Projection:
@@ -472,9 +489,8 @@ class Assembly:
                     [copy for link, copy in self.connections.items()
                      if link in self.components.placed], self.poses, q)
                 p = self._momenta_at(poses)
-            for link in self.links:
-                if isinstance(link, Fixed):
-                    link.refuse_half_turn(poses)
+            self._refuse_half_turns(poses, "where they start; start them nearer to it, by their "
+                                    "attitudes or by angles of joints")
             masses = {body: self.components.values[str(body.mass)]
                       for body in self.components.bodies}
             velocities = Velocities(

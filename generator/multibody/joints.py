@@ -544,22 +544,30 @@ class Fixed(Joint):
         yield from super().equations(poses, store)
         yield from self.turns(poses, store)
 
-    def refuse_half_turn(self, poses: Poses) -> None:
-        """Refuse a start whose closing turned b by π, where the constraints hold, too.
+    def refuse_half_turn(self, described: Poses, poses: Poses, cure: str) -> None:
+        """Refuse poses in which b is turned by π, where the constraints hold, too.
 
-        The trace of the rotation off ``relative`` is 1 + 2 cos θ: 3, or −1 after half a turn.
+        The trace of the rotation off the relative one is 1 + 2 cos θ: 3, or −1 after half a turn.
         """
-        if self.relative is not None and np.trace(
-                self.relative.T @ poses[self.a].R.T @ poses[self.b].R) < 0:
+        if np.trace(self.rotation(described).T @ self.rotation(poses, is_given=False)) < 0:
             raise InputError(f"Joint {self.name!r} fixes its bodies at a rotation of more than 90 "
-                             "degrees from where they start; start them nearer to it, by their "
-                             "attitudes or by angles of joints.")
+                             f"degrees from {cure}.")
+
+    def rotation(self, poses: Poses, is_given: bool = True) -> Array:
+        """Return R_aᵀ R_b of poses, or ``relative`` if that is given."""
+        if is_given and self.relative is not None:
+            return self.relative
+        matrix: Array = poses[self.a].R.T @ poses[self.b].R
+        return matrix
 
     def turns(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield n_k · m_k = 0, k = 1, 2, 3, with n_k the axes of a and m_k = n_{k+1} fixed in b."""
+        """Yield n_k · m_k = 0, k = 1, 2, 3, with n_k the axes of a and m_k = n_{k+1} fixed in b.
+
+        Equation k holds b against turns about n_{k+2}, normal to both, whose name it has.
+        """
         # near the relative rotation R the three gradients are the axes: independent
-        R = poses[self.a].R.T @ poses[self.b].R if self.relative is None else self.relative
-        for k, axis in enumerate("xyz"):
+        R = self.rotation(poses)
+        for k, axis in enumerate("zxy"):
             n = unit_vector(f"{self.name}_normal{k + 1}", np.eye(3)[k], store)
             m = unit_vector(f"{self.name}_mark{k + 1}", direction(R.T[:, (k + 1) % 3]), store)
             yield perpendicular(f"{self.name}: turn {axis}", self.a, n, self.b, m)

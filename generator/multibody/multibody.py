@@ -1424,12 +1424,14 @@ class Multibody:
         # a given start takes the place of the described one, before latches project its momenta
         t = 0.0 if start is None else _begin_at(assembly, start)
         assembly.warn_of_sizes()
+        if latches or start is not None:
+            assembly.refuse_open(t)
         self.redundancy = assembly.redundancy(t)
         if redundant == "refuse":
             self.redundancy.refuse('; redundant="leave out" does so')
         system, store = assembly.make_system(self.redundancy.left_out), assembly.store
         numbers = NumericSystem(system, store, t)
-        self.start = assembly.closed_state(numbers) if latches or start else (
+        self.start = assembly.closed_state(numbers) if latches or start is not None else (
             assembly.consistent_state(numbers))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         # the gaps of a latch that is closed are constraints now, and have no impacts

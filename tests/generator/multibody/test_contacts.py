@@ -370,6 +370,23 @@ def test_a_latch_closes_with_the_masses_of_the_run():
     assert closed.parameters["b_m"] == 1.0
 
 
+@pytest.mark.parametrize(("angle", "word"), [
+    (np.pi, "'dock'.*90"), (np.pi / 2, "'dock: turn x'.*open")])
+def test_a_latch_closes_on_a_fixed_joint_at_its_rotation_alone(angle, word):
+    """The sines of a fixed joint are 0 half a turn off, too; at a quarter nothing is near it."""
+    build = gs.Multibody("docking", gravity=(0, 0, 0))
+    bodies = [build.body(name, mass=1, inertia=(1, 1, 1), position=(x, 0, 0))
+              for name, x in (("a", 0), ("b", 1))]
+    build.fixed("dock", *bodies, on_a=(0.5, 0, 0), on_b=(-0.5, 0, 0))
+    build.latch("latch", *bodies, radius=0.5, close="dock")
+    model = build.model()
+    q = model.q0.copy()
+    assert build.model(closed="latch", start=model).system.m == 2 + 6
+    q[7:11] = np.cos(angle / 2), np.sin(angle / 2), 0, 0
+    with pytest.raises(InputError, match=word):
+        build.model(closed="latch", start=gs.Start(q, model.p0))
+
+
 def test_latches_are_refused():
     build = rocking_block()
     model = build.model(closed="right")
