@@ -85,7 +85,8 @@ def stepper(
         Inertia representation of the named systems and of model files.
     system : str, path, System or Model
         ``"heavy_top"`` (default), ``"free_body"``, the name of one of ``gyrospark.models``, a model
-        file (TOML), a ``gyrospark.System`` or the system of a ``gyrospark.Model``.
+        file (TOML, URDF, MJCF or SDF), a ``gyrospark.System`` or a ``gyrospark.Model``, whose
+        system it is.
     tableau : path or Tableau
         A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
     real : RealName
@@ -323,7 +324,7 @@ def tableau(
     scheme : str or path
         ``"G-L"``, ``"LIIIA-B"``, ``"Radau-L"``, or a JSON file.
     stages : int
-        Of a named scheme.
+        Of a named scheme, 3 by default.
     A, b, c : array_like of numbers or texts, shapes (s, s), (s,) and (s,)
         A Butcher tableau: decimals, fractions, or texts such as ``"1/4 - sqrt(3)/6"``; c is by
         default the row sums of A. Decimals with more than 8 digits count as rounded.

@@ -28,7 +28,7 @@ def list_entries() -> None:
 
 @cache.command()
 def clear() -> None:
-    """Remove every cached file."""
+    """Remove every finished file, and what builds of more than a day ago have left."""
     from ..runtime.compilation import build_cache as store
 
     click.echo(f"{store.clear()} files removed from {store.cache_folder()}")

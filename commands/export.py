@@ -16,11 +16,11 @@ __all__ = ["export"]
 @click.argument("store", metavar="STORE", type=click.Path(path_type=Path))
 @click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
 @click.option("--columns", metavar="NAME,...",
-              help="Of a .csv file, beside the time: headings, patterns such as 'wheel*', and "
-                   "arrays: q, p, multipliers, quantities (default: all).")
+              help="Of a .csv or .parquet file, beside the time: headings, patterns such as "
+                   "'wheel*', and arrays: q, p, multipliers, quantities (default: all).")
 @click.option("--euler", metavar="AXES",
-              help="Euler angles of every body as columns of a .csv file: ZYX and the like about "
-                   "the axes of the body, zyx about those of space.")
+              help="Euler angles of every body as columns of a .csv or .parquet file: ZYX and the "
+                   "like about the axes of the body, zyx about those of space.")
 @click.option("--degrees", is_flag=True, help="Write these angles in degrees.")
 def export(
     store: Path, target: Path, columns: str | None, euler: str | None, degrees: bool
@@ -28,9 +28,10 @@ def export(
     """Write the states of STORE (run --out NAME.zarr), finished or not, to FILE.
 
     \b
-    gyrospark export night.zarr night.nc     NetCDF-4, for xarray, MATLAB, R
-    gyrospark export night.zarr night.csv    a column a number
-    gyrospark export night.zarr night.npz    for gyrospark.load
+    gyrospark export night.zarr night.nc       NetCDF-4, for xarray, MATLAB, R
+    gyrospark export night.zarr night.csv      a column a number
+    gyrospark export night.zarr night.parquet  the columns of .csv, for data frames
+    gyrospark export night.zarr night.npz      for gyrospark.load
     gyrospark export night.zarr night.csv --euler ZYX --degrees
     gyrospark export night.zarr night.csv --columns "energy,wheel*"
     """

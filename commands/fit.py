@@ -35,8 +35,8 @@ __all__ = ["fit"]
 @click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
 @method_options
 @click.option("--observe", metavar="NAME,...", default="attitude", show_default=True,
-              help="What is measured: attitude (of all bodies), 'upper attitude' (of one), q, p, "
-                   "or names of coordinates and momenta.")
+              help="What is measured: attitude (of all bodies), 'upper attitude' (of one), "
+                   "angular_velocity, q, p, or names of coordinates and momenta.")
 @click.option("--free", metavar="NAME,...",
               help="What is fitted: parameters, and start (default: all, without γ and α).")
 @click.option("--fixed", metavar="NAME,...", help="What is not fitted.")
@@ -59,13 +59,14 @@ def fit(
     dtau: str | None, sigma: str | None, settings: tuple[str, ...], as_json: bool, **choice: Any,
 ) -> int:
     """Fit parameters and the start of PROBLEM to measured data: one of the paper's problems,
-    (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml), whose values are the first
-    guess.
+    (PROBLEMS); one of gs.models, (MODELS); or a model file (.toml, .urdf, .xml, .sdf), whose
+    values are the first guess.
 
     The first line of DATA.csv names its columns: time, and those of what is measured, as
     the CSV file of a run has them; of an attitude the four coordinates of its quaternion,
-    scalar first. Other columns are ignored. Combinations of parameters that the data do not
-    determine are named. Exit code 1 if the fit has not converged.
+    scalar first; of an angular velocity NAME_omega1 to NAME_omega3, rad/s in body axes.
+    Other columns are ignored. Combinations of parameters that the data do not determine are
+    named. Exit code 1 if the fit has not converged.
 
     \b
     gyrospark run examples/damped_top.toml --dt 5e-3 --steps 240 --every 4 --out seen.csv

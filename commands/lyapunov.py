@@ -48,8 +48,9 @@ def lyapunov(
     count: str | None, settings: tuple[str, ...], plot: Path | None, as_json: bool, **choice: Any,
 ) -> int:
     """Compute the Lyapunov exponents of PROBLEM: one of the paper's, (PROBLEMS); one of gs.models,
-    (MODELS); or a model file (.toml). Statistical errors, MEGNO (2 where a motion is regular, λ t/2
-    where it is chaotic) and the largest finite-time exponent are reported beside them.
+    (MODELS); or a model file (.toml, .urdf, .xml, .sdf). Statistical errors, MEGNO (2 where a
+    motion is regular, λ t/2 where it is chaotic) and the largest finite-time exponent are reported
+    beside them.
 
     \b
     gyrospark lyapunov examples/double_pendulum.toml --dt 0.01 --t-end 60 --plot exponents.png

@@ -42,7 +42,8 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of ``gs.stepper`` but --frame."""
     return method_options(click.option(
         "--system", metavar="NAME or FILE", shell_complete=completing([*SYSTEMS, *MODELS]),
-        help=f"{', '.join(SYSTEMS)}, one of gs.models, or a model file (TOML); default: "
+        help=f"{', '.join(SYSTEMS)}, one of gs.models, or a model file (.toml, .urdf, "
+             f".xml, .sdf); default: "
              f"{next(iter(SYSTEMS))}.")(function))
 
 

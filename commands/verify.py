@@ -44,8 +44,8 @@ SPLITTING = "splitting"
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("target", required=False, metavar="[NAME or FILE]")
 @click.option("--model", metavar="PROBLEM or FILE",
-              help="Check what a run of this model keeps: a problem such as fast-top, or a TOML "
-                   "file.")
+              help="Check what a run of this model keeps: a problem such as fast-top, one of "
+                   "gs.models, or a model file.")
 @stepper_options
 @frame_option
 @click.option("--dt", metavar="DT", help="With --model: time step in seconds (default: its own).")

@@ -71,8 +71,8 @@ def build(
         What is written, a key of ``gyrospark.targets.TARGETS``: ``"cpp"``, …; ``gyrospark build
         --list`` says what each is.
     system : str, path, Problem, Model or System
-        A problem (``"fast-top"``), the name of one of ``gyrospark.models``, a model file (TOML or
-        URDF), or an object that they make. A System has no numbers: give ``start``,
+        A problem (``"fast-top"``), the name of one of ``gyrospark.models``, a model file (TOML,
+        URDF, MJCF or SDF), or an object that they make. A System has no numbers: give ``start``,
         ``parameters`` and ``dt``.
     scheme, stages, rep, order, composition, real
         As for ``stepper``; G-L with 3 stages where no scheme is named. A target that takes several

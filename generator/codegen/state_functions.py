@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from ...core.arguments import few
+from ...core.errors import InputError
 from ..kernels.kernel import Constants, EmittedKernel, Target, emit_kernel
 from ..kernels.statements import Kernel
 from ..schemes.start_kernels import StartKernels, energy_kernel
@@ -25,10 +27,20 @@ def state_functions(derived: Derived) -> StateFunctions | None:
 
 
 def quantity_kernel(derived: Derived) -> EmittedKernel | None:
-    """Return the kernel of the user's quantities, functions of t, q and p; None without any."""
+    """Return the kernel of the user's quantities, functions of t, q and p; None without any.
+
+    Raises InputError for one with velocities of a Lagrangian, which this C has not solved for.
+    """
     system = derived.system
     if not system.quantities:
         return None
+    velocities = {*system.velocities} - {*system.parameters}
+    for name, expression in system.quantities.items():
+        if used := expression.free_symbols & velocities:
+            raise InputError(
+                f"Quantity {name!r} of system {system.name!r} contains the velocity "
+                f"{min(map(str, used))!r}; write it in q and p, {few(system.p)}, take "
+                "the system of system.legendre(), or compute it from run.velocities.")
     time = {} if system.time is None else {"t": [system.time]}
     return _emit(Kernel("quantities", "What the user asked for of a state",
                         {**time, "q": list(system.q), "p": list(system.p)},

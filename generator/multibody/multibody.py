@@ -924,7 +924,7 @@ class Multibody:
         a, b : Body, ``ground``, or a name
         joints : iterable of mappings
             From a to b: ``name``, of which motors and springs and ``angle`` or ``travel`` know it;
-            ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``point``, a point
+            ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``at``, a point
             of the axis of a hinge in space at the start; ``angle`` and ``rate`` of a hinge, or
             ``travel`` and ``speed`` of a slide, at the start, one of which makes it a hinge or a
             slide; angles and travels move the bodies beyond, as those of ``revolute`` do.
@@ -932,7 +932,8 @@ class Multibody:
         Raises
         ------
         InputError
-            For a joint without a name, an axis or an inertia, and keys that it has not.
+            For a joint without a name, an axis or an inertia, keys that it has not, and more than 6
+            joints.
         """
         frame_a, frame_b = self._components.frames(name, a, b)
         links = [self._chain_link(name, frame_a, joint) for joint in as_items(

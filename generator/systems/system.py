@@ -20,7 +20,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import sympy as sp
 
@@ -415,16 +415,55 @@ class System:
     def from_lagrangian(
         L: sp.Expr, q: Sequence[sp.Symbol], velocities: Sequence[sp.Symbol],
         parameters: Sequence[sp.Symbol], constraints: Sequence[sp.Expr] = (),
-        forces: Sequence[sp.Expr] | None = None, time: sp.Symbol | None = None, **named: Any,
+        forces: Sequence[sp.Expr] | None = None, time: sp.Symbol | None = None, *,
+        name: str = "system", constraint_names: Sequence[str] = (),
+        inputs: Sequence[sp.Symbol] = (), quantities: Mapping[str, sp.Expr] | None = None,
+        placed: Mapping[str, Mapping[str, Sequence[str]]] | None = None,
+        velocity_constraints: Sequence[sp.Expr] = (),
+        velocity_constraint_names: Sequence[str] = (),
     ) -> System:
-        """Return the system of L(q, v, t) and forces F(q, v, t), as ``LagrangianSystem`` is made.
+        """Return the system of a Lagrangian L = ½ vᵀM(q, t)v + b(q, t)ᵀv − V(q, t).
 
-        The other arguments have names: ``name``, ``constraint_names``, ``inputs``, ``quantities``,
-        ``placed``, ``velocity_constraints`` and ``velocity_constraint_names``.
+            p = L_v = M v + b,   d/dt L_v = L_q + F − g_qᵀλ − Aᵀμ
+
+        M is factorised numerically in every step and never inverted in symbols.
+
+        Parameters
+        ----------
+        L : Expr
+            L(q, v, t; parameters) in J.
+        q, velocities : sequence of Symbol
+            Coordinates and the symbols v of their rates, n of each. Momenta have the names p_….
+        parameters : sequence of Symbol
+            Every other symbol but ``time`` and ``inputs``.
+        constraints : sequence of Expr
+            g(q, t; parameters), m expressions.
+        forces : sequence of Expr, optional
+            Generalised forces F(q, v, t; parameters, inputs), n of them.
+        time : Symbol, optional
+            The symbol of t in L, constraints, forces and quantities.
+        name, constraint_names, inputs, quantities
+            As of ``System``; steppers take quantities in momenta alone, and in
+            velocities of ``system.legendre()``.
+        placed : mapping, optional
+            Name of a body → ``x`` and ``axes``: names of the quantities that are the place of its
+            centre of mass, and of its first two axes in space, none for a particle.
+        velocity_constraints, velocity_constraint_names
+            As of ``System``: A(q, t) v + a(q, t) = 0.
+
+        Raises
+        ------
+        InputError
+            For an L that is not quadratic in the velocities, a singular M, with the velocities
+            that have no mass, another number of velocities than of coordinates, and as ``System``.
         """
         from .lagrangian import from_lagrangian
 
-        return from_lagrangian(L, q, velocities, parameters, constraints, forces, time, **named)
+        return from_lagrangian(
+            L, q, velocities, parameters, constraints, forces, time, name=name,
+            constraint_names=constraint_names, inputs=inputs, quantities=quantities, placed=placed,
+            velocity_constraints=velocity_constraints,
+            velocity_constraint_names=velocity_constraint_names)
 
     def with_row_integrals(self) -> System:
         """Return the system with integrable velocity constraints as constraints on positions.

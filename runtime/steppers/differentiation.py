@@ -426,7 +426,8 @@ class Differentiation(Evaluation):
     ) -> Hessian:
         """Return the second derivatives of a function of a run, exact as its gradient is.
 
-        Each column is the derivative of the adjoint along a direction: about three gradients.
+        Each column is the derivative of the adjoint along a direction; docs/derivatives.md has its
+        cost.
 
         Parameters
         ----------

@@ -330,8 +330,9 @@ class Evaluation:
         if self.binding.clocked and not scaled:
             raise InputError(
                 f"{self.name} takes steps of the scaled time τ: integrate, with tangents and "
-                "gradients, integrate_ensemble and start have dtau in place of dt; for all else "
-                "take a stepper of the system without time_scale.")
+                "gradients, integrate_ensemble, start, section, fit, tune, certify and sweep have "
+                "dtau in place of dt; for all else take a stepper of the system without "
+                "time_scale.")
         return as_step(dt, self.binding.number, "dtau" if self.binding.clocked else "dt")
 
     def _parameters(self, parameters: Mapping[str, Number], t: Number = 0.0) -> Any:

@@ -470,42 +470,73 @@ class Stepper(Dynamics):
     ) -> Ensemble:
         """Integrate many trajectories: from several starts, or from rows of q and p.
 
-        ``starts`` is a list of starts; one start for all, with a column in its parameters, its
-        times, or in ``parameters``, or with rows of q and p; or an array q and after it p, with a
-        row for each trajectory. ``dt`` and each parameter are one number for all, or one for each
-        trajectory; a list of dicts does as well. ``parameters`` win over those of the starts.
-        ``dtau`` takes the place of ``dt`` in scaled time, where rows of equal number are at equal τ
-        and ``t`` differs. ``inputs`` are those of ``integrate`` for all, or have a leading axis:
-        (trajectories, steps) by name, or an array (trajectories, steps, inputs). ``t_end`` is the
-        time of the last state of all trajectories, which must have equal numbers of steps; in
-        scaled time the numbers differ, and arrays are NaN after the end of a trajectory.
+        With solvers ``auto`` and ``fixed-point`` they run side by side in the lanes of a vector
+        register, in batches on threads. The bits of a trajectory do not depend on the others; they
+        may differ by round-off from those of ``integrate``, which puts the stages of one step into
+        lanes. The code of these lanes is compiled by the first call that needs it, and cached. With
+        impacts, and with ``t_end`` in scaled time, each trajectory is integrated by itself, with
+        the bits of ``integrate``.
 
-        A trajectory that fails is NaN from its failed step on and has its reason in
-        ``Ensemble.failures``; the others are not touched.
+        Parameters
+        ----------
+        starts : list of starts, Start, or array_like of shape (N, n)
+            N starts; or one start, with a column of N numbers among its parameters, its times or
+            in ``parameters``, or with q and p of shape (N, n); or rows of q, followed by p.
+        p : array_like, shape (N, n), optional
+            The momenta, where the first argument is q.
+        dt : float or array_like, shape (N,), optional
+            Time step in s, one for all or one for each; by default that of a model.
+        dtau : float or array_like, shape (N,), optional
+            In place of ``dt``, in scaled time: rows of equal number are at equal τ, and ``t``
+            differs.
+        t_end : float, optional
+            Time of the last state of all trajectories, in s, which may lie between two steps; the
+            numbers of whole steps must be equal. In scaled time they differ, and arrays are NaN
+            after the end of a trajectory. With impacts it is the end of a whole step.
+        steps : int, optional
+            Number of steps, 0 or more, in place of ``t_end``; by default that of a model.
+        parameters : mapping, or sequence of N mappings, optional
+            Values that win over those of the starts, each one number for all or N numbers.
+        inputs : mapping or array_like, optional
+            Those of ``integrate`` for all, or with a leading axis: shape (N, steps) by name, or an
+            array (N, steps, inputs).
+        every : int
+            Store every so many steps, and the last.
+        events : Event or Impact, or a list of either, optional
+            As of ``integrate``, in each trajectory; by default those of the model of the starts,
+            ``()`` for none. Terminal events are refused.
+        tangents : Tangents, optional
+            Directions of each trajectory: ``Ensemble.tangents[i]`` has the bits of ``integrate``.
+            Not with impacts.
+        solver : {"auto", "newton", "fixed-point"} or Solver
+            As of ``integrate``.
+        workers : int, optional
+            Threads, 1 or more; by default one for each core.
+        device : {"cpu", "cuda"}, optional
+            "cuda": each trajectory is a thread of an NVIDIA card, with the bits of profile control;
+            docs/cuda.md has what a card refuses. By default arrays on a card are integrated there,
+            and all others on the CPU.
+        progress : callable or bool, optional
+            As of ``integrate``; a function is called with the steps of all trajectories together.
 
-        With solvers ``auto`` and ``fixed-point`` trajectories run side by side in the lanes of a
-        vector register, batches of them on ``workers`` threads (default: all cores). What a
-        trajectory gives does not depend on its neighbours; it may differ by round-off from
-        ``integrate``, which puts the stages of one step into lanes.
+        Returns
+        -------
+        Ensemble
+            Arrays with the leading axis N, and each trajectory in ``members``; of arrays on a card
+            a ``DeviceEnsemble`` of arrays of their library. A trajectory whose step fails is NaN
+            from there on and has its reason in ``failures``; the others are not touched.
 
-        ``events`` are found in each trajectory, as ``integrate`` does; terminal ones are refused,
-        also those of a model, which ``events=()`` leaves out. With impacts each trajectory is
-        integrated by itself, with the bits of ``integrate``.
-
-        ``tangents`` are computed along each trajectory, on the same threads, with the bits of
-        ``integrate``: ``Ensemble.tangents[i]``, and ``.tangents`` of each member.
-
-        The code of these lanes is compiled by the first call that needs it, and kept as the
-        stepper is; without a compiler that call raises ``CompilerError``.
-
-        With ``device="cuda"`` each trajectory is a thread of an NVIDIA card, with the bits of
-        profile control; arrays that lie on a card run there by themselves, and a
-        ``DeviceEnsemble`` of arrays of their library comes back. See docs/cuda.md for what a card
-        does not have.
-
-        ``progress`` is that of ``integrate``, with the steps of all trajectories together.
-
-        Ctrl-C raises ``Stopped``, a ``KeyboardInterrupt`` that carries what is computed until then.
+        Raises
+        ------
+        InputError
+            For unusable arguments, among them columns of different lengths, starts with different
+            events or impacts, and unequal numbers of steps.
+        CompilerError
+            If the code of the lanes is not compiled yet and there is no compiler.
+        MissingDependencyError
+            For ``device="cuda"`` without its packages.
+        Stopped
+            After Ctrl-C, as a ``KeyboardInterrupt`` that carries what is computed until then.
         """
         from .ensemble import EnsembleEnd, integrate_members
 

@@ -73,6 +73,11 @@ def test_the_hamiltonian_written_out_has_inputs_and_quantities():
     assert other.forces[0].equals(u - p / k)
 
 
+def test_a_quantity_of_velocities_has_no_c():
+    with refused("'speed'.*'vx'.*legendre"):
+        gs.stepper("G-L", 2, system=lagrangian(quantities={"speed": VX}))
+
+
 @pytest.mark.slow  # a second stepper; test_lagrangian_time.py has closed forms
 def test_motion_is_that_of_the_hamiltonian_written_out():
     """M⁻¹ in symbols gives the same states: what differs is the rounding of a hundred steps.
