@@ -31,16 +31,6 @@ def test_saved_is_loaded_bit_for_bit(saved):
     assert [p.name for p in path.parent.iterdir()] == ["top.npz"]
 
 
-@pytest.mark.slow  # a stepper; results of other types are saved in test_faces.py
-def test_other_types_are_saved_too(tmp_path):
-    step = systems.stepper("heavy_top", real="long-double")
-    q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
-    made = step.integrate(q, p, steps=5, **RUN)
-    again = gs.load(made.save(tmp_path / "top.npz"))
-    assert equal(made, again)
-    assert again.q.dtype == made.q.dtype == step.binding.dtype
-
-
 def test_failed_trajectory_is_saved_too(failures, tmp_path):
     for _, _, failure in failures:
         path = failure.trajectory.save(tmp_path / "part.npz")

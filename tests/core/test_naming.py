@@ -12,7 +12,6 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from gyrospark.commands.verify import _model as model_of_verify
 from gyrospark.commands.verify import spec_of_name
 from gyrospark.core import arguments
 from gyrospark.core.inertia import REPS, RepName
@@ -112,12 +111,6 @@ def test_names_are_taken_with_either_sign():
 def test_an_example_that_is_a_file_is_proposed_as_one(refuse, name, meant):
     with pytest.raises(gs.InputError, match=re.escape(f"{meant}?")):
         refuse(name)
-
-
-@pytest.mark.slow  # a certificate; test_verify_accuracy.py has one of the command
-def test_a_named_system_has_a_certificate():
-    made = model_of_verify("free-body", None)
-    assert gs.certify(made, "IMS", dt=0.01, steps=2).model == "free-body"
 
 
 def test_a_system_in_no_registry_is_refused():

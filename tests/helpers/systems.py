@@ -387,6 +387,13 @@ def _swing() -> Case:
     return _plane("swing", (0.3,), (0.0,), {}, u**2 / 2 + 9 * (1 - sp.cos(x)), dt=0.01)
 
 
+def _logarithm() -> Case:
+    """A motion that goes on at x < 0, where H is no number; its parameter is named as the step."""
+    strength = sp.Symbol("dt", real=True)
+    return _plane("logarithm", (1.0,), (0.0,), {"dt": 1.0}, u**2 / 2 + strength * sp.log(x),
+                  order=(strength,), dt=0.01)
+
+
 def _tilted() -> Case:
     """A pendulum by its angle, in a field that leans, with a stop at −½."""
     return _plane("tilted", (2.9,), (0.0,), {}, u**2 / 2 - sp.sin(x) - sp.cos(x) / 2, dt=0.02,
@@ -471,7 +478,7 @@ def _very_eccentric() -> Case:
 #: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
     "arm": _arm, "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
-    "swing": _swing, "tied": _tied, "tilted": _tilted,
+    "logarithm": _logarithm, "swing": _swing, "tied": _tied, "tilted": _tilted,
     "very_eccentric": _very_eccentric}
 
 
