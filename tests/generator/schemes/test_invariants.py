@@ -58,9 +58,7 @@ def run_for(step, case, steps, **more):
 # ---------------------------------------------------------------- constraints
 
 
-@pytest.mark.parametrize("spec", [
-    pytest.param(spec, marks=[pytest.mark.slow] * (spec == Spec("IMS", rep="alpha")))  # as IMS-γ
-    for spec in MEAN_SPECS], ids=identify)
+@pytest.mark.parametrize("spec", MEAN_SPECS, ids=identify)
 def test_constraints_of_ims_and_ems(spec):
     """All keep the length. EMS-α keeps |qᵀp|; that of the others oscillates at O(Δt²).
 
