@@ -247,6 +247,13 @@ class Differentiation(Evaluation):
         ``back(wq, wp)`` is a ``Gradient``: the transposed derivative of the step applied to
         (wq, wp). ``back(wq, wp, multipliers)`` has the cotangent of the step's multipliers in
         addition, in their shape. ``wrt`` is as of ``gradient``; the others are as of ``step``.
+
+        Raises
+        ------
+        InputError
+            For an unusable or inconsistent start, unknown names, cotangents of another shape.
+        StepFailed
+            As the step does.
         """
         from ..derivatives.gradient import Gradient, names_of
         from ..derivatives.kept_steps import multiplier_shape
@@ -515,13 +522,26 @@ class Differentiation(Evaluation):
         loss : callable
             A function of the trajectory that returns its value and cotangents, as of ``gradient``.
         start, p, dt, t_end, steps, parameters, inputs, every, t_eval, events, solver
-            As of ``integrate``: what x does not replace. With "start" in ``wrt`` the first
-            2 (n − m) numbers are y in z = consistent(z0 + B y), where B is the basis at (q, p). The
+            As of ``integrate``: what x does not replace. The part "start" of x has 2 (n − m)
+            numbers y in z = consistent(z0 + B y), where B is the basis at (q, p). The
             derivative of consistent is a difference of fourth order where it moves a state.
             γ and α that are left out are the means of the moments at the start, for every x.
         wrt : sequence of str
-            What x is made of, in this order: "start", "inputs" (all rows, row by row), parameters,
-            "dt", "t0".
+            The parts of x in their order, among "start", "inputs" (all rows, row by row),
+            parameters, "dt", "t0".
+
+        Returns
+        -------
+        callable
+            f(x) → (loss, gradient), x and gradient of shape (N,): a run, and its adjoint.
+
+        Raises
+        ------
+        InputError
+            For unknown names, with the nearest, and what ``integrate`` refuses; from f for an x of
+            another length, and a loss that returns no value and cotangents.
+        StepFailed
+            From f, when a step finds no solution.
         """
         from ..derivatives.gradient import names_of
         from ..derivatives.value_and_gradient import Objective

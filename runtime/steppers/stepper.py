@@ -166,6 +166,14 @@ class Stepper(Dynamics):
         If a call starts at the state that the last call in this thread returned (where the system
         depends on time, one ``dt`` later), with the other arguments unchanged, the solver's memory
         persists: a loop of calls gives the bits of ``integrate``, and costs as few iterations.
+
+        Raises
+        ------
+        InputError
+            For unusable arguments and an inconsistent start; in scaled time, and for a start with
+            impacts, which single steps do not take.
+        StepFailed
+            When the step finds no solution.
         """
         state = merged_start(self, start, p, parameters)
         q, p, t0 = state.q, state.p, state.t
