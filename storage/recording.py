@@ -170,11 +170,9 @@ class Recording(Trajectory):
     def __getitem__(self, row: Any) -> Any:
         """Return a state as a start, or a run of some states in memory; see ``Trajectory``."""
         self._refuse_unless_begun()
-        if isinstance(row, slice):
-            return super().__getitem__(row)
         try:
             index = range(self.states)[operator.index(row)]
-        except TypeError:
+        except (TypeError, IndexError):  # a slice, or what a run in memory refuses in a sentence
             return super().__getitem__(row)
         return self._in_memory(range(index, index + 1))[0]
 

@@ -64,6 +64,16 @@ def test_attributes(opened, gl3):
     json.dumps(about, allow_nan=False)  # any reader of JSON can take it
 
 
+@pytest.mark.parametrize(("row", "error"), [
+    ("q0", gs.InputError), (1.5, gs.InputError), (8, IndexError), (-9, IndexError)])
+def test_what_is_no_row_is_refused(opened, tmp_path, row, error):
+    """Of a store as of a run in memory."""
+    recording = gs.load(tmp_path / "run.zarr")
+    for run in (recording, recording[:]):
+        with pytest.raises(error, match=rf"run\[{row!r}\]"):
+            run[row]
+
+
 def test_rows_to_come(gl3, tmp_path, monkeypatch):
     """The array has its length from the start; what is not computed yet is NaN, or 0."""
     small_blocks(monkeypatch, 4)

@@ -21,7 +21,7 @@ from gyrospark.studies.body_frame import BodyFrameTop, motion
 from gyrospark.studies.case_runner import Engine
 from gyrospark.studies.energy_law import energy_law, node_numbers
 from gyrospark.studies.equivalence import gradients_claim, nodes_claim, stages_claim
-from gyrospark.studies.gamma_auto import LONGER, energy_claim, longer_claim
+from gyrospark.studies.gamma_auto import LONGER, energy_claim, gain_claim, longer_claim
 from gyrospark.studies.gamma_trials import BODIES
 from gyrospark.studies.one_step import energy_error
 from gyrospark.studies.power_series import PowerSeries
@@ -52,6 +52,19 @@ def test_claims_on_the_energy_hold_for_gains_of_their_runs(claim: Any, times: in
     assert claim(BODIES[0], [good, other]).holds
     bad = trial("G-L", **{"short": 3.0, "long": 3.0, "short" if times == 1 else "long": 0.9})
     assert not claim(BODIES[0], [good, bad]).holds
+
+
+def test_gains_are_those_at_the_second_time() -> None:
+    """Their median decides; a trial that has lost the motion counts for nothing."""
+    times = (1.0, 10.0, 100.0)
+
+    def trial(gain: float) -> Any:
+        of = {times[0]: 1 / gain, times[1]: gain, times[2]: 1 / gain}
+        return SimpleNamespace(gain=lambda rule="γ_m", times=times: of[times[-1]],
+                               gamma=lambda: 2.0, rule=lambda name: 1.0)
+
+    assert gain_claim([trial(1.2), trial(1.1), trial(math.nan), trial(0.9)], times).holds
+    assert not gain_claim([trial(1.2), trial(0.9), trial(math.nan), trial(0.8)], times).holds
 
 
 @every_finding

@@ -202,6 +202,14 @@ def test_cells_of_table_8(monkeypatch):
     assert len(table_8(Engine(short=True)).cells) == 12 + 2 * 48
 
 
+@pytest.mark.parametrize(("printed", "step", "verdict"), [
+    ("0.010", 0.0104, "agrees"), ("0.010", 0.0106, "differs"), ("0.010", 0.0, "differs"),
+    ("divergent", 0.0, "agrees"), ("divergent", 0.01, "differs"),
+    ("0.2", 0.2, "differs")])  # the search ends there
+def test_verdicts_of_table_8(printed, step, verdict):
+    assert robustness._cell("G-L", "2", printed, step, inexact=False).verdict == verdict
+
+
 def claim(table, words):
     return next(c for c in table.claims if words in c.statement)
 
