@@ -110,6 +110,16 @@ def test_ems_on_the_fast_top():
     assert found.line(FIGURE).value > 1e-9
 
 
+def test_ems_in_a_frame_that_turns_with_the_top():
+    """Compiled H is the model's, without rates; H − Σ ω_i J_i is kept, and not each J_i."""
+    found = gs.certify(TOP, "EMS", frame="symmetries", steps=20)
+    assert found.holds
+    assert found.line("compiled").holds is True
+    assert found.parameters["omega_body"] > 100
+    assert found.line("energy H").holds is None
+    assert found.line("energy in the frame").holds is True
+
+
 @pytest.mark.slow  # a derivation; the command line certifies IMS
 def test_ims_on_the_fast_top():
     found = gs.certify(TOP, "IMS")

@@ -11,6 +11,7 @@ import sympy as sp
 
 import gyrospark as gs
 from gyrospark.certificates import splitting_proofs as proofs
+from gyrospark.certificates.guarantees import SplittingGuarantees
 from gyrospark.generator.multibody.body import Body
 from gyrospark.generator.multibody.rigid_body import heavy_top, p, q
 from gyrospark.generator.splitting.decomposition import split
@@ -123,6 +124,11 @@ def test_invariants():
     assert [name for name, _ in proofs.invariants(asymmetric)] == ["angular momentum about e3"]
     assert not proofs.invariants(split(SYSTEMS["drag"][0]))
     assert not proofs.is_invariant(top, q[0] * p[1])
+    # a certificate has the parts of the moments of inertia that it is given
+    for I2, kept in ((2, 2), (3, 1)):
+        numbers = {x: sp.Integer(I2 if x.name == "I2" else 2) for x in top.system.parameters}
+        parts = SplittingGuarantees(top.system, numbers, 2).splitting
+        assert len(list(proofs.invariants(parts))) == kept
 
 
 def test_the_space_torque_is_the_rate_of_angular_momentum():

@@ -259,6 +259,16 @@ def test_work_of_drag_has_the_order_of_the_motion(turntable):
     assert held.report.energy_error_max < 2 * errors[0]
 
 
+def test_derivatives_by_the_drag_of_a_body(turntable):
+    """Without a spring, in axes at rest |m| ∝ exp(−c t): d(|p|²/2)/dc = −t |p|²."""
+    step, start, values = with_drag(turntable, k=0.0, w0=0.0, w1=0.0, w2=0.0)
+    run = step.integrate(*start, dt=5e-3, steps=4, parameters=values,
+                         tangents=gs.Tangents(start=None, parameters=["c"]))
+    body, tangent = run.p[-1] * (np.arange(step.n) < 4), run.tangents.p[-1]
+    adjoint = step.gradient(run, {"q": 0 * body, "p": body}, wrt=["c"]).vector()
+    assert [*adjoint, *body @ tangent] == pytest.approx([-run.t[-1] * body @ body] * 2, rel=1e-13)
+
+
 def test_means_of_the_report_are_below_maxima():
     step = gs.stepper("splitting", order=4)
     for steps in (5, 16, 32, 63, 100):

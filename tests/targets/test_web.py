@@ -80,6 +80,13 @@ def test_sliders_leave_out_what_the_start_depends_on(text_alone, tmp_path):
         f"{body}_omega_{axis}" for body in "ab" for axis in "xyz"]
 
 
+def test_a_playground_is_the_page_of_build(text_alone, tmp_path):
+    view = gs.playground(SATELLITE["system"], scheme="IMS")
+    page = build("web", SATELLITE["system"], scheme="IMS", out=tmp_path / "page.html").path
+    assert view.page == page.read_text(encoding="utf-8")
+    assert "satellite" in repr(view)
+
+
 def test_text_of_a_model_stays_text(text_alone, tmp_path):
     model = tmp_path / "model.toml"
     text = SATELLITE["system"].read_text(encoding="utf-8")
