@@ -118,6 +118,16 @@ def test_tangents_against_differences_in_50_digits(case):
     assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
 
 
+@pytest.mark.parametrize("values", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
+def test_a_type_without_lanes_has_the_derivatives_of_doubles(values):
+    dq, dp = np.random.default_rng(2).normal(size=(2, 4))
+    doubles, wide = (np.concatenate([np.asarray(x, float) for x in step.jvp(
+        *step.project(TOP.q0, TOP.p0, parameters=values), dq, dp, dt=2e-3, parameters=values,
+        project=True)]) for step in (
+            splitting(), gs.stepper("splitting", order=4, real="float128")))
+    assert np.abs(doubles - wide).max() <= 1e-13 * np.abs(wide).max()
+
+
 def test_runs_backwards_from_checkpoints_and_in_reverse():
     run = splitting().integrate(TOP.q0, TOP.p0, dt=2e-3, steps=200, parameters=ASYMMETRIC, every=10)
     cotangents = {"q": run.q, "p": 3 * run.q}

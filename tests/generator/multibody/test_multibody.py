@@ -186,7 +186,7 @@ def test_rod_keeps_the_distance_of_the_start():
     (lambda b, x: b.force(x, (1, 2)), "2 components"),
     (lambda b, x: b.potential("x**2"), "SymPy"),
     (lambda b, x: b.potential(sp.Symbol("u")) or b.model(), "'u'.*no value"),
-    (lambda b, x: b.input("idle") and b.model(), "'idle'.*in no force"),
+    (lambda b, x: b.input("idle") and b.model(), "'idle'.*force"),
     (lambda b, x: b.model(without=["j: x"]), "no constraint 'j: x'"),
 ])
 def test_errors_name_value_and_cure(wrong, message):
