@@ -19,7 +19,8 @@ from processes import ROOT
 
 
 @pytest.mark.parametrize(("arguments", "words"), [
-    (("RK4",), "'RK4'.*LIIIA-B, Radau-L or splitting"), ((3,), "3.*IMS"),
+    (("RK4",), "'RK4'.*LIIIA-B, Radau-L or splitting"), (("RK4",), "'RK4'.*tableau"),
+    ((3,), "3.*IMS"),
     (("G-L", 0), "0.*1 to 16"), (("G-L", -1), "-1"),
     (("G-L", 17), "17.*16"), (("G-L", "three"), "'three'"), (("G-L", 2.5), "2.5.*whole"),
     (("G-L", True), "True.*whole"), (("LIIIA-B", 1), "1.*2 to 16"), (("IMS", 2), "no stages"),

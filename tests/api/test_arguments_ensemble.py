@@ -190,7 +190,7 @@ def test_defects_with_parameters_of_their_own_are_those_one_by_one(step):
 @pytest.mark.parametrize(("changes", "words"), [
     ({"q": [1, 0, 0, 0]}, "q has shape"), ({"q": np.zeros((5, 4))}, "shapes"),
     ({"q": np.zeros((0, 4)), "p": np.zeros((0, 4))}, "shapes"),
-    ({"q": [[1, 0], [1]]}, "q.*has 2.*has 1"), ({"dt": [1e-3] * 5}, "^dt has shape"),
+    ({"q": [[1, 0], [1]]}, "^q.*0 has 2.*1 has 1"), ({"dt": [1e-3] * 5}, "^dt has shape"),
     ({"dt": [1j] * 6}, "^dt "), ({"dt": [[1e-3] * 6]}, "^dt has shape"),
     ({"parameters": 3}, "parameters"), ({"parameters": [PARAMETERS] * 5}, "5 sets"),
     ({"parameters": [1] * 6}, "parameters"),

@@ -164,8 +164,8 @@ def test_file_of_another_version(saved, tmp_path):
 def test_a_missing_folder_is_named(tmp_path):
     """With the way to make it; nothing is made."""
     run = systems.stepper("heavy_top").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
-    for write, ending in ((run.save, "npz"), (run.save, "csv"), (run.plot, "png"),
-                          (run.show, "html")):
+    for write, ending in (*((run.save, end) for end in ("npz", "csv")), (run.plot, "png"),
+                          *((run.show, end) for end in ("html", "png", "glb", "gif"))):
         with pytest.raises(gs.GyrosparkError, match="mkdir"):
             write(tmp_path / "no" / "such" / f"run.{ending}")
     assert list(tmp_path.iterdir()) == []

@@ -166,12 +166,6 @@ def test_python_solver_keeps_the_same_books(step):
         assert b.report.constraint_max < 1e-14
 
 
-def test_auto_agrees_with_newton(gl3):
-    auto = gl3.integrate(TOP.q0, TOP.p0, steps=9, **RUN)
-    newton = gl3.integrate(TOP.q0, TOP.p0, steps=9, solver="newton", **RUN)
-    assert np.abs(auto.q - newton.q).max() < 1e-13
-
-
 def test_progress_counts_up_to_the_end(gl3):
     seen = []
     gl3.integrate(TOP.q0, TOP.p0, steps=10_001, every=7, progress=seen.append, **RUN)

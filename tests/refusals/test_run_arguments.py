@@ -139,17 +139,6 @@ def test_a_start_has_its_momenta(call):
         getattr(systems.stepper("heavy_top"), call)(TOP, 0.25, dt=1e-3, **more)
 
 
-def test_rows_of_unequal_lengths_are_named():
-    with refused("^q.*0 has 4.*1 has 3"):
-        systems.stepper("heavy_top").integrate_ensemble(
-            [[1, 0, 0, 0], [1, 0, 0]], np.zeros((2, 4)), dt=1e-3, steps=1, parameters=PARAMETERS)
-
-
-def test_a_method_of_a_paper_is_a_tableau():
-    with refused("'RK4'.*tableau"):
-        gs.stepper("RK4")
-
-
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "2"]
 
 

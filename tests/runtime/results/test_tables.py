@@ -107,8 +107,6 @@ def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
         tops.save(tmp_path / "run.csv", euler="zz")
     with pytest.raises(gs.InputError, match="Unknown frame"):
         tops.dataset(angular_velocity="inertial")
-    with pytest.raises(gs.GyrosparkError, match="written"):
-        tops.save(tmp_path / "not" / "run.csv")
     assert not list(tmp_path.iterdir())
     monkeypatch.setitem(sys.modules, "pandas", None)
     monkeypatch.setitem(sys.modules, "xarray", None)
