@@ -87,6 +87,9 @@ def test_report_reads_as_a_table():
 
 @both
 def test_failures_name_the_constraint(where):
+    massless = gs.System((x, y), (a, b), (), a**2 / 2 + b, (y - 1,), name="massless")
+    with pytest.raises(gs.InputError, match="G H_pp Gᵀ is singular"):
+        gs.consistent(massless, (0.0, 1.0), (1.0, 0.5), parameters={})
     with pytest.raises(gs.InputError, match=r"'sphere'.*vanishes"):
         gs.consistent(where(), (0, 0, 0), (0, 0, 0), parameters={"w": 1.0})
     apart = gs.System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2,
