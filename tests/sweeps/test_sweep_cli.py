@@ -7,6 +7,7 @@ import re
 import pytest
 
 import gyrospark as gs
+from command_line import refused
 from gyrospark.sweeps import cost_estimate, tiles
 from gyrospark.sweeps.results import fields_of
 from gyrospark.sweeps.study_file import parse_study
@@ -73,6 +74,29 @@ def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path, gyrospark):
     assert done.code == 2
     assert len(done.stderr.splitlines()) == 1
     assert all(fragment in done.stderr for fragment in [*fragments, "study.toml"]), done.stderr
+
+
+def test_a_gamma_without_moments_of_inertia_is_not_chosen(tmp_path, gyrospark):
+    (tmp_path / "mass.toml").write_text("""name = "mass"
+[system]
+coordinates = ["x"]
+momenta = ["p"]
+hamiltonian = "p**2/(2*gamma) + x**2/2"
+[parameters]
+gamma = 0.5
+[start]
+q = [1]
+p = [0]
+""")
+    study_file(tmp_path, """model = "mass.toml"
+scheme = "G-L 2"
+steps = 5
+[parameters]
+gamma = "m"
+[grid]
+dt = [0.1, 0.2]
+""")
+    refused(gyrospark("sweep", "study.toml"), "gamma", "'I1'", "study.toml")
 
 
 @pytest.mark.parametrize("arguments", [
