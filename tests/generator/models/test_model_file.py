@@ -229,6 +229,9 @@ MISTAKES: list[tuple[str, str, str, list[str]]] = [
     (BODY, 'euler = [0.1, "pi/6", 0.2]', "rotation = [[1,0,0],[0,1,0],[0,0]]",
      ["rotation, row 3", "2 entries"]),
     (BODY, 'euler = [0.1, "pi/6", 0.2]', "", ["[start] attitude", "missing", "quaternion, euler"]),
+    (BODY, 'euler = [0.1, "pi/6", 0.2]', "euler = [0, 0, 0]\nquaternion = [1, 0, 0, 0]",
+     ["[start] attitude", "quaternion and euler"]),
+    (BODY, 'name = "thing"', 'name = "thing"\nframe = "still"', ["frame", "'still'", "symmetries"]),
     (BODY, "angular_velocity = [1, 2, 3]", "", ["angular_velocity", "missing"]),
     (BODY, "dt = 0.01", "dt = 0", ["[run] dt", "is 0"]),
     (BODY, "dt = 0.01", 'dt = "fast"', ["[run] dt", "fast", "unknown"]),
@@ -390,6 +393,7 @@ def test_bodies_are_what_the_builder_makes():
     ("k = 0.1", "k = 0.1\na_x = 1", ["[parameters] a_x", "another name"]),
     ("without = []", 'without = ["hinge: q"]', ["'hinge: q'", "leave"]),
     ("without = []", 'start = 3', ["'start'", "allowed"]),
+    ("without = []", "without = [3]", ["without, entry 1", "3"]),
 ])
 def test_mistake_in_bodies_is_named(old, new, fragments):
     with pytest.raises(InputError) as caught:

@@ -182,6 +182,18 @@ def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
     assert np.abs(found - wanted[6:]).max() <= 1e-12 * np.abs(wanted).max()
 
 
+def test_a_floating_base_carries_the_tree(arm):
+    """At rest in all joints, bodies move as one: v + ω × (x − x₀)."""
+    v, w = np.array([0.5, 0, 2]), np.array([0.3, 1, -0.4])
+    path = changed(arm.parent, *FLOATING)
+    model = gs.load_model(path, base="floating", ignore="limits", velocity=v, angular_velocity=w)
+    x, p = (z.reshape(-1, 7)[:, 4:] for z in (model.q0, model.p0))
+    masses = np.array([model.parameters[f"{body.name}_m"] for body in model.system.bodies])
+    assert np.abs(p / masses[:, None] - v - np.cross(w, x - x[0])).max() <= 64 * EPS
+    with pytest.raises(gs.InputError, match=r"angular_velocity.*floating"):
+        gs.load_model(path, ignore="limits", velocity=v)
+
+
 @pytest.mark.slow  # seconds of derivation; random trees beside Pinocchio have floating bases
 def test_a_floating_base_falls_and_turns(arm):
     """Without a force but weight: the centre of mass on a parabola, angular momentum kept."""

@@ -168,6 +168,13 @@ def test_rod_keeps_the_distance_of_the_start():
     assert model.system.constraint_names[-1] == "rod: length"
 
 
+HIP = {"name": "hip", "axis": (1, 0, 0), "inertia": 0.1}
+
+
+def hinge(build, body):
+    return build.revolute("hinge", build.ground, body, axis=(1, 0, 0), at=(0, 0, 0))
+
+
 @pytest.mark.parametrize(("wrong", "message"), [
     (lambda b, x: b.body("a", mass=1, inertia=INERTIA), "'a'.*twice"),
     (lambda b, x: b.body("2a", mass=1, inertia=INERTIA), "'2a'"),
@@ -178,6 +185,17 @@ def test_rod_keeps_the_distance_of_the_start():
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, quaternion=(0,) * 4), "is zero"),
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, rotation=2 * np.eye(3)), "no rotation"),
     (lambda b, x: b.body("c", mass=1, inertia=INERTIA, position=(0, 0, np.nan)), "position of 'c'"),
+    (lambda b, x: b.body("c", mass=1, inertia=INERTIA, quaternion=(1, 0, 0, 0),
+                         rotation=np.eye(3)), "'c'.*quaternion.*rotation"),
+    (lambda b, x: b.body("c", mass=1, inertia=INERTIA, quaternion=np.eye(4)), "quaternion.*'c'"),
+    (lambda b, x: b.chain("leg", b.ground, x, []), "'leg'.* 0 .*6"),
+    (lambda b, x: b.chain("leg", b.ground, x, [{"name": "hip", "axis": (1, 0, 0)}]),
+     "'hip'.*'leg'.*inertia"),
+    (lambda b, x: b.drive("d", b.chain("leg", b.ground, x, [HIP]) and "hip", angle=b.time),
+     "'d'.*'hip'.*chain"),
+    (lambda b, x: b.flywheel("v", b.flywheel("w", hinge(b, x), inertia=1), inertia=1), "'v'.*'w'"),
+    (lambda b, x: b.law("l", [hinge(b, x)], lambda angle: 1.0), "'l'.*coordinate"),
+    (lambda b, x: b.law("l", [hinge(b, x)], lambda: 1.0), "'l'.* 1 "),
     (lambda b, x: b.ball("j", x, x), "to itself"),
     (lambda b, x: b.ball("j", x, "floor"), "'floor'"),
     (lambda b, x: b.ball("j", b.ground, x) and b.model(), "position"),
