@@ -236,6 +236,7 @@ def without_bodies():
 @pytest.mark.parametrize(("make", "said"), [
     (with_function, r"f\(t\)"),
     (without_bodies, "KanesMethod.*bodies"),
+    (me.System, "System.*bodies"),
     (lambda: 3, "method = 3.*LagrangesMethod, KanesMethod or System"),
 ])
 def test_what_is_no_system_is_refused(make, said):

@@ -66,6 +66,9 @@ def generic():
     # the first of several, whatever the hash seed
     ({"H": px * sp.Symbol("B") + sp.Symbol("A") + sp.Symbol("C")}, "unknown symbol 'A'"),
     ({"H": px**2 / sp.Symbol("m")}, "unknown symbol 'm'"),  # other assumptions
+    ({"forces": (x, c, 0)}, "Force 1.*'pendulum'.*'c'"),
+    ({"quantities": {"height": c}}, "'height'.*'pendulum'.*'c'"),
+    ({"quantities": {"two words": x}}, "'pendulum'.*'two words'.*letters"),
     ({"constraints": (x, y - c)}, "Constraint 1.*'pendulum'.*'c'.*holonomic"),
     ({"constraints": (x - px,)}, "Constraint 0.*'pendulum'.*'px'.*holonomic"),
     *(({key: value} | more, "symbol")
