@@ -72,7 +72,8 @@ def headings(
     that is used already, such as "energy", gets a prefix, as in ``quantity_energy``.
     """
     system_labels: dict[str, tuple[str, Sequence[str]]] = {
-        "q": ("q", system.coordinates), "p": ("p", system.momenta)}
+        "q": ("q", system.coordinates), "p": ("p", system.momenta),
+        "p_after": ("after", [f"{name}_after" for name in system.momenta])}
     system_labels |= {"velocities": ("velocity", system.velocity_names)}
     system_labels |= {QUANTITY + name: ("quantity", (name,)) for name in system.quantities}
     system_labels |= {name: ("body", labels) for name, labels in of_bodies.items()}
@@ -176,11 +177,15 @@ def events_path(path: Path) -> Path:
     return path.with_name(f"{path.stem}.events{path.suffix}")
 
 
-def event_headings(system: SystemManifest) -> list[str]:
-    """Return the headings of the file of events: the event's name, then fields of ``Crossings``."""
+def event_headings(system: SystemManifest, fields: Iterable[str]) -> list[str]:
+    """Return the headings of the file of events: the event's name, then columns of crossings.
+
+    ``fields`` are the columns' names, ``t``, ``q``, …, of which "t" has the heading "time".
+    """
     shape = (len(system.coordinates),)
-    return headings(system, {"event": (), "time": (), "q": shape, "p": shape, "steps": (),
-                             "rising": (), "elapsed": ()})
+    return headings(system, {"event": ()} | {
+        "time" if name == "t" else name: shape if name in ("q", "p", "p_after") else ()
+        for name in fields})
 
 
 def spreadsheet_text(name: str) -> str:

@@ -392,11 +392,16 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
             _write_parquet(table.columns(selection), partial_file)
     events = [event for event in table.parts if next(iter(event.along)).startswith("event_")]
     if form.tabular and events:
-        titles = event_headings(table.manifest.system)
-        if "trajectory" in table.along:
-            titles = ["trajectory", *titles]
-        event_rows = [_rows_of_event(event, by_trajectory="trajectory" in table.along)
-                      for event in events]
+        columns_of = dict(map(_event_columns, events))
+        fields = next(iter(columns_of.values()))  # of all: a run has crossings or impacts
+        numbered = int("trajectory" in fields)
+        titles = [*fields][:numbered] + event_headings(table.manifest.system,
+                                                       [*fields][numbered:])
+        event_rows = []
+        for name, columns in columns_of.items():
+            names = np.full(len(columns["t"]), spreadsheet_text(name))
+            arrays = [*columns.values()]
+            event_rows.append([*arrays[:numbered], names, *arrays[numbered:]])
         with result_file(events_path(path), description) as partial_file:
             if form.ending == ".csv":
                 write_csv(partial_file, titles, event_rows)
@@ -405,14 +410,11 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
     return path
 
 
-def _rows_of_event(event: Table, *, by_trajectory: bool) -> list[Array]:
-    """Return the columns of an event for a file: trajectory if numbered, name, times, states."""
-    name = next(iter(event.along)).removeprefix("event_")
-    # impacts have more columns than crossings, and one file has both
-    columns = [array for column, array in event.whole().items()
-               if not column.endswith(("_p_after", "_impulse", "_energy_lost", "_work"))]
-    names = np.full(len(columns[-1]), spreadsheet_text(name))
-    return [*columns[:by_trajectory], names, *columns[by_trajectory:]]
+def _event_columns(event: Table) -> tuple[str, dict[str, Array]]:
+    """Return the name of an event, and its columns under their names."""
+    along, = event.along
+    return along.removeprefix("event_"), {
+        column.removeprefix(f"{along}_"): array for column, array in event.whole().items()}
 
 
 def _flat(columns: list[Array]) -> list[Array]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import itertools
 import pickle
 from pathlib import Path
@@ -230,10 +231,11 @@ def test_a_row_keeps_the_impacts_and_other_runs_refuse_them(hall):
         gs.sweep(model, {"gravity_z": [0.0]}, scheme="G-L", stages=2, dt=0.01, steps=2)
 
 
-def test_a_pendulum_between_two_stops(hall):
+def test_a_pendulum_between_two_stops(hall, tmp_path):
     """Rates before a stop by energy, after it by e; the loss is ½ I (1 − e²) ω².
 
-    A state before an impact has the reaction before it: m (ẍ − g) along the arm.
+    A state before an impact has the reaction before it: m (ẍ − g) along the arm. The file of events
+    has all columns of the impacts.
     """
     model, step, _ = hall
     high = thrown(model, [0, 0, 50, 1, 0, 50], [0.0] * 6)
@@ -253,6 +255,14 @@ def test_a_pendulum_between_two_stops(hall):
     assert turn.min() > -0.2 - 1e-12
     assert abs(run.energy_error()).max() < 1e-9
     assert scene_of(run, 100).impacts.tolist() == hits.t.tolist()
+    run.save(tmp_path / "run.csv")
+    with (tmp_path / "run.events.csv").open(newline="") as file:
+        rows = [row for row in csv.DictReader(file) if row["event"] == "end_lower"]
+    for name, column in (("time", hits.t), ("impulse", hits.impulse), ("work", hits.work),
+                         ("energy_lost", hits.energy_lost)):
+        assert [float(row[name]) for row in rows] == column.tolist()
+    assert [[float(row[f"{name}_after"]) for name in run.manifest.system.momenta]
+            for row in rows] == hits.p.tolist()
 
 
 def test_a_run_ends_at_a_latch(hall):
