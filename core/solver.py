@@ -10,7 +10,7 @@ from .errors import InputError
 from .exact_numbers import Number, exact
 from .records import dataclass
 
-__all__ = ["Solver", "SolverName", "as_solver"]
+__all__ = ["AUTO", "Solver", "SolverName", "as_solver"]
 
 SolverName = Literal["auto", "newton", "fixed-point"]
 
@@ -56,6 +56,10 @@ class Solver:
 
 #: Made once: most calls give a name, and the checks of a record take 2 µs, as a step does.
 _SOLVERS: dict[SolverName, Solver] = {name: Solver(name) for name in get_args(SolverName)}
+
+
+#: The default, which every scheme takes.
+AUTO = _SOLVERS["auto"]
 
 
 def as_solver(value: Any) -> Solver:

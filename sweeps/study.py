@@ -17,6 +17,7 @@ from ..core.errors import InputError
 from ..core.event import Event, as_events, refuse_unusable_names, terminal_of
 from ..core.incompatibilities import refuse_together
 from ..core.real_types import REALS
+from ..core.solver import Solver
 from ..core.start import Rule
 from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
 from ..runtime.bindings.binding import SOLVERS, SolverName
@@ -157,7 +158,10 @@ def checked_study(study: Study) -> Study:
     for stepper_of_scheme in study.steppers:
         refuse_together(sweep="a sweep", float128=REALS[stepper_of_scheme.manifest.real].in_mpmath
                         and "numbers of type float128")
-        stepper_of_scheme._refuse_solver(study.solver)
+        # tolerance and iterations may be for the other schemes of several
+        stepper_of_scheme._refuse_solver(
+            Solver(study.solver) if len(study.steppers) > 1 else
+            Solver(study.solver, study.tolerance, study.max_iterations))
     return replace(study, parameters=parameters, dt=dt, t_end=t_end, events=_events(study))
 
 

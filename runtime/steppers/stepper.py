@@ -24,7 +24,7 @@ from ...core.incompatibilities import refuse_together
 from ...core.progress import Progress, log_progress
 from ...core.records import changed
 from ...core.registry import function_of
-from ...core.solver import Solver, SolverName, as_solver
+from ...core.solver import AUTO, Solver, SolverName, as_solver
 from ...core.start import HasStart
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import SOLVERS, Binding
@@ -666,8 +666,8 @@ class Stepper(Dynamics):
         argument that is unusable.
         """
         method = as_solver(solver)
-        if method.kind != "auto":
-            self._refuse_solver(method.kind)
+        if method is not AUTO:
+            self._refuse_solver(method)
         number = self.binding.number
         bound = None if method.tolerance is None else as_real("tolerance", method.tolerance, number)
         count = as_positive_count("steps", steps)
@@ -683,12 +683,13 @@ class Stepper(Dynamics):
             t0=as_real("t", start.t, number), inputs=input_rows,
             excess=start.excess if scaled else 0.0)
 
-    def _refuse_solver(self, kind: SolverName) -> None:
+    def _refuse_solver(self, method: Solver) -> None:
         """Raise InputError for a solver that the steps do not have."""
+        is_plain = method == Solver(method.kind)  # as its name
         refuse_together(
             splitting=not self.binding.solves and f"the scheme splitting of {self.name}",
-            solver=kind != "auto" and f"solver = {kind!r}",
-            fixed_point=kind == "fixed-point" and "solver = 'fixed-point'",
+            solver=method != AUTO and f"solver = {method.kind if is_plain else method!r}",
+            fixed_point=method.kind == "fixed-point" and "solver = 'fixed-point'",
             newton_only=not self.binding.lanes
             and f"{self.name} ({self.manifest.fast_path.reason})")
 

@@ -179,7 +179,7 @@ TERMINAL = gs.Event("q1", terminal=True)
 #: Pair → a call that has both.
 CALLS = {
     ("splitting", "frame"): derived(Spec.checked("splitting", order=2).with_frame("symmetries")),
-    ("splitting", "solver"): split(solver="newton"),
+    ("splitting", "solver"): split(solver=gs.Solver(tolerance=1e-9)),
     ("profile", "frame"): derived(SPEC.with_profile("run").with_frame("symmetries")),
     ("profile", "lagrangian"): derived(SPEC.with_profile("run"), "heavy_bob"),
     ("profile", "large"): lambda: generate(
