@@ -227,7 +227,7 @@ def test_quantities(programs):
     for profile in ("run", "full"):
         program = programs("forces EMS float", profile)
         parameters, _, _, _, state, _ = program.start("forces EMS float")
-        values, at = program.new(2)
+        values, at = program.new(len(program.manifest.system.quantities))
         t, t_at = program.new(1)
         t[:] = 0.5
         program.quantities(parameters, 1, t_at, *state, at)

@@ -114,7 +114,7 @@ static int project_coordinates(const constants *c, real q[N])
         const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, q);
         if (!isfinite(step))
             return NOT_FINITE;
-        if (step <= 2*floor || (step <= COORDINATE_SLACK*floor && step >= previous/2))
+        if (step <= 2*floor || (step <= (real)COORDINATE_SLACK*floor && step >= previous/2))
             return OK;
         previous = step;
     }
@@ -148,7 +148,7 @@ static int project_momentum(const constants *c, const real q[N], real p[N],
         const real step = norm(MEASURED, change), floor = epsilon*norm(MEASURED, p);
         if (!isfinite(step))
             return NOT_FINITE;
-        if (step <= floor/2 || (step <= SLACK*floor && step >= previous/2))
+        if (step <= floor/2 || (step <= (real)SLACK*floor && step >= previous/2))
             return OK;
         previous = step;
     }
@@ -219,7 +219,7 @@ static void moved_defect(const constants *c, const real q[N], const real p[N], i
 int NAME(is_consistent)(const parameters_t *parameters, const real q[N], const real p[N])
 {
     enum { MOVES = 2, UNITS = 64 };
-    const real size = MATH(sqrt)(MATH(sqrt)(epsilon))/1024, factor = UNITS*epsilon/size/2;
+    const real size = MATH(sqrt)(MATH(sqrt)(epsilon))/1024, factor = (real)UNITS*epsilon/size/2;
     const real q_size = size*euclidean_norm(q), p_size = size*euclidean_norm(p);
     real move[2][N], d[M + HIDDEN], forth[M + HIDDEN], back[M + HIDDEN];
     real change[2] = { 0, 0 }; /* the largest of g, of f */
