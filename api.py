@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any, Literal, Unpack, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from .core.arguments import as_flag, listed, shown
+from .core.arguments import as_flag, join_or, shown
 from .core.errors import InputError
 from .core.inertia import RepName
-from .core.mesh_files import located_all
+from .core.mesh_files import locate_all
 from .core.progress import Progress, log_stages, log_task
 from .core.projection import Projection, project
 from .core.real_types import RealName
@@ -377,7 +377,7 @@ def tableau(
         result = tableau_of(Spec.checked(scheme, stages))
     if result is None:
         names = [scheme.name for scheme in SCHEMES.values() if scheme.tableau is not None]
-        raise InputError(f"{scheme} has no SPARK tableau; choose {listed(names)}.")
+        raise InputError(f"{scheme} has no SPARK tableau; choose {join_or(names)}.")
     return result
 
 
@@ -437,7 +437,7 @@ class Derivation:
         compiled = Stepper(record.name, record.files,
                            Derive(self.further_files, portable=not self.subject))
         if record.start is not None:  # cached without the folder of the file
-            compiled.visuals = located_all(record.start.visuals, self.spec.model or "")
+            compiled.visuals = locate_all(record.start.visuals, self.spec.model or "")
         return compiled, record.start
 
     def further_files(self, *, second: bool = False, control: bool = False) -> dict[str, str]:

@@ -40,7 +40,7 @@ from ..runtime.rigid_body.problems import Problem
 from ..runtime.steppers.stepper import Stepper
 from .guarantees import Guarantees, MeanGuarantees, SparkGuarantees, SplittingGuarantees
 from .measured_properties import CertificateLine, Examination
-from .measurements import step_named
+from .measurements import step_keyword
 from .round_off import RoundOff
 
 if TYPE_CHECKING:
@@ -183,7 +183,7 @@ def certify(
                                   minimum=2)
         changes = _changed_parameters(parameters, step, model.name)
         run = step.integrate(known_model, steps=count, parameters=changes,
-                             **step_named(step, size))
+                             **step_keyword(step, size))
         end_stage()
         numbers = dict(run.parameters)
         # with time_scale: the extended system in (q, t, p, e), which is what the run keeps

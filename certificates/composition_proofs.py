@@ -71,7 +71,7 @@ class OrderConditions:
         return [word for word in words if word not in ("1", "A", "B")]
 
     @cached_property
-    def _parts(self) -> list[tuple[int, bool]]:
+    def _palindromes(self) -> list[tuple[int, bool]]:
         """Size of each palindrome of numbers, and whether its sum is 1."""
         composition = self.composition
         if composition.base:
@@ -86,11 +86,12 @@ class OrderConditions:
         palindromes = [composition.weights] if composition.base else [
             composition.drifts, composition.kicks, composition.gradients]
         # the first half of each list; the one in the middle of a list with a given sum follows
-        return [x for (size, summed), palindrome in zip(self._parts, palindromes, strict=False)
+        return [x for (size, summed),
+                palindrome in zip(self._palindromes, palindromes, strict=False)
                 for x in palindrome[: (size + 1) // 2 - summed]]
 
     @cached_property
-    def solved(self) -> list[int]:
+    def solved_unknowns(self) -> list[int]:
         """Indices of the unknowns that are solved for; the free ones keep their decimals."""
         return [i for i in range(len(self.unknowns)) if i not in self.composition.free]
 
@@ -101,7 +102,7 @@ class OrderConditions:
         number is 1 − 2 Σ of the numbers before, or one half of it each for two middle numbers.
         """
         palindromes, first = [], 0  # ``first``: index of the palindrome's first unknown
-        for size, summed in self._parts:
+        for size, summed in self._palindromes:
             half = (size + 1) // 2
             indices = range(first, first + half - summed)
             terms = [(Fraction(0), {i: Fraction(1)}) for i in indices]
@@ -116,7 +117,7 @@ class OrderConditions:
     @cached_property
     def equal(self) -> list[float]:
         """x of a composition with equal steps, without force gradients: where a search begins."""
-        return [1 / size if summed else 0.0 for size, summed in self._parts
+        return [1 / size if summed else 0.0 for size, summed in self._palindromes
                 for _ in range((size + 1) // 2 - summed)]
 
     def values(self, x: Sequence[Any], as_number: Callable[[Fraction], Any]) -> list[list[Any]]:
@@ -189,8 +190,9 @@ class OrderConditions:
                 residual, slopes = self.evaluate(solution, as_mpf)
                 if not residual or max(map(abs, residual)) < mp.mpf(10) ** (15 - DIGITS):
                     return solution
-                J = mp.matrix([[row[i] for i in self.solved] for row in slopes])
-                for i, step in zip(self.solved, mp.lu_solve(J, -mp.matrix(residual)), strict=True):
+                J = mp.matrix([[row[i] for i in self.solved_unknowns] for row in slopes])
+                for i, step in zip(self.solved_unknowns, mp.lu_solve(J, -mp.matrix(residual)),
+                                   strict=True):
                     solution[i] += step
         raise ArithmeticError(f"Newton's method for {self.composition.name} did not converge; "
                               "start it closer to a solution.")
@@ -204,7 +206,7 @@ class OrderConditions:
 
         maps X into its interior, X contains one and only one solution, and it is in K(X).
         """
-        x, solved = self.unknowns, self.solved
+        x, solved = self.unknowns, self.solved_unknowns
         if len(solved) != len(self.words):  # as many equations as unknowns are needed
             return None
         with intervals() as interval:

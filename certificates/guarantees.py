@@ -49,17 +49,17 @@ class Guarantee:
     refuted: str = ""
 
 
-def guaranteed(why: str, refuted: str = "") -> Guarantee:
+def make_guarantee(why: str, refuted: str = "") -> Guarantee:
     """Return the guarantee of a property; an exact condition that fails refutes it."""
     return Guarantee(guaranteed=True, why=why, refuted=refuted)
 
 
-def not_guaranteed(why: str) -> Guarantee:
+def no_guarantee(why: str) -> Guarantee:
     """Return no guarantee, and why there is none: the property may hold all the same."""
     return Guarantee(guaranteed=False, why=why)
 
 
-_WORK_ON_LOOPS = not_guaranteed("the forces are no gradient in q and may do work on the loop")
+_WORK_ON_LOOPS = no_guarantee("the forces are no gradient in q and may do work on the loop")
 
 
 class Guarantees(Protocol):
@@ -117,10 +117,10 @@ def is_quadratic(e: sp.Expr, symbols: Sequence[sp.Symbol], parameters: Numbers) 
 def _not_exact(J: MomentumMap) -> Guarantee:
     """Return the guarantee of a map whose bracket with H is not identically zero."""
     if J.on_constraints:
-        return not_guaranteed("{J, H} = 0 on the constraints only, as far as random points show: "
-                              "the motion keeps it, stages do not; write V for any q")
-    return not_guaranteed(f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
-                          "symmetry, J drifts as far as that allows")
+        return no_guarantee("{J, H} = 0 on the constraints only, as far as random points show: "
+                            "the motion keeps it, stages do not; write V for any q")
+    return no_guarantee(f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
+                        "symmetry, J drifts as far as that allows")
 
 
 def _domain(J: MomentumMap) -> str:
@@ -159,10 +159,10 @@ class SparkGuarantees:
         irrelevant = "" if self.system.m else "symplectic, constraints"
         conditions = [line for line in check_tableau(self.tableau)
                       if line.name.startswith("symplectic") and line.name != irrelevant]
-        return _first_violated([*conditions, invariant_conditions(self.tableau)[0]])
+        return _first_violation([*conditions, invariant_conditions(self.tableau)[0]])
 
     @property
-    def disclaimed(self) -> bool:
+    def is_declared_nonsymplectic(self) -> bool:
         """Whether the tableau is declared not symplectic."""
         return self.tableau.claims.get("symplectic") == 0
 
@@ -187,36 +187,36 @@ class SparkGuarantees:
         """Return whether the map is symplectic: with the conditions of the class, a fixed tableau
         and forces F = −∇V(q, t)."""
         if self.system.velocity_count:
-            return not_guaranteed("the motion itself is not symplectic with velocity constraints")
+            return no_guarantee("the motion itself is not symplectic with velocity constraints")
         if self.exact_energy:
-            return not_guaranteed("the tableau is symplectic for every θ, but θ depends on the "
-                                  "state")
+            return no_guarantee("the tableau is symplectic for every θ, but θ depends on the "
+                                "state")
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
-        if self.disclaimed:
-            return not_guaranteed("; ".join(filter(None, (
+        if self.is_declared_nonsymplectic:
+            return no_guarantee("; ".join(filter(None, (
                 "the tableau says that it is not symplectic", self.violation))))
-        return guaranteed(f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
-                          f"{self._digits}", self.violation)
+        return make_guarantee(f"b_i â_ij + b̂_j a_ji = b_i b̂_j, b_i ã_ij + b̃_j ā_ji = b_i b̃_j"
+                              f"{self._digits}", self.violation)
 
     def energy(self) -> Guarantee:
         """Return whether the energy is exact: for a quadratic H and a method that conserves
         quadratic invariants, or by a θ of the tableau that each step solves for."""
         if self.exact_energy:
-            return guaranteed("θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
+            return make_guarantee("θ with H(q₁, p₁) = H₀ + W in each step", self._broken_energy)
         system = self.system
         proved = self.tableau.order if system.m else self.tableau.free_order
         order = f"an error of order {proved} in Δt"
         state = [*system.q, *system.p]
         if system.velocity_count:
-            return not_guaranteed(f"{order}; {self._reversal}")
+            return no_guarantee(f"{order}; {self._reversal}")
         if system.m or system.is_time_dependent or not is_quadratic(system.H, state, self.numbers):
-            return not_guaranteed(order)
-        violation = _first_violated(invariant_conditions(self.tableau))
+            return no_guarantee(order)
+        violation = _first_violation(invariant_conditions(self.tableau))
         if violation:
-            return not_guaranteed(f"{order}: H is quadratic, but {violation}")
-        return guaranteed("H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
-                          f"and each by itself{self._digits}")
+            return no_guarantee(f"{order}: H is quadratic, but {violation}")
+        return make_guarantee("H is quadratic, b_i a_ij + b_j a_ji = b_i b_j for A and Â together "
+                              f"and each by itself{self._digits}")
 
     @cached_property
     def _reversal(self) -> str:
@@ -239,7 +239,7 @@ class SparkGuarantees:
     def momentum_constraint(self) -> Guarantee:
         """Return the guarantee of f = g_q H_p = 0: the last equations of a step, T2, project p
         along g_qᵀ with a multiplier Λ_p of their own."""
-        return guaranteed("T2 projects p in every step")
+        return make_guarantee("T2 projects p in every step")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether J = pᵀ(A q + a) is conserved.
@@ -257,20 +257,20 @@ class SparkGuarantees:
             reaction_rate = [a * x for a, x in zip(row, X, strict=True)]  # of J, for μ = −1
             if not identically_zero([substitute(
                     reaction_rate, {} if J.any_parameters else self.numbers)]):
-                return not_guaranteed(f"{why}, but the reaction of {name} changes it: A X is not "
-                                      "0")
+                return no_guarantee(f"{why}, but the reaction of {name} changes it: A X is not "
+                                    "0")
         if not J.A.any():
-            return guaranteed(f"{why}, and J is linear in p alone")
+            return make_guarantee(f"{why}, and J is linear in p alone")
         # the tableau itself says that it is not symplectic: a violation refutes nothing
-        if self.disclaimed and self.violation:
-            return not_guaranteed(f"{why}; {self.violation}")
-        return guaranteed(f"{why}{self._digits}", self.violation or self._broken_energy)
+        if self.is_declared_nonsymplectic and self.violation:
+            return no_guarantee(f"{why}; {self.violation}")
+        return make_guarantee(f"{why}{self._digits}", self.violation or self._broken_energy)
 
     @property
     def _broken_energy(self) -> str:
         """The first condition that the tableau violates for some θ; empty if none is."""
-        return _first_violated([line for line in energy_conditions(self.tableau)
-                                if not line.holds]) if self.exact_energy else ""
+        return _first_violation([line for line in energy_conditions(self.tableau)
+                                 if not line.holds]) if self.exact_energy else ""
 
     @property
     def _digits(self) -> str:
@@ -279,7 +279,7 @@ class SparkGuarantees:
         return "" if digits is None else f", to the {digits} digits of the tableau"
 
 
-def _first_violated(lines: Sequence[Condition]) -> str:
+def _first_violation(lines: Sequence[Condition]) -> str:
     """Return the equation of the first condition that fails, and by how much; empty if none does.
     """
     return next((f"{line.equation} is off by {line.residual}" for line in lines
@@ -330,16 +330,16 @@ class MeanGuarantees:
         """Return whether the map is symplectic: only without constraints, and if D is the gradient
         of H at the midpoint."""
         if self.system.m:
-            return not_guaranteed(f"{self.name} does not project p: with constraints it "
-                                  "guarantees no ∮p·dq")
+            return no_guarantee(f"{self.name} does not project p: with constraints it "
+                                "guarantees no ∮p·dq")
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
         if not self.scheme.discrete:
-            return guaranteed("the implicit midpoint rule")
+            return make_guarantee("the implicit midpoint rule")
         if not self._is_midpoint:
-            return not_guaranteed(f"{self.name}'s D is not the gradient at the midpoint: it "
-                                  "guarantees no ∮p·dq")
-        return guaranteed("D is the gradient at the midpoint: H is quadratic")
+            return no_guarantee(f"{self.name}'s D is not the gradient at the midpoint: it "
+                                "guarantees no ∮p·dq")
+        return make_guarantee("D is the gradient at the midpoint: H is quadratic")
 
     def energy(self) -> Guarantee:
         """Return whether H is exact: if ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq.
@@ -351,12 +351,12 @@ class MeanGuarantees:
         if self.scheme.discrete:
             time_dependent = self.system.is_time_dependent
             law = "ΔH = Δp·D_pH + Δq·D_qH" + " + Δt D_tH" * time_dependent
-            return guaranteed(f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({proof})",
-                              "" if proof else f"{law} is refuted")
+            return make_guarantee(f"{law}, Δg = Ḡ·Δq{' + Δt ḡ_t' * time_dependent} ({proof})",
+                                  "" if proof else f"{law} is refuted")
         if proof:
-            return guaranteed(f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
-                              f"({proof})")
-        return not_guaranteed(f"an error of order {self.order} in Δt: H or g is not quadratic")
+            return make_guarantee(f"H and g are quadratic: ΔH = Δp·H_p + Δq·H_q at the midpoint "
+                                  f"({proof})")
+        return no_guarantee(f"an error of order {self.order} in Δt: H or g is not quadratic")
 
     def momentum_constraint(self) -> Guarantee:
         """Return whether the constraint f(q, p) = 0 on the momenta is kept, up to its sign.
@@ -367,7 +367,7 @@ class MeanGuarantees:
         f_k + f_(k+1) = 0. An f that is not linear in p has no guarantee.
         """
         scheme, system = self.scheme, self.system
-        no_projection = not_guaranteed(f"{self.name} has no projection of p")
+        no_projection = no_guarantee(f"{self.name} has no projection of p")
         if system.is_time_dependent:
             return no_projection
         (q, p), (dq, dp) = scheme.means, scheme.differences
@@ -389,7 +389,7 @@ class MeanGuarantees:
             proof = self._vanish([terms])
             if not proof:
                 return no_projection
-        return guaranteed(f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({proof})")
+        return make_guarantee(f"Ḡ D_p = 0 makes f_(k+1) = −f_k ({proof})")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether J = pᵀ(A q + a) is conserved, from the difference of J over a step.
@@ -408,12 +408,12 @@ class MeanGuarantees:
         constraint_rates = [[a * b for a, b in zip(row, X, strict=True)]
                             for row in self.scheme.mean_constraint]
         if not self._vanish(constraint_rates, J):
-            return not_guaranteed(f"{why}; g_q X = 0 is not seen off the constraints, where the "
-                                  "midpoints are")
+            return no_guarantee(f"{why}; g_q X = 0 is not seen off the constraints, where the "
+                                "midpoints are")
         proof = self._vanish([rate], J)
         if not proof:
-            return not_guaranteed(f"{why}; D is not seen to turn as the gradient does")
-        return guaranteed(f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({proof})")
+            return no_guarantee(f"{why}; D is not seen to turn as the gradient does")
+        return make_guarantee(f"p̄ᵀA D_p = (A q̄ + a)·D_q and Ḡ (A q̄ + a) = 0{_domain(J)} ({proof})")
 
     # ------------------------------------------------------------ identities
 
@@ -522,24 +522,24 @@ class SplittingGuarantees:
         Hamiltonian."""
         if not forces_are_gradient(self.system, self.numbers):
             return _WORK_ON_LOOPS
-        return guaranteed("each flow is that of a part of H, proved")
+        return make_guarantee("each flow is that of a part of H, proved")
 
     def energy(self) -> Guarantee:
         """Return whether H is exact: only if it has one part; the flow of a part keeps this part,
         not H."""
         if not self.system.forces and self.splitting.is_exact and not self.splitting.templates:
-            return guaranteed("H has one part, whose flow is exact")
-        return not_guaranteed(f"an error of order {self.order} in Δt: parts do not keep H")
+            return make_guarantee("H has one part, whose flow is exact")
+        return no_guarantee(f"an error of order {self.order} in Δt: parts do not keep H")
 
     def momentum_constraint(self) -> Guarantee:
         """Return the guarantee of f = 2 qᵀq̇ = 0: p follows from q and the angular momentum m in
         body axes."""
-        return guaranteed("p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
+        return make_guarantee("p = 2 L(q)ᵀ m: qᵀp = 0 by L(q) q = 0")
 
     def momentum(self, J: MomentumMap) -> Guarantee:
         """Return whether J is conserved: its bracket with each part of H must be 0."""
         if not J.everywhere:
             return _not_exact(J)
         if not is_invariant(self.splitting, J.J):
-            return not_guaranteed(f"{{J, H}} = 0{_domain(J)}, but not with each part of H")
-        return guaranteed(f"{{J, ·}} = 0 with each part of H{_domain(J)}")
+            return no_guarantee(f"{{J, H}} = 0{_domain(J)}, but not with each part of H")
+        return make_guarantee(f"{{J, ·}} = 0 with each part of H{_domain(J)}")

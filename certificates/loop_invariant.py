@@ -21,7 +21,7 @@ from ..core.arrays import Array
 from ..core.errors import GyrosparkError
 from ..runtime.results.outputs import full_states
 from ..runtime.steppers.stepper import Stepper
-from .measurements import step_named
+from .measurements import step_keyword
 
 __all__ = ["LoopDrift", "closed_loop", "loop_drift", "loop_integral"]
 
@@ -192,7 +192,7 @@ def _integrated_loop(
     try:
         q, p = closed_loop(stepper, q0, p0, sizes, radius, points, parameters)
         ensemble = stepper.integrate_ensemble(q, p, steps=steps, parameters=parameters,
-                                              every=max(1, steps // 8), **step_named(stepper, dt))
+                                              every=max(1, steps // 8), **step_keyword(stepper, dt))
     except GyrosparkError:
         return None
     if ensemble.failures:

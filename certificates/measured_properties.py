@@ -22,9 +22,9 @@ from ..generator.systems.smoothness import Switching
 from ..generator.systems.system import System
 from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
-from .guarantees import Guarantee, Guarantees, guaranteed, not_guaranteed
+from .guarantees import Guarantee, Guarantees, make_guarantee, no_guarantee
 from .loop_invariant import loop_drift
-from .measurements import measure_order, reversal, step_named, trend
+from .measurements import measure_order, reversal, step_keyword, trend
 from .momentum_maps import (
     MAX_COORDINATES,
     MomentumMap,
@@ -77,7 +77,7 @@ class CertificateLine:
         return {True: "holds", False: "FAILS", None: "-"}[self.holds]
 
 
-def compared(
+def bound_line(
     quantity: str, measured: str, expected: str, guarantee: Guarantee, value: float, bound: float
 ) -> CertificateLine:
     """Return a line that holds if value ≤ bound; NaN fails.
@@ -95,7 +95,7 @@ def compared(
                            float(bound))
 
 
-def reported(
+def info_line(
     quantity: str, measured: str, expected: str, why: str, value: float | None = None
 ) -> CertificateLine:
     """Return a line for information."""
@@ -174,9 +174,9 @@ class Examination:
         largest = float(differences.max())
         functions = "compiled H, H_p, H_q − F, g" if solves else "compiled H, g"
         # shared subexpressions and fused operations round otherwise than the estimate, by units
-        return compared(f"{functions}{', A H_p + a' * bool(slip)}",
-                        f"{largest:.2g} times the estimated round-off", "≤ 16",
-                        guaranteed("compiled from this model's H, g and F"), largest, 16.0)
+        return bound_line(f"{functions}{', A H_p + a' * bool(slip)}",
+                          f"{largest:.2g} times the estimated round-off", "≤ 16",
+                          make_guarantee("compiled from this model's H, g and F"), largest, 16.0)
 
     def _compiled_values(self, q: Array, p: Array, t: Any, slip_count: int) -> list[float]:
         """Return compiled H, H_p, H_q − F, g and A H_p + a at a state; of flows H and g alone."""
@@ -191,7 +191,7 @@ class Examination:
             x[: 2 * n] = np.concatenate(step.binding.start_in_scaled_time(
                 step.binding.parameters(parameters), q, p, t))
         r = step.residual(x, q, p, parameters=parameters, t=t,
-                          **step_named(step, _SHORT)).astype(float)
+                          **step_keyword(step, _SHORT)).astype(float)
         # the rows of a SPARK residual: −H_p and H_q − F of each stage, g, …, A H_p + a at the end
         end = 2 * stages * n
         return [energy, *-r[:n], *r[stages * n : (stages + 1) * n], *r[end : end + step.m],
@@ -217,12 +217,12 @@ class Examination:
         drift, bound = loop.drift / loop.scale, rounded.walk
         measured = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
         if not guarantee.guaranteed:
-            return reported(quantity, measured, "not guaranteed", guarantee.why, drift)
+            return info_line(quantity, measured, "not guaranteed", guarantee.why, drift)
         if self.switching.named and not guarantee.refuted:
-            return reported(quantity, measured, "kept by smooth motion",
-                            f"across {self.switching.named} loops have kinks", drift)
-        return compared(quantity, measured, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
-                        bound)
+            return info_line(quantity, measured, "kept by smooth motion",
+                             f"across {self.switching.named} loops have kinks", drift)
+        return bound_line(quantity, measured, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
+                          bound)
 
     def _loop_sizes(self) -> tuple[Any, Any]:
         """Return the half widths of the loop in each coordinate and momentum.
@@ -257,8 +257,8 @@ class Examination:
         sizes = self.round_off.sizes_of_steps(self.run.dt)
         reversed_run = reversal(self.step, self.run, self.parameters, sizes)
         if reversed_run is None:
-            return reported(quantity, "a step of the way back, or of a neighbour, failed", "-",
-                            "neighbours part too fast")
+            return info_line(quantity, "a step of the way back, or of a neighbour, failed", "-",
+                             "neighbours part too fast")
         # how much multipliers that follow from g alone enlarge the round-off of p
         kicks = 1 + self._kick / sizes[1]
         # rounding adds up like a random walk, √(2N) units over both ways; 8 of its deviations
@@ -269,14 +269,15 @@ class Examination:
         if not self.guarantees.symmetric:
             why = "the reversed step has another θ" if self._scheme.exact_energy else \
                 "the tableau is not symmetric"
-            return reported(quantity, measured, "not guaranteed", why, error)
+            return info_line(quantity, measured, "not guaranteed", why, error)
         jumps = self.switching.named_jumps(discrete=self.guarantees.discrete)
         if jumps:
-            return reported(quantity, measured, "by the same steps back",
-                            f"forces jump at {jumps}: a step may have several ends, or none", error)
+            return info_line(quantity, measured, "by the same steps back",
+                             f"forces jump at {jumps}: a step may have several ends, or none",
+                             error)
         expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
-        guarantee = guaranteed(f"symmetric; neighbours part {reversed_run.growth:.3g} times")
-        return compared(quantity, measured, expected, guarantee, error, bound)
+        guarantee = make_guarantee(f"symmetric; neighbours part {reversed_run.growth:.3g} times")
+        return bound_line(quantity, measured, expected, guarantee, error, bound)
 
     @property
     def _kick(self) -> float:
@@ -312,23 +313,23 @@ class Examination:
         g_size, f_size = (float(sizes.max(initial=0)) for sizes in self.round_off.constraints)
         g, f = (float(x[1:].max()) for x in self.run.constraint_errors())
         if self.step.m:
-            yield compared("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
-                         guaranteed("g(q) = 0 is solved in every step, to 16 ε of the size of "
-                                    "its terms"), g, unit * g_size)
+            yield bound_line("largest |g(q)|", f"{g:.1e}", f"≤ {unit * g_size:.1e}",
+                         make_guarantee("g(q) = 0 is solved in every step, to 16 ε of the size of "
+                                        "its terms"), g, unit * g_size)
         quantity = "largest |g_q H_p|"
         if self.step.binding.rows:  # velocity constraints are among the equations of every step
-            yield compared(f"{quantity}, |A H_p + a|" if self.step.m else "largest |A H_p + a|",
+            yield bound_line(f"{quantity}, |A H_p + a|" if self.step.m else "largest |A H_p + a|",
                          f"{f:.1e}", f"≤ {unit * f_size:.1e}",
-                         guaranteed("solved in every step, at its end and at every node"), f,
+                         make_guarantee("solved in every step, at its end and at every node"), f,
                          unit * f_size)
             return
         guarantee = self.guarantees.momentum_constraint()
         if not guarantee.guaranteed:
-            yield reported(quantity, f"{f:.1e}", "O(Δt²), comes back", guarantee.why, f)
+            yield info_line(quantity, f"{f:.1e}", "O(Δt²), comes back", guarantee.why, f)
             return
         # without a projection of p the round-off of the steps adds up
         bound = f_size * (unit if self._projects else self.round_off.walk)
-        yield compared(quantity, f"{f:.1e}", f"≤ {bound:.1e}", guarantee, f, bound)
+        yield bound_line(quantity, f"{f:.1e}", f"≤ {bound:.1e}", guarantee, f, bound)
 
     @cached_property
     def moving(self) -> list[tuple[float, MomentumMap]]:
@@ -348,8 +349,8 @@ class Examination:
         if not (guarantee.guaranteed and lost):
             yield self._energy(guarantee)
             return
-        yield self._energy(not_guaranteed(f"H − Σ ω_i J_i is kept, not each J_i: not "
-                                          f"{', '.join(lost)}"))
+        yield self._energy(no_guarantee(f"H − Σ ω_i J_i is kept, not each J_i: not "
+                                        f"{', '.join(lost)}"))
         q, p, rounded = self.run.q, self.run.p, self.round_off
         errors = self.run.energy_error().astype(float)
         bound = rounded.walk * rounded.energy
@@ -359,8 +360,8 @@ class Examination:
             errors = errors - rate * (momentum - momentum[0])
             bound += rounded.walk * abs(rate) * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
         error = float(np.abs(errors).max())
-        yield compared("energy in the frame, H − Σ ω_i J_i", f"largest error {error:.1e}",
-                       f"≤ {bound:.1e}", guarantee, error, bound)
+        yield bound_line("energy in the frame, H − Σ ω_i J_i", f"largest error {error:.1e}",
+                         f"≤ {bound:.1e}", guarantee, error, bound)
 
     def _motion_energy(self) -> Iterator[CertificateLine]:
         """Yield the line of the energy of the motion, where the scheme does not keep f = 0: H then
@@ -370,10 +371,10 @@ class Examination:
         error = float(np.abs(self.run.energy_error(of_motion=True).astype(float)).max())
         # of ½ fᵀW⁻¹f with f = O(Δt^order), where H itself is kept
         order = self.step.order * (1 + self.guarantees.energy().guaranteed)
-        yield reported("energy of the motion, H at p on g_q H_p = 0",
-                       f"largest error {error:.1e}", f"O(Δt^{order})",
-                       "H also contains ½ fᵀW⁻¹f of the momenta with f = g_q H_p ≠ 0, which "
-                       "the motion does not have: (qᵀp)²/8γ of a body", error)
+        yield info_line("energy of the motion, H at p on g_q H_p = 0",
+                        f"largest error {error:.1e}", f"O(Δt^{order})",
+                        "H also contains ½ fᵀW⁻¹f of the momenta with f = g_q H_p ≠ 0, which "
+                        "the motion does not have: (qᵀp)²/8γ of a body", error)
 
     def _energy(self, guarantee: Guarantee) -> CertificateLine:
         """Return the line of the energy: its largest error, and the linear trend of the error."""
@@ -389,16 +390,16 @@ class Examination:
         if not guarantee.guaranteed:
             crossed = self.switching.named
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
-            return reported(quantity, measured, f"O(Δt^{self.step.order})"
+            return info_line(quantity, measured, f"O(Δt^{self.step.order})"
                         f"{' between crossings' if crossed else ''}", guarantee.why + why, largest)
         waits = self.run.report.energy_waits  # steps for which no θ makes the energy exact
         if waits:
-            return reported(quantity, f"{measured}; {waits} steps without a small θ",
-                            f"O(Δt^{self.step.order}) in those steps, else round-off",
-                            f"{guarantee.why}; where H(q₁, p₁) hardly depends on θ, a later step "
-                            "compensates the error", largest)
+            return info_line(quantity, f"{measured}; {waits} steps without a small θ",
+                             f"O(Δt^{self.step.order}) in those steps, else round-off",
+                             f"{guarantee.why}; where H(q₁, p₁) hardly depends on θ, a later step "
+                             "compensates the error", largest)
         bound = self.round_off.walk * self.round_off.energy
-        return compared(quantity, measured, f"≤ {bound:.1e}", guarantee, largest, bound)
+        return bound_line(quantity, measured, f"≤ {bound:.1e}", guarantee, largest, bound)
 
     def _damping(self) -> Iterator[CertificateLine]:
         """Yield lines on the method's damping; none for a method without an R(z).
@@ -412,13 +413,13 @@ class Examination:
             why = "what decays faster than Δt is gone after a step" if stability.l_stable else \
                 "what decays faster than Δt goes on as R(∞)^k: it rings"
             stiffness = float(self.decay * abs(self.run.dt))
-            yield reported("dampers", f"λΔt up to {stiffness:.2g}; {stability}", "-", why,
-                           stiffness)
+            yield info_line("dampers", f"λΔt up to {stiffness:.2g}; {stability}", "-", why,
+                            stiffness)
         if stability.damping is not None:
             share, power = stability.damping
-            yield reported("numerical damping",
-                           f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
-                           "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
+            yield info_line("numerical damping",
+                            f"{float(share):.2g} (ωΔt)^{power} of an oscillation "
+                            "ω a step", "-", "|R(iωΔt)| < 1: the method itself damps what is fast")
 
     @cached_property
     def decay(self) -> float:
@@ -446,12 +447,12 @@ class Examination:
         try:
             maps = momentum_maps(system, self.parameters, q[0], p[0])
         except InputError as error:
-            yield reported("momentum maps", "not searched", "-", str(error))
+            yield info_line("momentum maps", "not searched", "-", str(error))
             return
         if not maps:
             searched = "any A and a" if system.n <= MAX_COORDINATES else "translations, rotations"
-            yield reported("momentum maps", "none", "-",
-                           f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
+            yield info_line("momentum maps", "none", "-",
+                            f"no symmetry q → q + ε(Aq + a) of H and g is found ({searched})")
         for J in maps:
             momentum = J.values(q, p)
             guarantee = self._in_frame(J, self.guarantees.momentum(J))
@@ -459,9 +460,9 @@ class Examination:
             bound = rounded.walk * float(J.sizes(rounded.q_sizes, rounded.p_sizes))
             measured = f"{float(momentum[0]):.6g}, drift {drift:.1e}"
             if guarantee.guaranteed:
-                yield compared(J.name, measured, f"drift ≤ {bound:.1e}", guarantee, drift, bound)
+                yield bound_line(J.name, measured, f"drift ≤ {bound:.1e}", guarantee, drift, bound)
             else:
-                yield reported(J.name, measured, "not guaranteed", guarantee.why, drift)
+                yield info_line(J.name, measured, "not guaranteed", guarantee.why, drift)
 
     def _in_frame(self, J: MomentumMap, guarantee: Guarantee) -> Guarantee:
         """Return the guarantee for J in the co-moving frame.
@@ -474,7 +475,7 @@ class Examination:
         if not guarantee.guaranteed or (np.abs(A @ J.A - J.A @ A).max() <= 1e-9 * size
                                         and np.abs(A @ J.a).max() <= 1e-9 * np.abs(A).max()):
             return guarantee
-        return not_guaranteed(f"it turns in the frame: kept to O(Δt^{self.step.order})")
+        return no_guarantee(f"it turns in the frame: kept to O(Δt^{self.step.order})")
 
     # ------------------------------------------------------------ order, quantities
 
@@ -485,28 +486,28 @@ class Examination:
         measurement = measure_order(self.step, run.q[0], run.p[0], run.dt, self.parameters,
                                     self.round_off.sizes_of_steps)
         if measurement is None:
-            return reported(quantity, "errors are round-off", str(derived_order),
-                            "fewer than three errors |y_h − y_(h/2)| stand out of it")
+            return info_line(quantity, "errors are round-off", str(derived_order),
+                             "fewer than three errors |y_h − y_(h/2)| stand out of it")
         if not measurement.agrees:
             slopes = ", ".join(f"{slope:.2f}" for slope in measurement.slopes)
-            return reported(quantity, f"slopes {slopes}", str(derived_order),
+            return info_line(quantity, f"slopes {slopes}", str(derived_order),
                         "no two neighbours agree to 0.2: steps are too long for the order to show")
         measured = f"{measurement.order:.2f} at Δt = {measurement.dt:.2g}"
         if self.switching.named:
-            return reported(quantity, measured, f"{derived_order} between crossings",
-                            f"steps across {self.switching.named} have a lower one",
-                            measurement.order)
+            return info_line(quantity, measured, f"{derived_order} between crossings",
+                             f"steps across {self.switching.named} have a lower one",
+                             measurement.order)
         if self.decay * measurement.dt > 1:
-            return reported(quantity, measured, f"{derived_order} once λΔt is small",
-                            f"dampers are stiff, λΔt = {self.decay * measurement.dt:.2g}: orders "
-                            "fall to about the stage order", measurement.order)
+            return info_line(quantity, measured, f"{derived_order} once λΔt is small",
+                             f"dampers are stiff, λΔt = {self.decay * measurement.dt:.2g}: orders "
+                             "fall to about the stage order", measurement.order)
         lacking = derived_order - measurement.order  # a run may happen to be better than its method
-        guarantee = guaranteed("|y_h − y_(h/2)| over halved steps lacks at most 0.3")
-        return compared(quantity, measured, f"at least {derived_order}", guarantee, lacking, 0.3)
+        guarantee = make_guarantee("|y_h − y_(h/2)| over halved steps lacks at most 0.3")
+        return bound_line(quantity, measured, f"at least {derived_order}", guarantee, lacking, 0.3)
 
     def _quantities(self) -> Iterator[CertificateLine]:
         """Yield for each quantity of the system its first value and its largest drift."""
         for name in self.run.quantities:
             quantity = self.run.quantity(name).astype(float)
             drift = float(np.abs(quantity - quantity[0]).max())
-            yield reported(name, f"{quantity[0]:.6g}, drift {drift:.1e}", "-", "", drift)
+            yield info_line(name, f"{quantity[0]:.6g}, drift {drift:.1e}", "-", "", drift)

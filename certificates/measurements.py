@@ -18,7 +18,7 @@ from ..runtime.results.trajectory import Trajectory
 from ..runtime.steppers.stepper import Stepper
 
 __all__ = ["MeasuredOrder", "Reversal", "constraint_scales", "measure_order", "reversal",
-           "step_named", "trend"]
+           "step_keyword", "trend"]
 
 #: Errors below this, relative to the state and in units of ε, are too near round-off to show an
 #: order.
@@ -42,7 +42,7 @@ class Reversal:
     growth: float
 
 
-def step_named(stepper: Stepper, size: float) -> dict[str, Any]:
+def step_keyword(stepper: Stepper, size: float) -> dict[str, Any]:
     """Return a step as an argument by its name: dt, in scaled time dtau."""
     return {"dtau" if stepper.binding.clocked else "dt": size}
 
@@ -58,7 +58,7 @@ def reversal(
     steps = run.report.steps
     try:
         reverse = stepper.integrate(run[-1], steps=steps, parameters=parameters,
-                                 **step_named(stepper, -run.dt))
+                                 **step_keyword(stepper, -run.dt))
         growth = max(_growth(stepper, trajectory, parameters, sizes)
                      for trajectory in (run, reverse))
     except GyrosparkError:
@@ -85,7 +85,7 @@ def _growth(
     qs, ps = (np.array(components) for components in zip(*starts, strict=True))
     ensemble = stepper.integrate_ensemble(
         Start(qs, ps, parameters, float(run.t[0])), steps=run.report.steps,
-        **step_named(stepper, run.dt))
+        **step_keyword(stepper, run.dt))
     # shape (neighbours, stored states): the larger one of the distances in q and in p
     distance = np.maximum(*(np.abs(states - run_states).max(axis=2) / size
                             for states, run_states, size in
@@ -226,7 +226,7 @@ def _halving_errors(
     for k in range(_HALVINGS + 1):
         try:
             run = stepper.integrate(q, p, steps=8 * 2**k, parameters=parameters, every=8 * 2**k,
-                                    **step_named(stepper, h / 2**k))
+                                    **step_keyword(stepper, h / 2**k))
         except StepFailed:
             return None
         end_q, end_p = full_states(run)

@@ -187,7 +187,7 @@ def _near_maps(
     system = points.system
     unnamed_fields = _echelon(points.null_space(named), system) if full else []
     for field in [*named, *unnamed_fields]:
-        broken, on_constraints = points.broken(field)
+        broken, on_constraints = points.symmetry_defect(field)
         is_round_off = on_constraints and broken <= _ROUNDING
         if broken <= NEAR and independent.accepts(field, 1e-9 if is_round_off else 1e-3):
             yield MomentumMap(

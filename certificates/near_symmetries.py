@@ -134,7 +134,7 @@ class RandomPoints:
 
     # ------------------------------------------------------------ how far from a symmetry
 
-    def broken(self, field: LinearField) -> tuple[float, bool]:
+    def symmetry_defect(self, field: LinearField) -> tuple[float, bool]:
         """Return |dJ/dt| relative to its terms, and whether it is that small on g = 0 only.
 
         dJ/dt = (Aᵀp)·H_p − (H_q − F)·X, X = A q + a, and g_q X = 0 is needed. They are evaluated on

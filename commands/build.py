@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from ..core.arguments import listed
+from ..core.arguments import join_or
 from ..core.errors import InputError
 from ..core.interrupts import catch_termination
 from ..core.lazy_imports import imported_for_good
@@ -24,7 +24,7 @@ from ..targets.build import target_named
 from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
 from .options import DEFAULT, completing, real_number, whole_number
-from .run.starts import arguments_of, refuse_repeated, settings_of
+from .run.starts import arguments_of, refuse_repeated_keys, settings_of
 
 __all__ = ["build"]
 
@@ -78,7 +78,7 @@ def _command(target: Target) -> click.Command:
     parameters: list[click.Parameter] = [
         click.Argument(["model"], metavar="MODEL",
                        shell_complete=completing([*PROBLEMS, *MODELS])),
-        _option("--scheme", "NAME", f"{listed(SCHEMES)}{of_several} (default: {DEFAULT}).",
+        _option("--scheme", "NAME", f"{join_or(SCHEMES)}{of_several} (default: {DEFAULT}).",
                 SCHEMES),
         _option("--stages", "S", "Stages of a scheme that has a choice of them."),
         _option("--order", "N", "Order of splitting: 2, 4, 6, 8 or 10."),
@@ -97,7 +97,7 @@ def _command(target: Target) -> click.Command:
     ]
     if target.platforms:
         parameters.append(_option("--for", "NAMES", f"Platforms, with commas: "
-                                  f"{listed(target.platforms)}.", target.platforms))
+                                  f"{join_or(target.platforms)}.", target.platforms))
     parameters.append(click.Option(["--check"], is_flag=True,
                                    help="Load it again, and compare its bits with those of C."))
 
@@ -107,7 +107,7 @@ def _command(target: Target) -> click.Command:
     return click.Command(target.name, params=parameters, callback=write, no_args_is_help=True,
                          context_settings=_HELP, short_help=target.about,
                          help=f"Write a stepper of MODEL as {target.about}.\n\nMODEL is one of "
-                              f"{listed(PROBLEMS)}, {listed(MODELS)}, or a model file (.toml, "
+                              f"{join_or(PROBLEMS)}, {join_or(MODELS)}, or a model file (.toml, "
                               ".urdf, .xml, .sdf).")
 
 
@@ -153,7 +153,7 @@ def _write(
 
 def _model(name: str, settings: tuple[str, ...]) -> Any:
     """Return the name of a model as it is; with settings, the model that they make."""
-    refuse_repeated(settings)
+    refuse_repeated_keys(settings)
     if is_model_file(name):
         from ..generator.models.model_file import read_model
         from ..generator.parsing.text_file import model_text

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import numpy as np
 
-from ..core.arguments import few, listed
+from ..core.arguments import few, join_or
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS
 from .options import (
@@ -85,7 +85,7 @@ def fit(
         if names.count(name) > 1:  # the same samples twice would make the deviations too small
             raise InputError(f"--observe {observe!r} has the column {name!r} {names.count(name)} "
                              "times; name it once.")
-    times, rows = _read(data, names)
+    times, rows = _read_columns(data, names)
     state = start_of(step, start, t0)
     outcome = fitted(
         step, state, times, rows, observe=observed,
@@ -98,8 +98,8 @@ def fit(
     return 0 if outcome.converged else 1
 
 
-fit.help = (fit.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
-    "(MODELS)", listed(MODELS))
+fit.help = (fit.help or "").replace("(PROBLEMS)", join_or(PROBLEMS)).replace(
+    "(MODELS)", join_or(MODELS))
 
 
 def _names(text: str) -> list[str]:
@@ -107,7 +107,7 @@ def _names(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def _read(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
+def _read_columns(path: Path, names: list[str]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Return the times (samples,) and the named columns (samples, columns) of a CSV file.
 
     Raises InputError for a file without these columns, and for entries that are no numbers.

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.arguments import listed
+from ..core.arguments import join_or
 from ..core.errors import CompilerError, InputError
 from ..core.file_formats import staged_file
 from ..core.lazy_imports import imported_for_good
@@ -39,7 +39,7 @@ __all__ = ["generate"]
 @stepper_options
 @frame_option
 @click.option("--profile", metavar="NAME", shell_complete=completing(PROFILES),
-              help=f"How much is written: {listed(PROFILES)} (default: full, which Python needs).")
+              help=f"How much is written: {join_or(PROFILES)} (default: full, which Python needs).")
 @click.option("--out", type=click.Path(path_type=Path), default=Path("generated"),
               show_default=True, metavar="DIR", help="Where the three files go.")
 @click.option("--check", is_flag=True,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.arguments import listed
+from ..core.arguments import join_or
 from ..core.registry import MODELS, PROBLEMS
 from .options import (
     check_picture,
@@ -78,8 +78,8 @@ def lyapunov(
     return 0
 
 
-lyapunov.help = (lyapunov.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
-    "(MODELS)", listed(MODELS))
+lyapunov.help = (lyapunov.help or "").replace("(PROBLEMS)", join_or(PROBLEMS)).replace(
+    "(MODELS)", join_or(MODELS))
 
 
 def _result(spectrum: Lyapunov) -> dict[str, Any]:

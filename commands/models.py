@@ -8,7 +8,7 @@ from pathlib import Path
 
 import click
 
-from ..core.arguments import listed, proposal, shown
+from ..core.arguments import join_or, proposal, shown
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS, SYSTEMS
 from .options import json_option
@@ -105,7 +105,7 @@ def copy_examples(names: tuple[str, ...], folder: Path) -> int:
     for name in names:
         if name != "all" and name not in example_of_name:
             raise InputError(f"There is no example {shown(name)}; choose "
-                             f"{listed(example_of_name)}, or "
+                             f"{join_or(example_of_name)}, or "
                              f"all{proposal(name, example_of_name)}.")
     # all are checked before the first is copied
     paths = [path for name, path in example_of_name.items() if name in names or "all" in names]

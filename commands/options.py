@@ -14,7 +14,7 @@ from typing import Any, ClassVar, get_args
 
 import click
 
-from ..core.arguments import choose, listed, proposal
+from ..core.arguments import choose, join_or, proposal
 from ..core.errors import InputError
 from ..core.exact_numbers import Rounded, decimal
 from ..core.file_formats import ending_of, endings
@@ -51,7 +51,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Add the options of ``gs.stepper`` but --system and --frame: of commands with a PROBLEM."""
     options = [
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
-                     help=f"{listed(SCHEMES)} (default: {DEFAULT})."),
+                     help=f"{join_or(SCHEMES)} (default: {DEFAULT})."),
         click.option("--stages", metavar="S", help="Stages of " + " or ".join(
             f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.counted)
             + f" (default: {DEFAULT_STAGES})."),
@@ -63,7 +63,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
         click.option("--real", metavar="TYPE", shell_complete=completing(REALS),
-                     help=f"{listed(REALS)} (default: double)."),
+                     help=f"{join_or(REALS)} (default: double)."),
         click.option("--energy", is_flag=True,
                      help="With G-L of at least 2 stages: exact energy in every step."),
     ]
@@ -171,7 +171,7 @@ def solver_from(text: str) -> Solver:
         name, sign, number_text = (x.strip() for x in part.partition("="))
         if not sign or name in settings or name not in readers:
             raise InputError(f"--solver {text!r} has {part!r}; write NAME,KEY=VALUE with KEY once "
-                             f"among {listed(readers)}{proposal(name, readers)}.")
+                             f"among {join_or(readers)}{proposal(name, readers)}.")
         settings[name] = readers[name](f"--solver {name}", number_text)
     return Solver(choose("solver", kind, get_args(SolverName)), **settings)
 

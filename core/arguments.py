@@ -18,9 +18,23 @@ import numpy as np
 
 from .errors import InputError
 
-__all__ = ["as_flag", "as_items", "as_mapping", "as_path", "as_text", "check_stepper",
-           "choose", "few", "listed", "proposal", "quote", "shown", "unknown", "whole",
-           "why_unwritable"]
+__all__ = [
+    "as_flag",
+    "as_integer",
+    "as_items",
+    "as_mapping",
+    "as_path",
+    "as_text",
+    "check_stepper",
+    "choose",
+    "few",
+    "join_or",
+    "proposal",
+    "quote",
+    "shown",
+    "unknown",
+    "why_unwritable",
+]
 
 Name = TypeVar("Name", bound=str)
 
@@ -65,7 +79,7 @@ def choose(label: str, value: Any, allowed: Collection[Name], suffix: str = "") 
 def unknown(label: str, value: Any, allowed: Iterable[str], suffix: str = "") -> InputError:
     """Return the refusal of a name: the allowed ones, and the one that was probably meant."""
     names = list(allowed)
-    return InputError(f"Unknown {label} {shown(value)}; choose {listed(names)}{suffix}"
+    return InputError(f"Unknown {label} {shown(value)}; choose {join_or(names)}{suffix}"
                       f"{proposal(value, names)}.")
 
 
@@ -90,7 +104,7 @@ def _plain(name: str) -> str:
     return name.lower().replace("-", "").replace("_", "").replace(" ", "")
 
 
-def listed(names: Iterable[str]) -> str:
+def join_or(names: Iterable[str]) -> str:
     """Return "a, b or c"."""
     *first, last = names
     return f"{', '.join(first)} or {last}" if first else last
@@ -110,7 +124,7 @@ def shown(value: Any, length: int = 80) -> str:
     return text if len(text) <= length else text[: length - 1] + "…"
 
 
-def whole(value: Any) -> int | None:
+def as_integer(value: Any) -> int | None:
     """Return a whole number, 10.0 and 1e3 among them, as int; None for all else.
 
     Numbers are int, float, Fraction and NumPy's; texts, bool and Decimal are none.

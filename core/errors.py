@@ -154,11 +154,11 @@ class StepFailed(GyrosparkError):  # noqa: N818 (the contract's name)
 
     def __reduce__(self) -> tuple[object, ...]:
         """Pickle all fields, for worker processes; by default it would be the message alone."""
-        return _step_failed, ({
+        return _unpickle_step_failed, ({
             name: getattr(self, name) for name in
             ("step", "t", "reason", "trajectory", "increment", "dt", "detail", "cure")},)
 
 
-def _step_failed(arguments: dict[str, Any]) -> StepFailed:
+def _unpickle_step_failed(arguments: dict[str, Any]) -> StepFailed:
     """Return the error of a pickle: pickles pass arguments by position, ``StepFailed`` by name."""
     return StepFailed(**arguments)

@@ -41,7 +41,7 @@ class UnfitError(InputError):
 def as_json(record: Any) -> dict[str, Any]:
     """Return a record as JSON has it: dicts and lists, fields in their order."""
     return {field.name: _encode(getattr(record, field.name))
-            for field in fields(record) if _is_written(field, record)}
+            for field in fields(record) if _in_json(field, record)}
 
 
 def from_json(cls: type[Record], content: Any) -> Record:
@@ -62,7 +62,7 @@ def _encode(value: Any) -> Any:
     return as_json(value) if is_dataclass(value) else value
 
 
-def _is_written(field: Field[Any], record: Any) -> bool:
+def _in_json(field: Field[Any], record: Any) -> bool:
     """Return whether a field is in the JSON; by default it is unless it has its default value.
 
     The metadata "written", "beside" and "implied" say otherwise: see the module.

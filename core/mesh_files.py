@@ -101,7 +101,7 @@ def _obj(content: bytes) -> Floats:
         raise InputError("it is no OBJ; correct it.") from None
 
 
-def located_all(
+def locate_all(
     visuals: Mapping[str, Iterable[Shape]], model: str | Path
 ) -> dict[str, list[Shape]]:
     """Return the shapes of bodies with the paths of their meshes; see ``locate``."""

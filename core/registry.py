@@ -16,7 +16,7 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, Literal
 
-from .arguments import listed, proposal, shown
+from .arguments import join_or, proposal, shown
 from .errors import InputError
 from .records import dataclass
 
@@ -117,5 +117,5 @@ def unknown_name(label: str, name: Any, names: Sequence[str]) -> InputError:
     """Return the error for an unknown name, with the closest of names and example files.
     """
     files = {path.stem: f"examples/{path.name}" for path in (_HOME / "examples").glob("*.toml")}
-    return InputError(f"Unknown {label} {shown(name)}; choose {listed(names)}, or a model file "
+    return InputError(f"Unknown {label} {shown(name)}; choose {join_or(names)}, or a model file "
                       f"ending in .toml, .urdf, .xml or .sdf{proposal(name, names, spelt=files)}.")

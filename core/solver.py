@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any, Literal, get_args
 
-from .arguments import choose, shown, whole
+from .arguments import as_integer, choose, shown
 from .errors import InputError
 from .exact_numbers import Number, exact
 from .records import dataclass
@@ -47,7 +47,7 @@ class Solver:
         if bound is None or not 0 < bound < math.inf:
             raise InputError(f"tolerance = {shown(self.tolerance)} is not positive and finite; "
                              "give none for round-off.")
-        count = whole(self.max_iterations)
+        count = as_integer(self.max_iterations)
         if count is None or not 0 < count < 2**63:
             raise InputError(f"max_iterations = {shown(self.max_iterations)} is no whole number; "
                              "give at least 1.")

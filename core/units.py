@@ -10,7 +10,7 @@ from typing import TypeAlias
 from .arguments import proposal, shown
 from .errors import InputError
 
-__all__ = ["DIMENSIONLESS", "Dimensions", "base_units", "combined", "unit_name"]
+__all__ = ["DIMENSIONLESS", "Dimensions", "base_units", "product_dimensions", "unit_name"]
 
 #: Base unit → exponent, without zeros.
 Dimensions: TypeAlias = Mapping[str, Fraction]
@@ -28,7 +28,7 @@ _FACTOR = re.compile(r"(1|[A-Za-z]+)(-?\d+)?")
 DIMENSIONLESS: Dimensions = {}
 
 
-def combined(*parts: tuple[Dimensions, Fraction | int]) -> dict[str, Fraction]:
+def product_dimensions(*parts: tuple[Dimensions, Fraction | int]) -> dict[str, Fraction]:
     """Return the dimensions of a product of powers."""
     exponents: dict[str, Fraction] = {}
     for dimensions, power in parts:
@@ -61,7 +61,7 @@ def base_units(text: str) -> dict[str, Fraction]:
         elif name != "1":
             factor_dimensions = base_units(_NAMED[name])
         power = int(match[2] or 1) * (1 if sign == "." else -1)
-        dimensions = combined((dimensions, 1), (factor_dimensions, power))
+        dimensions = product_dimensions((dimensions, 1), (factor_dimensions, power))
     return dimensions
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ..core.arguments import as_flag, choose, listed, shown, whole
+from ..core.arguments import as_flag, as_integer, choose, join_or, shown
 from ..core.errors import InputError
 from ..core.inertia import REPS
 from ..core.real_types import REALS, RealName
@@ -68,7 +68,7 @@ class Spec:
         if not as_flag("energy", energy):
             return self
         if self.scheme == OWN or not scheme_named(self.scheme).energy or (self.stages or 0) < 2:
-            takes = listed(name for name, scheme in SCHEMES.items() if scheme.energy)
+            takes = join_or(name for name, scheme in SCHEMES.items() if scheme.energy)
             raise InputError(f"energy = True takes {takes} with at least 2 stages, not "
                              f"{self.title}; leave out energy.")
         return replace(self, energy=True)
@@ -195,7 +195,7 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
         f" to {scheme.most}" if scheme.counted else " and no other number")
     if stages is None:
         return DEFAULT_STAGES if scheme.counted else scheme.fewest
-    count = whole(stages)
+    count = as_integer(stages)
     if count is None:
         raise InputError(f"Stages {shown(stages)} is not a whole number; {allowed}.")
     if not scheme.fewest <= count <= scheme.most:

@@ -20,7 +20,7 @@ from ..core.errors import InputError
 from ..core.event import Event, Impact, refuse_unusable_names, with_restitutions
 from ..core.exact_numbers import Number
 from ..core.progress import Progress, as_progress, log_progress
-from ..core.records import changed
+from ..core.records import replace_fields
 from ..core.solver import Solver
 from ..runtime.bindings.array_checks import as_real
 from ..runtime.bindings.real_numbers import from_text
@@ -88,7 +88,7 @@ def record(
         if group.attrs["status"] == RUNNING:
             with log_progress(f"recording {stepper.name}", run.steps, progress) as report:
                 Recorder(stepper, run, events, path, group).run_to_end(report)
-    recording = changed(Recording.read(path), _stepper=stepper)
+    recording = replace_fields(Recording.read(path), _stepper=stepper)
     if recording.status != COMPLETE and not recording.status.startswith(ENDED):
         raise recording.failure()
     if not warned:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
-from ..core.arguments import listed
+from ..core.arguments import join_or
 from ..core.arrays import Array
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
@@ -23,7 +23,7 @@ from ..core.event import Event, Impact, impacts_of_json
 from ..core.html import card
 from ..core.manifest import Manifest
 from ..core.real_types import REALS
-from ..core.records import changed
+from ..core.records import replace_fields
 from ..runtime.bindings.real_numbers import from_text
 from ..runtime.results.crossings import Impacts
 from ..runtime.results.diagnostics import Report, known_fields
@@ -114,7 +114,7 @@ class Recording(Trajectory):
         manifest = Manifest.from_json(about["manifest"])
         run, report = about["run"], about.get("report")
         real = manifest.real
-        return changed(
+        return replace_fields(
             object.__new__(cls), path=path, attributes=about, status=about["status"],
             steps_done=about["steps_done"], states=about["states"], manifest=manifest,
             dt=from_text(run["dt"], real), every=run["every"],
@@ -203,7 +203,7 @@ class Recording(Trajectory):
         end = None if row_range[-1] + row_range.step >= self.states else t[-1]
         events, impacts = ({name: x.within(t[0], end, ahead) for name, x in crossings.items()}
                            for crossings in (self.events, self.impacts))
-        return changed(run_in_memory, events=events, impacts=impacts)
+        return replace_fields(run_in_memory, events=events, impacts=impacts)
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
         """Yield blocks of rows, each with the row before it."""
@@ -322,7 +322,7 @@ class Recording(Trajectory):
         missing = [name for output in OUTPUTS for name in names_in_files(output, manifest)
                    if name not in self.attributes["arrays"]]
         if missing:
-            raise written_by(self.path, run.get("gyrospark"), f"it has no {listed(missing)}")
+            raise written_by(self.path, run.get("gyrospark"), f"it has no {join_or(missing)}")
         arrays: dict[str, Any] = {}
         for output in OUTPUTS:
             # outputs of steps have no entry for the start

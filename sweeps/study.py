@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..core.arguments import choose, listed, proposal
+from ..core.arguments import choose, join_or, proposal
 from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.event import Event, as_events, refuse_unusable_names, terminal_of
@@ -276,7 +276,7 @@ def _check_column(study: Study, names: Sequence[str], column: str, values: Array
     elif column not in (*_OWN, *names):
         choices = [*names, study.step_name, SCHEME, START]
         raise InputError(f"{column!r} is nothing that a sweep of {stepper.name} can vary; choose "
-                         f"{listed(choices)}{proposal(column, choices)}.")
+                         f"{join_or(choices)}{proposal(column, choices)}.")
     elif column in names:
         domain = stepper.parameter_domains[column]
         # a real parameter takes every number but NaN, which differs from itself

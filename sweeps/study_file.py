@@ -29,7 +29,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ..core.arguments import proposal, whole
+from ..core.arguments import as_integer, proposal
 from ..core.errors import InputError
 from ..core.event import Event, event_of_text
 from ..core.former_names import former_argument
@@ -101,7 +101,7 @@ def _study(content: dict[str, Any], path: Path) -> Study:
         model = str(path.parent / model)
     options = {key: content[key] for key in _OPTIONS if key in content}
     for key, option in options.items():
-        count = whole(option)
+        count = as_integer(option)
         if _OPTIONS[key] == (int,) and count is not None:
             options[key] = count  # 1e3 is a float in TOML
         elif isinstance(option, bool) or not isinstance(option, _OPTIONS[key]):

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from ...core.arguments import listed, proposal
+from ...core.arguments import join_or, proposal
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, decimal
 from ...core.registry import AIMS, RULES
@@ -67,7 +67,7 @@ def _inertia_parameter(name: str, text: str) -> float:
     """
     number = decimal(text)
     if number is None:
-        raise InputError(f"--{name} {text!r} is none of {listed([*RULES, 'a number'])}.")
+        raise InputError(f"--{name} {text!r} is none of {join_or([*RULES, 'a number'])}.")
     # all digits that are typed, for steppers of a type with more than a double has
     number = number if isinstance(number, float) else Rounded(number)
     if not math.isfinite(number) or number == 0:
@@ -83,7 +83,7 @@ def _rates(step: Stepper, options: tuple[str, ...]) -> dict[str, float]:
         name, sign, rate_text = option.partition("=")
         if not sign or name.strip() not in names:
             raise InputError(f"--frame {option!r} is no frame of {step.name}; write auto, start or "
-                             f"NAME=RATE with NAME among {listed(names)}"
+                             f"NAME=RATE with NAME among {join_or(names)}"
                              f"{proposal(name.strip(), names)}.")
         rates[name.strip()] = real_number(f"--frame {name.strip()}", rate_text.strip())
     return rates
@@ -124,10 +124,10 @@ def numbers_of_run(
             options = {**options, "dt": step_argument(step.binding, options["dt"], options["dtau"])}
         dt, span = _span(defaults, options)
         if not search:
-            return RunNumbers(state, dt, span if clocked else _whole(span, t0, dt), None)
+            return RunNumbers(state, dt, span if clocked else _whole_steps(span, t0, dt), None)
         tuning = tune(step, state, dt=dt, steps=steps_of(span, t0, dt), **search)
     return RunNumbers(state.replace(parameters={**state.parameters, **tuning.parameters}), dt,
-                      span if clocked else _whole(span, t0, dt), tuning)
+                      span if clocked else _whole_steps(span, t0, dt), tuning)
 
 
 def steps_for(
@@ -149,7 +149,7 @@ def steps_of(span: Mapping[str, Any], t0: Any, dt: Any) -> int:
     return span_of(span.get("steps"), span.get("t_end"), t0, dt)[0]
 
 
-def _whole(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
+def _whole_steps(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
     """Return {"steps": N} where whole steps lead to the end of the run, else ``span`` as it is."""
     from ...runtime.integration.run_arguments import span_of
 

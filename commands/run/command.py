@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import click
 
-from ...core.arguments import listed
+from ...core.arguments import join_or
 from ...core.errors import GyrosparkError, StepFailed
 from ...core.interrupts import catch_signals
 from ...core.registry import MODELS, PROBLEMS, RULES
@@ -210,5 +210,5 @@ def _draw(
     return first_error
 
 
-run.help = (run.help or "").replace("(PROBLEMS)", listed(PROBLEMS)).replace(
-    "(MODELS)", listed(MODELS)).replace("(DEFAULT)", DEFAULT)
+run.help = (run.help or "").replace("(PROBLEMS)", join_or(PROBLEMS)).replace(
+    "(MODELS)", join_or(MODELS)).replace("(DEFAULT)", DEFAULT)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from ...runtime.rigid_body.problems import Problem
     from ...runtime.steppers.stepper import Stepper
 
-__all__ = ["arguments_of", "refuse_repeated", "settings_of", "start_of", "stepper_and_start"]
+__all__ = ["arguments_of", "refuse_repeated_keys", "settings_of", "start_of", "stepper_and_start"]
 
 
 class StepperAndStart(NamedTuple):
@@ -41,7 +41,7 @@ def stepper_and_start(
     """
     from ...api import model_stepper, stepper_of
 
-    refuse_repeated(settings)
+    refuse_repeated_keys(settings)
     settings, t0 = _without_time(settings)
     entry = None if is_model_file(problem) else entry_named(problem)
     options = {} if entry is None else arguments_of(entry, settings)
@@ -59,7 +59,7 @@ def stepper_and_start(
     return StepperAndStart(None, step, defaults, t0)
 
 
-def refuse_repeated(settings: tuple[str, ...]) -> None:
+def refuse_repeated_keys(settings: tuple[str, ...]) -> None:
     """Refuse settings with a key that another one has."""
     keys = [_key(text) for text in settings]
     for key in keys:
@@ -76,7 +76,7 @@ def _without_time(settings: tuple[str, ...]) -> tuple[tuple[str, ...], float]:
     times = [text for text in settings if _key(text) == "t"]
     if not times:
         return settings, 0.0
-    # one at most, for ``refuse_repeated`` is called before
+    # one at most, for ``refuse_repeated_keys`` is called before
     time_text = times[-1].partition("=")[2].strip()
     t0 = real_number("--set t", time_text)
     if isinstance(t0, float) and not math.isfinite(t0):

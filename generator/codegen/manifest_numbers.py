@@ -10,7 +10,7 @@ import sympy as sp
 from ...core.exact_numbers import exact
 from ...core.manifest import Domain, NumberManifest
 from ...core.registry import MEANS, function_of
-from ...core.units import base_units, combined, unit_name
+from ...core.units import base_units, product_dimensions, unit_name
 from ..multibody.model import Model
 from ..systems.units import units_of
 from .program import Derived, StateFunctions
@@ -62,7 +62,7 @@ def _rate(unit: str | None) -> str | None:
     """Return the unit per second, such as "m/s" of "m"; None for None."""
     if unit is None:
         return None
-    return unit_name(combined((base_units(unit), 1), (base_units("s"), -1)))
+    return unit_name(product_dimensions((base_units(unit), 1), (base_units("s"), -1)))
 
 
 def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.arguments import listed, proposal, shown
+from ...core.arguments import join_or, proposal, shown
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix, quaternion_product
 from ..multibody.body import Body
@@ -109,7 +109,7 @@ def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
         return robot.keys[number]
     key_names = [name or str(number) for number, name in enumerate(names)]
     raise InputError(f"keyframe = {shown(keyframe)} is none of the file; "
-                     f"{'choose ' + listed(key_names) if key_names else 'it has no <key>'}"
+                     f"{'choose ' + join_or(key_names) if key_names else 'it has no <key>'}"
                      f"{proposal(keyframe, key_names)}.")
 
 

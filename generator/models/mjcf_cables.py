@@ -17,7 +17,7 @@ from xml.sax.saxutils import escape, quoteattr
 
 import numpy as np
 
-from ...core.arguments import listed, shown
+from ...core.arguments import join_or, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import quaternion_of_matrix
@@ -164,7 +164,7 @@ def _allow(element: Element, names: Iterable[str]) -> None:
     for key in element.attributes:
         if key not in names:
             raise _refusal(element, f"has {key}, which a cable has not here; choose "
-                           f"{listed([*names])}, and place it by a <frame>.")
+                           f"{join_or([*names])}, and place it by a <frame>.")
 
 
 def _numbers(
@@ -201,7 +201,7 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> _Material
         for entry in (instances[instance] if instance else plugin).all("config"):
             key = entry.attributes.get("key", "")
             if key not in _KEYS:
-                raise _refusal(entry, f"has the key {shown(key)}; choose {listed(_KEYS)}.")
+                raise _refusal(entry, f"has the key {shown(key)}; choose {join_or(_KEYS)}.")
             config[key] = entry.attributes.get("value", "")
     if config.get("flat", "false") not in ("true", "false"):
         raise _refusal(composite, f"has flat {shown(config['flat'])}; write true or false.")
@@ -271,7 +271,7 @@ def _curve(composite: Element) -> Array:
         words = values.get("curve", "").split()
         if len(words) > 3 or not {*words} <= shapes.keys():
             raise _refusal(composite, f"has curve={shown(values['curve'])}; write up to three of "
-                           f"{listed(shapes)}.")
+                           f"{join_or(shapes)}.")
         points = np.stack([shapes[word] for word in (words + ["0"] * 3)[:3]], axis=1)
     edges = np.diff(points, axis=0)
     lengths = np.linalg.norm(edges, axis=1)

@@ -56,11 +56,11 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from ...core.arguments import as_mapping, as_path, choose, listed, proposal, shown
+from ...core.arguments import as_mapping, as_path, choose, join_or, proposal, shown
 from ...core.errors import InputError
 from ...core.event import Event, event_of_text
 from ...core.inertia import REPS, RepName
-from ...core.mesh_files import located_all
+from ...core.mesh_files import locate_all
 from ...core.records import dataclass
 from ...core.registry import FRAMES, SYSTEMS
 from ...core.warnings import capture_warnings, warn
@@ -126,7 +126,7 @@ def load_model(
     with capture_warnings() as messages:
         model = robot_model(text, file, chosen, present)
     _warn_of_file(file, messages)
-    return replace(model, visuals=located_all(model.visuals, file))
+    return replace(model, visuals=locate_all(model.visuals, file))
 
 
 def parse_model(text: str, path: str | Path, rep: str | None = None) -> Model:
@@ -275,7 +275,7 @@ def _set(content: TomlTable, key: str, value: str) -> None:
             table = table.get(word) if isinstance(table, dict) else None
     names = list(content.table("parameters").content)
     if not isinstance(table, dict) or ("." not in key and last not in names):
-        parameters = (f"set its parameter {listed(names)}" if names else
+        parameters = (f"set its parameter {join_or(names)}" if names else
                       "it has no [parameters] to set")
         example = "body.inertia" if "body" in content.content else "start.euler"
         raise content.file_error(

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ...core.arguments import as_items, as_mapping, as_text, choose, listed, proposal, shown
+from ...core.arguments import as_items, as_mapping, as_text, choose, join_or, proposal, shown
 from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import real_array, warn_of_degrees
@@ -95,7 +95,7 @@ def refuse_extras(
     for name in ignore:
         if name not in (*descriptions, "all"):
             raise InputError(f"ignore names {shown(name)}; choose "
-                             f"{listed([*descriptions, 'all'])}{proposal(name, descriptions)}.")
+                             f"{join_or([*descriptions, 'all'])}{proposal(name, descriptions)}.")
     if "all" in ignore:
         return
     remaining = {name: extras[name] for name in descriptions if extras[name] and name not in ignore}
@@ -153,8 +153,9 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
         entries = as_mapping(key, {} if argument is None else argument, "{'elbow': 0.5}")
         for name, value in entries.items():
             if name not in joint_names:
-                raise InputError(f"{key} names {shown(name)}, which is no joint that moves; choose "
-                                 f"{listed(joint_names or ['none'])}{proposal(name, joint_names)}.")
+                raise InputError(f"{key} names {shown(name)}, which is no joint that moves; "
+                                 f"choose {join_or(joint_names or ['none'])}"
+                                 f"{proposal(name, joint_names)}.")
             if name in leaders:
                 raise InputError(f"{key} names {shown(name)}, which follows "
                                  f"{shown(leaders[name].leader)}; set that one.")

@@ -24,11 +24,11 @@ from typing import Any
 
 import numpy as np
 
-from ...core.arguments import as_path, listed, proposal, shown
+from ...core.arguments import as_path, join_or, proposal, shown
 from ...core.errors import ArgumentError, InputError
 from ...core.exact_numbers import decimal
 from ...core.inertia import RepName
-from ...core.mesh_files import located_all
+from ...core.mesh_files import locate_all
 from ...core.records import dataclass
 from ...core.warnings import warn
 from ..multibody.body import GROUND
@@ -93,9 +93,9 @@ def refuse_other_options(kind: str, allowed: Sequence[str], options: Iterable[st
         if name not in allowed:
             formats = [each.name for each in FORMATS.values() if name in each.options]
             formats += ["TOML"] * (name == "set")
-            belongs = f" belongs to {listed(formats)}" if formats else (
+            belongs = f" belongs to {join_or(formats)}" if formats else (
                 f" is no option of model files{proposal(name, allowed)}")
-            raise ArgumentError(f"{name}={belongs}; a file in {kind} takes {listed(allowed)}.")
+            raise ArgumentError(f"{name}={belongs}; a file in {kind} takes {join_or(allowed)}.")
 
 
 def load_robot(
@@ -107,7 +107,7 @@ def load_robot(
         raise InputError(f"The model file {str(file)!r} is no robot's; give a file ending in "
                          ".urdf, .xml or .sdf, or build the bodies in Python.")
     builder = _read_robot(model_text(file), file, rep, options)[0]
-    builder._visuals = located_all(builder._visuals, file)
+    builder._visuals = locate_all(builder._visuals, file)
     return builder
 
 

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.arguments import choose, few, listed, proposal, shown
+from ...core.arguments import choose, few, join_or, proposal, shown
 from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.records import dataclass
@@ -339,7 +339,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     kind = element.attributes.get("type", "")
     if kind not in KINDS:
         raise InputError(f"line {element.line}: the type of joint {shown(name)} is {shown(kind)}; "
-                         f"choose {listed(KINDS)}{proposal(kind, KINDS)}.")
+                         f"choose {join_or(KINDS)}{proposal(kind, KINDS)}.")
     parent, child = (scopes.link(scopes.resolve(_text(element, end), name))
                      for end in ("parent", "child"))
     axis = element.first("axis") if KINDS[kind] in ("hinge", "slide") else None

@@ -11,7 +11,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, TypeAlias
 
-from ...core.arguments import proposal, whole
+from ...core.arguments import as_integer, proposal
 from ...core.errors import InputError
 from ...core.exact_numbers import Rounded, decimal, exact
 from ..parsing.grammar import UNITS
@@ -216,7 +216,7 @@ class TomlTable:
     def count(self, key: str) -> int:
         """Return a whole number from 0 on."""
         value = self.content.get(key)
-        count = whole(value)
+        count = as_integer(value)
         if count is None or not 0 <= count < 2**62:
             raise self.error(key, f"is {describe(value)}; write a whole number from 0 on.")
         return count

@@ -21,7 +21,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from ...core.arguments import choose, listed, proposal, shown
+from ...core.arguments import choose, join_or, proposal, shown
 from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.warnings import warn
@@ -199,7 +199,7 @@ def _joint(version: str, followers: list[Follower], name: str, element: Element)
     """Return a joint as an edge of the tree; its <mimic> is added to ``followers``."""
     kind = element.attributes.get("type", "")
     if kind not in KINDS:
-        raise InputError(f"its type is {shown(kind)}; choose {listed(KINDS)}"
+        raise InputError(f"its type is {shown(kind)}; choose {join_or(KINDS)}"
                          f"{proposal(kind, KINDS)}.")
     parent, child = (_text(element, end, "link") for end in ("parent", "child"))
     dynamics, mimic = element.first("dynamics"), element.first("mimic")
@@ -243,7 +243,7 @@ def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJo
     """
     kind = element.attributes.get("type", "")
     if kind not in LOOPS:
-        raise InputError(f"its type is {shown(kind)}; choose {listed(LOOPS)}"
+        raise InputError(f"its type is {shown(kind)}; choose {join_or(LOOPS)}"
                          f"{proposal(kind, LOOPS)}.")
     ends, places, axes = [], [], []
     for side in ("parent", "child"):

@@ -24,7 +24,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike
 
-from ...core.arguments import shown, whole
+from ...core.arguments import as_integer, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import quaternion_product, real_array
@@ -479,7 +479,7 @@ def stiffness_of(
     Raises InputError for less than two segments, stiffnesses that are not above 0, only one of
     stretching and shearing, and a damping below 0.
     """
-    number = whole(count)
+    number = as_integer(count)
     if number is None or not 2 <= number <= _MOST_SEGMENTS:
         raise InputError(f"The count of beam {name!r} is {shown(count)}; give a whole number of "
                          f"segments, 2 to {_MOST_SEGMENTS}.")

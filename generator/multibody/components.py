@@ -10,7 +10,7 @@ from typing import Any, Literal
 import numpy as np
 import sympy as sp
 
-from ...core.arguments import as_text, listed, proposal, shown
+from ...core.arguments import as_text, join_or, proposal, shown
 from ...core.errors import InputError
 from ...core.event import Impact
 from ...core.inertia import Inertia
@@ -164,7 +164,7 @@ class Components:
         """Refuse a measure that a joint does not have."""
         if measure not in joint.MEASURES:
             raise InputError(f"Joint {joint.name!r} has no {measure}; it has "
-                             f"{listed(joint.MEASURES) if joint.MEASURES else 'no coordinate'}.")
+                             f"{join_or(joint.MEASURES) if joint.MEASURES else 'no coordinate'}.")
 
     def start_of_point(self, point: MovingPoint) -> list[tuple[float, float]]:
         """Return (position, velocity) of a moving point at t = 0 along each of the three axes."""

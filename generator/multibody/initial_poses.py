@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.arguments import shown, unknown, whole
+from ...core.arguments import as_integer, shown, unknown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import (
@@ -307,7 +307,7 @@ def check_rep(name: str, rep: Any) -> None:
 
 def count(value: Any) -> int:
     """Return a number of steps as int, or refuse a value that is no whole number ≥ 0."""
-    number = whole(value)
+    number = as_integer(value)
     if number is None or number < 0:
         raise InputError(f"steps = {shown(value)} is no whole number from 0 on.")
     return number

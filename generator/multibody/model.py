@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_items, as_mapping, as_text, choose, few, shown, whole
+from ...core.arguments import as_integer, as_items, as_mapping, as_text, choose, few, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -304,7 +304,7 @@ class Model:
 
     def _count(self, value: Any) -> int:
         """Return the number of steps, or refuse a value that is no whole number ≥ 0."""
-        count = whole(value)
+        count = as_integer(value)
         if count is None or count < 0:
             raise InputError(f"steps of model {self.name!r} is {shown(value)}; give a whole number "
                              "from 0 on.")

@@ -21,7 +21,7 @@ from functools import partial
 import numpy as np
 import sympy as sp
 
-from ...core.arguments import shown, whole
+from ...core.arguments import as_integer, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import REPS, RepName, quaternion_product, warn_of_degrees
@@ -238,7 +238,7 @@ def chain(count: int = 8, *, rep: RepName = "gamma") -> Model:
     Every rod is a body with 7 coordinates, so that all joints and rods have one form. The numbers
     of a long chain are cached, and its system is made when it is first asked for.
     """
-    rods = whole(count)
+    rods = as_integer(count)
     if rods is None or not 1 <= rods <= MOST_RODS:
         raise InputError(f"A chain of {shown(count)} rods cannot be built; give a whole number "
                          f"from 1 to {MOST_RODS}.")

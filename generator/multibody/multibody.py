@@ -18,13 +18,13 @@ from numpy.typing import ArrayLike
 
 from ...core.arguments import (
     as_flag,
+    as_integer,
     as_items,
     as_mapping,
     as_text,
     choose,
     few,
     shown,
-    whole,
 )
 from ...core.arrays import Array
 from ...core.errors import InputError
@@ -836,7 +836,7 @@ class Multibody:
         z₁ θ₁ + z₂ θ₂ is constant, for any number of turns, of hinges and of flywheels. ``teeth``
         are z₁ and z₂; for a ring gear, whose teeth are inside, with a minus.
         """
-        counts = [whole(z) for z in np.ravel(np.asarray(teeth, dtype=object)).tolist()]
+        counts = [as_integer(z) for z in np.ravel(np.asarray(teeth, dtype=object)).tolist()]
         if len(counts) != 2 or not all(counts):
             raise InputError(f"The teeth of {name!r} are {shown(teeth)}; give two whole numbers "
                              "other than 0.")

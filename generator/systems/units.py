@@ -12,7 +12,7 @@ from fractions import Fraction
 
 import sympy as sp
 
-from ...core.units import DIMENSIONLESS, Dimensions, base_units, combined, unit_name
+from ...core.units import DIMENSIONLESS, Dimensions, base_units, product_dimensions, unit_name
 from ..symbolic.switching_functions import Switch
 from .system import System
 
@@ -44,10 +44,11 @@ class _Solver:
             known_factors = [factor for a in e.args if (factor := self.of(a)) is not None]
             if len(known_factors) < len(e.args):
                 return None
-            return combined(*((factor, 1) for factor in known_factors))
+            return product_dimensions(*((factor, 1) for factor in known_factors))
         if e.is_Pow and e.exp.is_Rational:
             base = self.of(e.base)
-            return None if base is None else combined((base, Fraction(int(e.exp.p), int(e.exp.q))))
+            return None if base is None else product_dimensions((base, Fraction(int(e.exp.p),
+                                                                                int(e.exp.q))))
         # sines, exponentials and the like
         return DIMENSIONLESS
 
@@ -70,18 +71,19 @@ class _Solver:
         elif e.is_Mul:
             dimensions_of = {a: self.of(a) for a in e.args}
             unknown = [a for a, factor in dimensions_of.items() if factor is None]
-            known_product = combined(*((factor, 1) for factor in dimensions_of.values()
-                                       if factor is not None))
+            known_product = product_dimensions(*((factor, 1) for factor in dimensions_of.values()
+                                                 if factor is not None))
             for a in e.args:
                 if dimensions is not None and unknown == [a]:
-                    self.assign(a, combined((dimensions, 1), (known_product, -1)))
+                    self.assign(a, product_dimensions((dimensions, 1), (known_product, -1)))
                 else:
                     # symbols inside of a known factor may be unknown
                     self.assign(a, dimensions_of[a])
         elif e.is_Pow and e.exp.is_Rational:
             # the inverse of the exponent
             power = Fraction(int(e.exp.q), int(e.exp.p))
-            self.assign(e.base, None if dimensions is None else combined((dimensions, power)))
+            self.assign(e.base, None if dimensions is None
+                        else product_dimensions((dimensions, power)))
         else:
             # signs and angles of vectors take arguments of any dimensions, exp and sin of none
             takes_any = isinstance(e, (sp.sign, sp.Heaviside, sp.atan2))
@@ -146,11 +148,12 @@ def _solve(solver: _Solver, system: System) -> None:
         for x, p in zip(system.q, system.p, strict=True):
             for variable, conjugate in ((x, p), (p, x)):  # the product of both is an action
                 if (known_unit := solver.known.get(variable)) is not None:
-                    solver.assign(conjugate, combined((base_units("J.s"), 1), (known_unit, -1)))
+                    solver.assign(conjugate,
+                                  product_dimensions((base_units("J.s"), 1), (known_unit, -1)))
         for x, force in zip(system.q, system.forces, strict=False):
             known_unit = solver.known.get(x)
             solver.assign(force, None if known_unit is None
-                          else combined((energy, 1), (known_unit, -1)))
+                          else product_dimensions((energy, 1), (known_unit, -1)))
         for e in (*system.constraints, *system.quantities.values()):
             solver.assign(e, solver.of(e))
 

@@ -26,7 +26,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any
 
-from ...core.arguments import choose, shown, whole
+from ...core.arguments import as_integer, choose, shown
 from ...core.errors import InputError
 from ...core.records import dataclass
 
@@ -184,7 +184,7 @@ def composition(order: int, gradients: bool = False) -> Composition:
     InputError
         For any other order.
     """
-    name = _CHOICE[bool(gradients)].get(whole(order) or 0)
+    name = _CHOICE[bool(gradients)].get(as_integer(order) or 0)
     if name is None:
         raise InputError(f"order = {shown(order)} is not the order of a composition; symmetric "
                          "ones have even orders: choose 2, 4, 6, 8 or 10.")

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import shown, whole
+from ...core.arguments import as_integer, shown
 from ...core.errors import InputError
 from ...core.exact_numbers import as_double, exact
 from .real_numbers import as_float
@@ -162,7 +162,7 @@ def as_step(
 
 def as_positive_count(name: str, value: Any, minimum: int = 0) -> int:
     """Return a whole number of at least ``minimum``; 10.0 and 1e3 are such numbers."""
-    count = whole(value)
+    count = as_integer(value)
     if count is None:
         raise InputError(f"{name} = {shown(value)} is not a whole number.")
     if count < minimum:

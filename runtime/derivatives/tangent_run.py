@@ -11,7 +11,7 @@ import numpy as np
 from ...core.arguments import shown
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.records import changed
+from ...core.records import replace_fields
 from ..integration.run_arguments import RunArguments
 from ..results.tangent_rows import EventTangents, TangentRows
 from .binding import KeptSteps
@@ -78,7 +78,7 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
     tangent_rows = stored_tangents.of_others(*_of_rows(
         rows, stored_tangents, directions[:count], times[:count]))
     at_events = _of_events(rows, stored_tangents, directions[count:], times[count:])
-    return changed(trajectory, tangents=replace(tangent_rows, events=at_events))
+    return replace_fields(trajectory, tangents=replace(tangent_rows, events=at_events))
 
 
 def _of_events(

@@ -10,7 +10,7 @@ import numpy as np
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Event
-from ...core.records import changed
+from ...core.records import replace_fields
 from ..bindings.array_checks import as_real
 from ..bindings.run_memory import Rows, RunConstants, RunState
 from ..integration.dense_output import epsilon_of_times
@@ -124,7 +124,7 @@ class EndTimeObserver:
         """
         binding, row = self._stepper.binding, Rows.allocate(self._stepper.binding, 1)
         partial_state = RunState.at_start(binding, state.q, state.p, work_memory)
-        if binding.integrate(changed(constants, dt=tau), 1, 1, partial_state, row):
+        if binding.integrate(replace_fields(constants, dt=tau), 1, 1, partial_state, row):
             raise InputError(
                 f"From t = {float(state.q[-1]):.6g} s no step of {float(tau):.3g} s of τ is found, "
                 "though the run has found its own; take a smaller dtau.")
@@ -143,7 +143,7 @@ class EndTimeObserver:
 
     def results(self, trajectory: Trajectory, crossings: dict[str, Crossings]) -> Trajectory:
         """Return a trajectory with the end among its crossings."""
-        return changed(trajectory, events=crossings)
+        return replace_fields(trajectory, events=crossings)
 
 
 def _zero(a: tuple[Any, Any, Any], b: tuple[Any, Any, Any]) -> Any:

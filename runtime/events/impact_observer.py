@@ -16,7 +16,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Impact, with_restitutions
 from ...core.incompatibilities import LARGEST, refuse_together
-from ...core.records import changed
+from ...core.records import replace_fields
 from ...core.warnings import warn
 from ..bindings.array_checks import as_real
 from ..bindings.real_numbers import aligned
@@ -149,9 +149,9 @@ class ImpactObserver:
     def results(self, trajectory: Trajectory, impacts: dict[str, Impacts]) -> Trajectory:
         """Return a trajectory with its impacts."""
         count = sum(map(len, impacts.values()))
-        return changed(trajectory, report=self.reported(trajectory.report, count), impacts=impacts,
-                       _laws=self.events,
-                       events={name: hits.crossings for name, hits in impacts.items()})
+        return replace_fields(trajectory, report=self.reported(trajectory.report, count),
+                              impacts=impacts, _laws=self.events,
+                              events={name: hits.crossings for name, hits in impacts.items()})
 
     def _call(self, steps: int, every: int, state: RunState, rows: Rows) -> int:
         """Take steps up to the last one or a terminal event; return 0 or the status of a failure.

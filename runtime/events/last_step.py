@@ -11,7 +11,7 @@ import numpy as np
 from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event, Impact
-from ...core.records import changed
+from ...core.records import replace_fields
 from ..bindings.run_memory import Rows
 from ..integration.run_arguments import RunArguments
 from ..results.crossings import Crossings, Impacts
@@ -87,8 +87,9 @@ def joined_with_part(
                  for name, of_steps in trajectory.events.items()}
     impacts = {name: _join(run, of_steps, partial_run.impacts[name], trajectory)
                for name, of_steps in trajectory.impacts.items()}
-    return changed(joined, report=report_to_end(trajectory.report, partial_run, float(work[0])),
-                   events=crossings, impacts=impacts, _grid=grid)
+    return replace_fields(joined,
+                          report=report_to_end(trajectory.report, partial_run, float(work[0])),
+                          events=crossings, impacts=impacts, _grid=grid)
 
 
 def row_of(last: Trajectory, work: Array) -> Rows:

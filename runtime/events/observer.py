@@ -18,7 +18,7 @@ from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event, Impact
 from ...core.interrupts import catch_ctrl_c
-from ...core.records import changed
+from ...core.records import replace_fields
 from ..bindings.run_memory import Rows, RunConstants, RunState
 from ..integration.dense_output import run_together
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
@@ -86,7 +86,7 @@ def with_end_apart(trajectory: Trajectory, end_event: str) -> Trajectory:
     """Return a trajectory whose event at t_end in scaled time is none of its events."""
     events_by_name = {**trajectory.events}
     ends = {end_event: events_by_name.pop(end_event)}
-    return changed(trajectory, events=events_by_name, _end_event=ends)
+    return replace_fields(trajectory, events=events_by_name, _end_event=ends)
 
 
 def observer_of(
@@ -246,7 +246,7 @@ class Observer:
 
     def results(self, trajectory: Trajectory, crossings: dict[str, Crossings]) -> Trajectory:
         """Return a trajectory with its crossings."""
-        return changed(trajectory, events=crossings)
+        return replace_fields(trajectory, events=crossings)
 
     def _locate(self, brackets: Any, stop: Callable[[], bool]) -> dict[str, Crossings]:
         """Return the crossings in ``brackets`` (or None), event's name → crossings.

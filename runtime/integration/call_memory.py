@@ -14,7 +14,7 @@ from types import NoneType
 from typing import TYPE_CHECKING, Any
 
 from ...core.errors import GyrosparkError
-from ...core.records import changed, dataclass
+from ...core.records import dataclass, replace_fields
 from ...core.solver import Solver, as_solver
 from ...core.start import Start, as_start, has_start
 from ..bindings.array_checks import as_real
@@ -97,8 +97,8 @@ class CallMemory:
         assert constants is not None  # ``keep`` computes them
         if not binding.is_consistent(constants.parameters, q, p):
             return None
-        return changed(last_call.plan, run=changed(run, q=q, p=p, t0=t0,
-                                                   parameters=run.parameters.copy()))
+        return replace_fields(last_call.plan, run=replace_fields(run, q=q, p=p, t0=t0,
+                                                                 parameters=run.parameters.copy()))
 
     def keep(
         self, stepper: Stepper, start: Any, arguments: tuple[Any, ...], parameters: Any,
@@ -126,8 +126,8 @@ class CallMemory:
             arguments, _entries(parameters),
             None if of_start is None else [*map(_entries, dicts)],
             () if of_start is None else (of_start._span, of_start._spare),
-            changed(plan, run=changed(run, parameters=run.parameters.copy()),
-                    constants=run.constants(binding)), limits)
+            replace_fields(plan, run=replace_fields(run, parameters=run.parameters.copy()),
+                           constants=run.constants(binding)), limits)
         self.chunk_steps = FIRST_STEPS
 
 

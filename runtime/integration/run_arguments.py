@@ -29,7 +29,7 @@ from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.inertia import refuse_impossible_inertias
 from ...core.manifest import ClockManifest
-from ...core.records import changed, dataclass
+from ...core.records import dataclass, replace_fields
 from ...core.registry import MEANS
 from ...core.start import GAMMA_M, Rule
 from ...core.warnings import warn
@@ -188,7 +188,7 @@ def in_scaled_time(binding: Binding, run: RunArguments) -> RunArguments:
                          f"{float(run.t0):.6g} s: steps go forwards in time where it is positive. "
                          "Take another start, or another time_scale.")
     p[-1] += run.excess
-    return changed(run, q=q, p=p, t0=binding.number(Fraction(0)))
+    return replace_fields(run, q=q, p=p, t0=binding.number(Fraction(0)))
 
 
 def step_argument(binding: Binding, dt: Any, dtau: Any) -> Any:

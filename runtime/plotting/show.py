@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ...core.arguments import as_path, listed, proposal
+from ...core.arguments import as_path, join_or, proposal
 from ...core.errors import InputError
 from ...core.file_formats import ending_of
 from .gltf import export_gltf
@@ -46,10 +46,10 @@ def show(run: Trajectory, path: str | os.PathLike[str] | None, options: dict[str
     ending = ending or ending_of(Path(target or ""))
     if ending not in ENDINGS:
         raise InputError(f"A run is not shown as {target.name if target else ''!r}; end the "
-                         f"name in {listed(ENDINGS)}. plot writes curves as .png, .svg and .pdf.")
+                         f"name in {join_or(ENDINGS)}. plot writes curves as .png, .svg and .pdf.")
     kind, function, option_names = ENDINGS[ending]
     for name in options:
         if name not in option_names:
-            raise InputError(f"{name} is no option of {kind}, which has {listed(option_names)}"
+            raise InputError(f"{name} is no option of {kind}, which has {join_or(option_names)}"
                              f"{proposal(name, option_names)}.")
     return function(run, target, **options)

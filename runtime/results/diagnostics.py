@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
-from ...core.records import changed, dataclass
+from ...core.records import dataclass, replace_fields
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding
@@ -87,7 +87,7 @@ class Report:
         # H is compared at every state, or at some if the record says at how many
         states = int(getattr(record, "recorded", record.steps + 1)) or 1
         energy_error_mean = float(record.energy_error_sum) / states
-        return changed(  # faster than the constructor of a frozen dataclass
+        return replace_fields(  # faster than the constructor of a frozen dataclass
             object.__new__(cls),
             steps=int(record.steps),
             iterations=int(record.iterations),

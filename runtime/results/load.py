@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from typing import TYPE_CHECKING
 
-from ...core.arguments import as_path, listed
+from ...core.arguments import as_path, join_or
 from ...core.errors import InputError
 from ...core.file_formats import FORMATS, ending_of
 
@@ -36,7 +36,7 @@ def load(path: str | os.PathLike[str]) -> Trajectory:
     form = readable.get(".zarr" if target.is_dir() else ending_of(target))
     if form is None:
         raise InputError(f"No run is read from {target.name!r}: give a name that ends in "
-                         f"{listed(readable)}. Tables (.csv, .parquet) have numbers without their "
+                         f"{join_or(readable)}. Tables (.csv, .parquet) have numbers without their "
                          "model; pandas reads them.")
     form.require_packages()
     run: Trajectory = form.function(form.reader)(target)

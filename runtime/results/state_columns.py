@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.arguments import as_items, as_text, listed, proposal, shown
+from ...core.arguments import as_items, as_text, join_or, proposal, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.exact_numbers import wide_text
@@ -139,7 +139,7 @@ def places_of(
             raise InputError(f"columns has {shown(column)}, which no column is called; choose "
                              f"names and patterns of {', '.join(column_names[:_NAMED])}"
                              f"{', …' if len(column_names) > _NAMED else ''}, or arrays: "
-                             f"{listed(groups)}{proposal(column, column_names)}.")
+                             f"{join_or(groups)}{proposal(column, column_names)}.")
         places |= dict.fromkeys(matches)
     return [*places]
 

@@ -21,7 +21,7 @@ from ...core.event import Impact, impacts_as_json
 from ...core.exact_numbers import digits_of
 from ...core.file_formats import format_of
 from ...core.manifest import Manifest
-from ...core.records import changed, dataclass
+from ...core.records import dataclass, replace_fields
 from ...core.start import Start
 from ..compilation.body_columns import (
     PlacedAt,
@@ -270,10 +270,10 @@ class Trajectory(Shown):
                   for name, crossings in self.events.items()}
         impacts = {name: hits.within(start_time, end_time, ahead)
                    for name, hits in self.impacts.items()}
-        return changed(self, **arrays, every=self.every * row_range.step, events=events,
-                       impacts=impacts,
-                       tangents=None, _inputs=None, _origin=None, _states=None,
-                       _grid=self._grid if row_range[-1] == len(self) - 1 else None)
+        return replace_fields(self, **arrays, every=self.every * row_range.step, events=events,
+                              impacts=impacts,
+                              tangents=None, _inputs=None, _origin=None, _states=None,
+                              _grid=self._grid if row_range[-1] == len(self) - 1 else None)
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
         """Yield (rows, block) for blocks of the run in memory."""
@@ -600,7 +600,7 @@ class Trajectory(Shown):
 
     def made_by(self, stepper: Maker, origin: Any = None) -> Trajectory:
         """Return this trajectory with its stepper and the arguments of its run."""
-        return changed(self, _stepper=stepper, _origin=origin)
+        return replace_fields(self, _stepper=stepper, _origin=origin)
 
     def __getstate__(self) -> dict[str, Any]:
         """Pickle the arrays without the stepper."""

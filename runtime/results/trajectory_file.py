@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..._version import __version__
-from ...core.arguments import listed
+from ...core.arguments import join_or
 from ...core.arrays import Array
 from ...core.errors import ArgumentError, InputError
 from ...core.event import impacts_as_json, impacts_of_json
@@ -21,7 +21,7 @@ from ...core.file_formats import result_file
 from ...core.json_records import UnfitError
 from ...core.manifest import Manifest
 from ...core.real_types import REALS
-from ...core.records import changed
+from ...core.records import replace_fields
 from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import parse_manifest
 from .crossings import Impacts, of_columns
@@ -140,7 +140,7 @@ def load_npz(path: Path) -> Trajectory:
                        if output.attribute not in file and names_in_files(output, manifest)]
             if missing and "t" in file:
                 raise InputError(
-                    f"{str(path)!r} has no {listed(missing)}: it was written by gyrospark "
+                    f"{str(path)!r} has no {join_or(missing)}: it was written by gyrospark "
                     f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
                     "damaged. Run it again, or read it with numpy.load.")
             arrays = {output.attribute: file[output.attribute] for output in OUTPUTS
@@ -285,8 +285,9 @@ def _tangents(about: Any, tangents: dict[str, dict[str, Array]]) -> TangentRows 
     of_events = {name: _tangent_rows(about, tangents[f"event{i}_"])
                  for i, name in enumerate(about.get("events", ())) if tangents[f"event{i}_"]}
     reasons = {str(name): str(why) for name, why in about.get("refused_tangents", {}).items()}
-    return changed(_tangent_rows(about, tangents[""]), events=EventTangents(of_events, reasons),
-                   switched_steps=int(about.get("switched_steps", 0)))
+    return replace_fields(_tangent_rows(about, tangents[""]),
+                          events=EventTangents(of_events, reasons),
+                          switched_steps=int(about.get("switched_steps", 0)))
 
 
 def _tangent_rows(about: Any, arrays: dict[str, Array]) -> TangentRows:

@@ -26,7 +26,7 @@ from ...core.file_formats import format_of
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import Interrupts, catch_ctrl_c
 from ...core.progress import Progress, as_progress, log_progress
-from ...core.records import changed, dataclass
+from ...core.records import dataclass, replace_fields
 from ...core.start import Rule
 from ...core.warnings import warn
 from ..bindings.array_checks import as_numbers, as_positive_count
@@ -370,7 +370,7 @@ def _with_last_parts(
         """Return trajectory i, which has not failed, with its partial step."""
         joined = joined_with_part(
             stepper, runs[i], event_tuple, ensemble._make(i), parts._make(i))
-        return changed(joined, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
+        return replace_fields(joined, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
 
     events = {name: CrossingsOfMany([
         ensemble.events[name][i] if i in failures else member(i).events[name]
@@ -509,8 +509,8 @@ def _ensemble(
         """Return trajectory i, up to its failed step if it has one."""
         trajectory = trajectory_of(binding, stepper.manifest, runs[i], lambda: computed.rows[i],
                                    computed.final_report(i), computed.q[i], computed.p[i])
-        return changed(trajectory, events=shown_crossings[i] if shown_crossings else {},
-                       _origin=Origin(runs[i], event_tuple))
+        return replace_fields(trajectory, events=shown_crossings[i] if shown_crossings else {},
+                              _origin=Origin(runs[i], event_tuple))
 
     failures = {i: failure_of(binding, runs[i], member(i),
                                Diagnosis.bare(int(computed.status[i])), computed.q[i])
@@ -641,7 +641,7 @@ def _integrate_alone(
     end_event = ""
     if t_end is not None:
         assert clock is not None  # t_end is given in scaled time alone
-        run = changed(run, steps=OPEN, open_end=True)
+        run = replace_fields(run, steps=OPEN, open_end=True)
         end = end_of_run(clock, events, binding.time_of(run.q), t_end, run.dt)
         events, end_event = (*events, end), end.name
     observer = observer_to_end(stepper, run, events)
@@ -707,7 +707,7 @@ def _with_tangents(
 
     def member(i: int) -> Trajectory:
         """Return trajectory i with the tangents that are computed by now."""
-        return changed(ensemble._make(i), tangents=tangents[i])
+        return replace_fields(ensemble._make(i), tangents=tangents[i])
 
     return replace(ensemble, tangents=tangents, _make=member)
 

@@ -27,7 +27,7 @@ from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import catch_ctrl_c
 from ...core.manifest import Manifest
-from ...core.records import changed
+from ...core.records import replace_fields
 from ...core.start import Start
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
@@ -121,8 +121,8 @@ class AdvancingRun:
                       every=self.steps + 2)
         rows = Rows.allocate(self.binding, 1)
         rows.q[0], rows.p[0] = self.q, self.p
-        return changed(trajectory_of(self.binding, manifest, run, lambda: rows, self.record,
-                                     self.q.copy(), self.p.copy()), every=1)
+        return replace_fields(trajectory_of(self.binding, manifest, run, lambda: rows, self.record,
+                                            self.q.copy(), self.p.copy()), every=1)
 
 
 class ContinuedStep(AdvancingRun):

@@ -22,7 +22,7 @@ from ...core.exact_numbers import Number, Numbers
 from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.progress import Progress, log_progress
-from ...core.records import changed
+from ...core.records import replace_fields
 from ...core.registry import function_of
 from ...core.solver import AUTO, Solver, SolverName, as_solver
 from ...core.start import HasStart
@@ -179,7 +179,7 @@ class Stepper(Dynamics):
         q, p, t0 = state.q, state.p, state.t
         input_rows = as_inputs(inputs, self.binding, 1)
         if input_rows is not None:
-            state = changed(state, parameters={name: value for name, value in as_mapping(
+            state = replace_fields(state, parameters={name: value for name, value in as_mapping(
                 "parameters", state.parameters, "{'m': 1.0}").items()
                 if name not in self.binding.input_names})
         # the names of inputs are compared too: a call without them does not hold the last ones
@@ -595,8 +595,8 @@ class Stepper(Dynamics):
         number = self.binding.number
         end_time = {"t_end": as_real("t_end", t_end, number),
                     "rest": number(remainder)} if remainder else {}
-        plan = Integration(changed(run, open_end=bool(end_event), **end_time), observed_events,
-                           impacts, end_event)
+        plan = Integration(replace_fields(run, open_end=bool(end_event), **end_time),
+                           observed_events, impacts, end_event)
         if inputs is None and has_default_events:
             self._memory.keep(self, start, (*span, every, solver), parameters, state, plan)
         return plan
@@ -674,7 +674,7 @@ class Stepper(Dynamics):
         input_rows = as_inputs(inputs, self.binding, count)
         q, p = self._state(start.q, start.p)
         step = self._step(dt, scaled=scaled)
-        return changed(  # the constructor of a frozen dataclass takes longer
+        return replace_fields(  # the constructor of a frozen dataclass takes longer
             object.__new__(RunArguments), q=q, p=p, dt=step, steps=count,
             every=as_positive_count("every", every, minimum=1),
             parameters=self._parameters_with_inputs(start.parameters, input_rows),
@@ -707,7 +707,7 @@ class Stepper(Dynamics):
         Raises InputError if it is not. In scaled time its state has t and −H as further coordinate
         and momentum.
         """
-        run = changed(run, parameters=self.check_parameters(run.parameters))
+        run = replace_fields(run, parameters=self.check_parameters(run.parameters))
         run = in_scaled_time(self.binding, run)
         if self.manifest.system.velocity_names:
             with np.errstate(over="ignore", invalid="ignore"):  # steps judge what is not finite

@@ -165,7 +165,7 @@ def test_proposals_are_near():
     assert arguments.proposal("xyz", ["IMS", "EMS"]) == ""
     assert arguments.proposal(3, ["IMS"]) == arguments.proposal("a", []) == ""
     assert arguments.proposal("g l", ["G-L"]).endswith(" G-L?)")
-    assert arguments.listed(["a"]) == "a"
+    assert arguments.join_or(["a"]) == "a"
 
 
 def test_a_name_in_a_formula_is_proposed_for():

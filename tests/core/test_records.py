@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from gyrospark.core.records import changed, dataclass
+from gyrospark.core.records import dataclass, replace_fields
 
 
 def make(decorator: Any, **options: Any) -> Any:
@@ -48,7 +48,7 @@ def test_fields_are_frozen_and_copied():
                    lambda: setattr(point, "z", 2)):
         with pytest.raises(dataclasses.FrozenInstanceError):
             change()
-    assert dataclasses.replace(point, x=2) == changed(point, x=2) == type(point)(2) != point
+    assert dataclasses.replace(point, x=2) == replace_fields(point, x=2) == type(point)(2) != point
     assert [f.name for f in dataclasses.fields(point)] == ["x", "y", "name", "secret", "tags"]
 
 

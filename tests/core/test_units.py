@@ -7,7 +7,7 @@ from fractions import Fraction
 import pytest
 
 from gyrospark.core.errors import InputError
-from gyrospark.core.units import base_units, combined, unit_name
+from gyrospark.core.units import base_units, product_dimensions, unit_name
 
 
 @pytest.mark.parametrize(("text", "expected"), [
@@ -31,6 +31,6 @@ def test_names_are_read_again(unit):
 
 
 def test_roots_of_units_have_no_name():
-    half = combined((base_units("m"), Fraction(1, 2)))
+    half = product_dimensions((base_units("m"), Fraction(1, 2)))
     assert half == {"m": Fraction(1, 2)}
     assert unit_name(half) is None
