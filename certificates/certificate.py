@@ -33,7 +33,7 @@ from ..generator.schemes.named_schemes import (
 )
 from ..generator.symbolic.numeric_evaluation import as_rational
 from ..generator.systems.system import System
-from ..generator.systems.time_scale import scaled
+from ..generator.systems.time_scale import scale_time
 from ..runtime.bindings.array_checks import as_positive_count, as_step
 from ..runtime.integration.run_arguments import step_argument
 from ..runtime.rigid_body.problems import Problem
@@ -187,7 +187,7 @@ def certify(
         end_stage()
         numbers = dict(run.parameters)
         # with time_scale: the extended system in (q, t, p, e), which is what the run keeps
-        system = scaled(known_model.system)
+        system = scale_time(known_model.system)
         guarantees = _guarantees(system, step, scheme, stages, tableau, numbers)
         round_off = RoundOff(system, run, numbers, step)
         with capture_warnings():  # the run above has warned already

@@ -218,9 +218,9 @@ class Examination:
         measured = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
         if not guarantee.guaranteed:
             return info_line(quantity, measured, "not guaranteed", guarantee.why, drift)
-        if self.switching.named and not guarantee.refuted:
+        if self.switching.description and not guarantee.refuted:
             return info_line(quantity, measured, "kept by smooth motion",
-                             f"across {self.switching.named} loops have kinks", drift)
+                             f"across {self.switching.description} loops have kinks", drift)
         return bound_line(quantity, measured, f"drift ≤ {bound * loop.scale:.1e}", guarantee, drift,
                           bound)
 
@@ -388,7 +388,7 @@ class Examination:
         largest = float(np.abs(error).max())
         measured = f"largest error {largest:.1e}, trend {linear:+.0e}, swing {swing:.0e}"
         if not guarantee.guaranteed:
-            crossed = self.switching.named
+            crossed = self.switching.description
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
             return info_line(quantity, measured, f"O(Δt^{self.step.order})"
                         f"{' between crossings' if crossed else ''}", guarantee.why + why, largest)
@@ -493,9 +493,9 @@ class Examination:
             return info_line(quantity, f"slopes {slopes}", str(derived_order),
                         "no two neighbours agree to 0.2: steps are too long for the order to show")
         measured = f"{measurement.order:.2f} at Δt = {measurement.dt:.2g}"
-        if self.switching.named:
+        if self.switching.description:
             return info_line(quantity, measured, f"{derived_order} between crossings",
-                             f"steps across {self.switching.named} have a lower one",
+                             f"steps across {self.switching.description} have a lower one",
                              measurement.order)
         if self.decay * measurement.dt > 1:
             return info_line(quantity, measured, f"{derived_order} once λΔt is small",

@@ -271,7 +271,7 @@ def with_name(field: LinearField, system: System) -> LinearField:
         # an entry of (A | a) belongs to one motion alone, so it gives this motion's weight
         entries = (next(iter(motion.weights.items())) for motion in motions)
         weights = [field.weights.get(entry, Fraction(0)) / x for entry, x in entries]
-        if LinearField.combined("", weights, motions, field.n).weights == field.weights:
+        if LinearField.linear_combination("", weights, motions, field.n).weights == field.weights:
             return _motion_about_axis(field, weights[:3], weights[3:])
     text = str(field.momentum(system.q, system.p))
     return LinearField(text if len(text) <= 60 else text[:59] + "…", field.n, field.weights)
@@ -293,5 +293,5 @@ def _motion_about_axis(
     length = float(np.linalg.norm([float(x) for x in axis])) * sign
     direction = ", ".join(f"{float(x) / length + 0.0:.6g}" for x in axis)  # + 0.0: 0 and not -0
     suffix = ", off the origin" if any(about) and any(along) else ""
-    signed_field = LinearField.combined("", [Fraction(sign)], [field], field.n)
+    signed_field = LinearField.linear_combination("", [Fraction(sign)], [field], field.n)
     return LinearField(f"{kind} ({direction}){suffix}", field.n, signed_field.weights)

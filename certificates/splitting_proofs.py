@@ -29,7 +29,7 @@ from ..generator.splitting.parts import Splitting
 from ..generator.splitting.quotient import Quotient, unit_quaternions
 from ..generator.symbolic.derivatives import derivative
 from ..generator.symmetry.linear_fields import known_fields
-from ..generator.systems.elimination_order import connected
+from ..generator.systems.elimination_order import connected_components
 
 __all__ = ["Proof", "bracket", "hamiltonians", "invariants", "is_invariant", "prove_flows",
            "prove_splitting"]
@@ -322,7 +322,8 @@ def _by_momenta(
     index_of = {x: i for i, x in enumerate(p)}
     sets = [frozenset(index_of[x] for x in e.free_symbols if x in index_of) for e in terms]
     # groups of momenta are numbered from 1; 0 is the group of terms without any
-    group_of = {x: k for k, group in enumerate(connected([s for s in sets if s]), 1) for x in group}
+    group_of = {x: k for k, group in enumerate(connected_components([s for s in sets if s]), 1)
+                for x in group}
     groups: dict[int, list[sp.Expr]] = defaultdict(list)
     for x, symbols in zip(terms, sets, strict=True):
         groups[group_of[next(iter(symbols))] if symbols else 0].append(x)

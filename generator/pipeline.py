@@ -20,14 +20,14 @@ from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
 from .schemes.named_schemes import scheme_named
 from .schemes.splitting_scheme import SplittingScheme, splitting_scheme
-from .schemes.step_equations import MeanScheme, SparkScheme, hoisted, with_work_of_time
+from .schemes.step_equations import MeanScheme, SparkScheme, hoist_constants, with_work_of_time
 from .spec import Spec, join_name
 from .symmetry.frame_symmetries import CoMovingFrame, frame_of
 from .systems.integrable_rows import warn_of_row_integrals
 from .systems.redundant_constraints import refuse_redundant_anywhere
 from .systems.smoothness import refuse_kinks
 from .systems.system import System
-from .systems.time_scale import scaled
+from .systems.time_scale import scale_time
 from .tableaux.conditions import Condition, check_tableau
 from .tableaux.tableau import Tableau
 from .tableaux.tableau_file import read_tableau
@@ -119,7 +119,7 @@ def generate(
     coefficients = tableau or tableau_of(spec)
     if coefficients is not None and spec.order is None and not allow_invalid:
         refuse_violations(coefficients, constrained=system.m > 0)
-    reduced, constants = hoisted(system)
+    reduced, constants = hoist_constants(system)
     scheme, method, method_name = _scheme(spec, system, reduced, constants, coefficients)
     # 4. kernels and templates
     name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
@@ -131,7 +131,7 @@ def generate(
 def _in_normal_form(system: System, *, framed: bool) -> tuple[System, CoMovingFrame | None]:
     """Return the system in normal form, in scaled time and in its co-moving frame, and the frame.
     """
-    system = scaled(canonical(system))
+    system = scale_time(canonical(system))
     frame = frame_of(system) if framed else None
     if frame is not None:
         system = frame.moving(system)

@@ -20,7 +20,7 @@ from ..generator.codegen.emit import emit
 from ..generator.codegen.program import Derived
 from ..generator.multibody.rigid_body import double_momentum, heavy_top
 from ..generator.pipeline import tableau_of
-from ..generator.schemes.step_equations import SparkScheme, hoisted
+from ..generator.schemes.step_equations import SparkScheme, hoist_constants
 from ..generator.spec import Spec
 from ..generator.systems.system import System
 from ..runtime.steppers.stepper import Stepper
@@ -70,7 +70,7 @@ def inexact_stepper(scheme: str, stages: int, rep: str) -> Stepper:
     assert tableau is not None, "the option is for SPARK methods"
     model = heavy_top("gamma" if rep == "gamma" else "alpha")
     # as the product does: subexpressions of parameters alone become constants before the loop
-    reduced, constants = hoisted(model)
+    reduced, constants = hoist_constants(model)
     top = InexactTop(reduced.q, reduced.p, reduced.parameters, reduced.H,
                      reduced.constraints, name=_NAME, rigid_body=True)
     source = emit(Derived(

@@ -5,13 +5,13 @@ from __future__ import annotations
 import re
 import textwrap
 
-__all__ = ["WIDTH", "fitted"]
+__all__ = ["WIDTH", "wrap_lines"]
 
 WIDTH = 100
 _EMPTY = re.compile(r"\n{3,}")
 
 
-def fitted(text: str) -> str:
+def wrap_lines(text: str) -> str:
     """Return C with lines of at most ``WIDTH`` characters, without two empty lines in a row.
 
     Lines of code are broken after commas (a line without a comma stays long); a comment of one line

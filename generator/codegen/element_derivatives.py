@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from ..kernels.statements import Kernel
-from ..schemes.derivative_kernels import by_each, time_columns
+from ..schemes.derivative_kernels import derivative_rows, time_columns
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..schemes.system_differences import mean_gradient_of, time_input, vector
 from ..systems.jacobians import jacobian, transposed_product
@@ -62,7 +62,8 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     derivative_tables = []
     for kind, (templates, tables, kernels_of) in enumerate(kinds):
         for template, table in zip(templates, tables, strict=True):
-            derivative_kernels = emit.all(table["name"], kernels_of(template, scheme, times))
+            derivative_kernels = emit.template_kernels(table["name"],
+                                                       kernels_of(template, scheme, times))
             extended = table | {"kind": kind, "columns": table["nk"] + len(times),
                                 "own": derivative_kernels}
             # a group may have kernels of the step itself, such as the Hessian of H
@@ -151,7 +152,7 @@ def _by(
 
     One row for each expression, with the columns of the constants first.
     """
-    return by_each(expressions, [*template.constants, *times])
+    return derivative_rows(expressions, [*template.constants, *times])
 
 
 def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:

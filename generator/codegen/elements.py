@@ -59,7 +59,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     ) -> list[dict[str, Any]]:
         """Return the tables of the templates of one kind, named ``kind0``, ``kind1`` and so on."""
         return [_table_of(f"{kind}{f}", template, index)
-                | {"kernels": emit.all(f"{kind}{f}", kernels_of(template))}
+                | {"kernels": emit.template_kernels(f"{kind}{f}", kernels_of(template))}
                 for f, template in enumerate(templates)]
 
     constrained, time = bool(structure.system.m), time_input(structure.system)
@@ -169,7 +169,7 @@ class Emitter:
     def __init__(self, constants: Constants, real: Real) -> None:
         self.constants, self.real = constants, real
 
-    def all(self, prefix: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
+    def template_kernels(self, prefix: str, kernels: Sequence[Placed]) -> list[dict[str, Any]]:
         """Return the kernels of an element template, one dict each, as the C template reads them.
 
         ``prefix``, the name of the template, begins their names in C. ``scalar`` and ``lanes`` are
@@ -414,7 +414,7 @@ class _Blocks:
         for template in structure.templates:
             blocks: dict[str, list[Any]] = {"count": [], "place": [], "slot": []}
             for instance in template.instances if template.p else ():
-                rows = structure.attached(instance)
+                rows = structure.constraints_of(instance)
                 blocks["count"].append(len(rows))
                 blocks["place"].append(self.entries)
                 blocks["slot"].append(len(self.slots))
@@ -522,6 +522,6 @@ def _band(structure: Structure, scheme: SparkScheme | MeanScheme) -> tuple[list[
         last[node] = len(position) - 1
     # coupled coordinates and constraints: the largest distance of two of their unknowns
     band = 0
-    for nodes in structure.coupled:
+    for nodes in structure.coupled_sets:
         band = max(band, max(last[x] for x in nodes) - min(first[x] for x in nodes))
     return [position[unknown] for unknown in range(len(position))], band

@@ -37,7 +37,7 @@ from ..tableaux.energy_parameter import energy_values
 from ..tableaux.tableau import FIELDS, Tableau, is_quadratic
 from ..tableaux.velocity_rows import velocity_enclosures
 from .bytecode import Bytecode
-from .c_lines import fitted
+from .c_lines import wrap_lines
 from .constant_loops import split_constants
 from .derivatives import LINEARISATION, derivatives_of
 from .elements import elements_of
@@ -114,8 +114,8 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
                 "identity": _IDENTITY,
                 "derivative_parts": program.derivatives.parts if program.derivatives else []}
     kind = "control" if program.profile == "control" else "stepper"
-    header, source = (fitted(_environment().get_template(f"{kind}.{ending}.jinja").render(context))
-                      for ending in "hc")
+    templates = (_environment().get_template(f"{kind}.{ending}.jinja") for ending in "hc")
+    header, source = (wrap_lines(template.render(context)) for template in templates)
     manifest = manifest_text(derived, program, _IDENTITY)
     if program.profile == "full":  # the cache identifies it by a key of its own
         return Source(program.name, header, source, manifest)

@@ -151,21 +151,21 @@ class Elements:
     condensed: Condensation | None
 
     @property
-    def all(self) -> list[dict[str, Any]]:
+    def all_templates(self) -> list[dict[str, Any]]:
         """All templates."""
         return [*self.energies, *self.constraints, *self.forces]
 
     @property
     def kernels(self) -> list[EmittedKernel]:
         """The kernels of all templates, for numbers and for lanes."""
-        return [kernel[kind] for template in self.all for kernel in template["kernels"]
+        return [kernel[kind] for template in self.all_templates for kernel in template["kernels"]
                 for kind in ("scalar", "lanes") if kernel[kind]]
 
     @property
     def operations(self) -> dict[str, dict[str, int]]:
         """The operations of one call of each kernel, by its C name."""
         return {f"{template['name']}_{k['name']}": k["operations"]
-                for template in self.all for k in template["kernels"]}
+                for template in self.all_templates for k in template["kernels"]}
 
 
 @dataclass(frozen=True)

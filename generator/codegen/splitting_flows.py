@@ -47,7 +47,7 @@ def flows_of(derived: Derived) -> Flows:
         **_body_tables(scheme),
         **_space_tables(scheme),
         free=list(scheme.free),
-        kicked=scheme.kicked,
+        kicked=scheme.kicked_entries,
         momenta=len(scheme.momenta),
         stages=stages,
         compositions=[_composition(c, stages, real) for c in scheme.compositions],
@@ -170,13 +170,13 @@ def _composition(composition: Composition, stages: int, real: Real) -> Compositi
     # κ_i of a kick by b_i (V + κ_i h² G), as the engine multiplies the gradient with b_i
     ratios = [-c / x if x else Fraction(0) for c, x in zip(composition.gradients, b, strict=True)]
 
-    def padded(texts: list[str], count: int, filler: str) -> list[str]:
+    def pad(texts: list[str], count: int, filler: str) -> list[str]:
         """Return the texts with fillers up to ``count``, the length of the longest composition."""
         return [*texts, *[filler] * (count - len(texts))]
 
     def two_words(weights: Sequence[Fraction], count: int) -> list[str]:
         """Return the weights as double words, padded with zeros."""
-        return padded([_two_words(x, real) for x in weights], count, "{ 0, 0 }")
+        return pad([_two_words(x, real) for x in weights], count, "{ 0, 0 }")
 
     return CompositionText(
         name=composition.name,
@@ -184,7 +184,7 @@ def _composition(composition: Composition, stages: int, real: Real) -> Compositi
         drift=two_words([a[0], *a[1:-1], a[-1] + a[0]], stages + 1),
         kick=two_words(b, stages),
         time=two_words(times, stages),
-        gradient=padded([real.literal(x) for x in ratios], stages, "0"))
+        gradient=pad([real.literal(x) for x in ratios], stages, "0"))
 
 
 def _two_words(x: Fraction, real: Real) -> str:

@@ -204,7 +204,7 @@ class CPrinter:
             return self._text(base)
         if exponent.is_Integer and exponent <= _LARGEST_PRODUCT:
             self.operations["mul"] += int(exponent) - 1
-            return repeated(self._within(base, _ATOM), int(exponent)), _PRODUCT
+            return power_by_halving(self._within(base, _ATOM), int(exponent)), _PRODUCT
         if exponent == sp.Rational(1, 2):
             return self._call("sqrt", base), _ATOM
         if exponent.is_Rational and exponent.q == 2:  # x^(5/2) = x² √x, cheaper than pow
@@ -216,9 +216,9 @@ class CPrinter:
         return self._call("pow", base, exponent), _ATOM
 
 
-def repeated(factor: str, n: int) -> str:
+def power_by_halving(factor: str, n: int) -> str:
     """Return factorⁿ as a product of equal halves, which the compiler computes once."""
     if n <= 4:
         return "*".join([factor] * n)
-    half = repeated(factor, n // 2)
+    half = power_by_halving(factor, n // 2)
     return f"({half})*({half})" + (f"*{factor}" if n % 2 else "")

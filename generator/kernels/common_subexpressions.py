@@ -17,7 +17,7 @@ from typing import Any
 
 import sympy as sp
 
-from ..symbolic.construction import applied, has_minus, negative
+from ..symbolic.construction import apply_function, has_minus, negative
 
 __all__ = ["common_subexpressions"]
 
@@ -171,7 +171,7 @@ class _Temporaries:
         # an expression without temporaries is kept, in place of building an equal one
         if form.expression is None or any(
                 a is not b.expression for a, b in zip(new_arguments, arguments, strict=True)):
-            expression = applied(form.function, new_arguments)
+            expression = apply_function(form.function, new_arguments)
         else:
             expression = form.expression
         if not node.is_shared:
@@ -243,7 +243,7 @@ class _ArgumentSets:
         self._functions_of[replacement].add(i)
         self.rewritten.add(i)
 
-    def related(self, i: int) -> list[int]:
+    def functions_sharing_arguments(self, i: int) -> list[int]:
         """Return the functions after i with two or more arguments of i, the fewest first."""
         counts = Counter(j for a in self.arguments_of[i] for j in self._functions_of[a] if j > i)
         return [j for count, j in sorted((count, j) for j, count in counts.items()) if count > 1]
@@ -264,7 +264,7 @@ def _share_arguments(function: type[sp.Expr], nodes: list[_Node]) -> None:
     nodes.sort(key=lambda node: len(node.arguments))
     sets = _ArgumentSets(nodes)
     for i, node in enumerate(nodes):
-        related = sets.related(i)
+        related = sets.functions_sharing_arguments(i)
         for position, j in enumerate(related):
             common = sets.arguments_of[i] & sets.arguments_of[j]
             if len(common) < 2:  # an earlier function has taken arguments away from i

@@ -13,7 +13,7 @@ from typing import Any
 import sympy as sp
 
 from ...core.records import dataclass
-from ..symbolic.construction import applied, rebuilt
+from ..symbolic.construction import apply_function, rebuilt
 from ..symbolic.shared_subexpressions import Shared, name_of, parts_of, symbols_of, tree_size
 from .common_subexpressions import common_subexpressions
 
@@ -257,7 +257,7 @@ def _name_bases(
         # before its arguments are renamed, as ``fourth_roots`` has the original bases
         by_root = e.is_Pow and e.base in fourth_roots and (
             _has_denominator(e, 2) or _has_denominator(e, 4))
-        e = applied(e.func, [rename(a) for a in e.args])
+        e = apply_function(e.func, [rename(a) for a in e.args])
         if by_root:
             return temporary(sp.sqrt(e.base)) ** (2 * e.exp)
         return temporary(e.base) ** e.exp if _multiplies(e) and not e.base.is_Atom else e

@@ -261,7 +261,7 @@ class _Formulas:
         undecided = [c for c in conditions if c.holds is None]
         if not undecided:
             return _Condition(conditions[0].chooser, not ends, ())
-        together = switching_functions.some if ends else switching_functions.every
+        together = switching_functions.any_of if ends else switching_functions.every
         return _Condition(together([c.chooser for c in undecided]), None,
                           tuple(t for c in undecided for t in c.compared))
 

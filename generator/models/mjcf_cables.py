@@ -119,7 +119,7 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
     _allow(composite, _COMPOSITE)
     if initial not in ("ball", "free", "none"):
         raise _refusal(composite, f"has initial={shown(initial)}; choose ball, free or none.")
-    parts = _parts(composite)
+    parts = _attributes_of_kinds(composite)
     form, sizes = _form(composite, parts["geom"])
     material, section = _material(composite, instances), _section(form, sizes)
     names = [f"{values.get('prefix', '')}B_{k}" for k in _labels(len(_curve(composite)) - 1)]
@@ -129,7 +129,7 @@ def _cable(composite: Element, instances: Mapping[str, Element]) -> tuple[Elemen
     return _bodies(composite, initial, parts, form, sizes), cable
 
 
-def _parts(composite: Element) -> dict[str, dict[str, str]]:
+def _attributes_of_kinds(composite: Element) -> dict[str, dict[str, str]]:
     """Return the attributes that all joints, geoms and sites of a cable have, by kind of part."""
     parts: dict[str, dict[str, str]] = {"joint": {}, "geom": {}, "site": {}}
     for child in composite.children:

@@ -77,10 +77,10 @@ class _Guard:
         """
         self.bytes += size
         self._include(top)
-        strip = any(e.attributes.get("strippath") == "true" for e in _all(top, "compiler"))
-        folders = [e.attributes[key] for e in _all(top, "compiler") for key in _FOLDERS
+        strip = any(e.attributes.get("strippath") == "true" for e in _descendants(top, "compiler"))
+        folders = [e.attributes[key] for e in _descendants(top, "compiler") for key in _FOLDERS
                    if key in e.attributes]
-        models = [self.check(*self._read(element)) for element in _all(top, "model")]
+        models = [self.check(*self._read(element)) for element in _descendants(top, "model")]
         self.attached = max(models, default=0.0)
         count = self._count(top, strip, ["", *folders])
         if count > MAX_ELEMENTS:
@@ -173,9 +173,9 @@ def _product(element: Element, key: str) -> float:
     return math.prod(abs(float(word)) for word in words if NUMBER.fullmatch(word))
 
 
-def _all(element: Element, name: str) -> Iterator[Element]:
+def _descendants(element: Element, name: str) -> Iterator[Element]:
     """Yield the elements with a name at any depth below an element."""
     for child in element.children:
         if child.name == name:
             yield child
-        yield from _all(child, name)
+        yield from _descendants(child, name)

@@ -145,7 +145,7 @@ def read_model(
     whatever in the file is no model.
     """
     with capture_warnings() as messages:
-        content = _read(text, path, rep, settings)
+        content = _parse_model(text, path, rep, settings)
     _warn_of_file(path, messages)
     return content
 
@@ -156,7 +156,7 @@ def _warn_of_file(path: str | Path, messages: Iterable[str]) -> None:
         warn(f"In the model file {str(path)!r}: {message}")
 
 
-def _read(
+def _parse_model(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
     """Return the contents of a text, with the values of ``settings``; see ``read_model``.
@@ -168,7 +168,7 @@ def _read(
         return ModelFile(robot_model(text, path, rep, options), [])
     content = load_toml(text, Path(path))
     for key, value in settings.items():
-        _set(content, key, value)
+        _set_key(content, key, value)
     kinds = [kind for kind in KINDS
              if kind in content or (kind == "bodies" and (
                  "point_masses" in content or "beams" in content))]
@@ -257,7 +257,7 @@ def _toml_text(key: str, value: Any) -> str:
                          "these; write it as in the file.")
 
 
-def _set(content: TomlTable, key: str, value: str) -> None:
+def _set_key(content: TomlTable, key: str, value: str) -> None:
     """Replace a value of the file, or add a key to a table.
 
     ``key`` is a parameter, or tables and a key with dots between: "body.inertia", or

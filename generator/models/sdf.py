@@ -109,7 +109,7 @@ def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Mul
         robot.limits = stiffness
         robot_builder = RobotBuilder(robot, start_of(robot, options), rep)
         builder, mounts = robot_builder.build(), robot_builder.mounts()
-        assumed = [name for name, element in scopes.all("link").items()
+        assumed = [name for name, element in scopes.elements_of_kind("link").items()
                    if element.first("inertial") is None and mounts[name].frame is not GROUND]
         if assumed:
             warn(f"The model file {str(path)!r} has no <inertial> for {few(assumed)}: 1 kg and "
@@ -192,7 +192,7 @@ class _Scopes:
                                      f"{shown(name)}; give it a name of its own.")
                 self.elements[name] = element
 
-    def all(self, kind: str) -> dict[str, Element]:
+    def elements_of_kind(self, kind: str) -> dict[str, Element]:
         """Return the elements of a kind by name."""
         return {name: e for name, e in self.elements.items() if e.name == kind}
 
@@ -250,7 +250,7 @@ class _Scopes:
         if name == "world":
             return name
         if name == _MODEL:
-            links = self.all("link")
+            links = self.elements_of_kind("link")
             return self.model.attributes.get("canonical_link") or next(iter(links), "world")
         element = self.elements.get(name)
         # unknown names and circles are refused by ``place``, with a sentence
@@ -269,13 +269,13 @@ def _read(
 
     Raises InputError for a file without links, too many links, and joints of unknown links.
     """
-    elements = scopes.all("link")
+    elements = scopes.elements_of_kind("link")
     if not elements:
         raise InputError("it has no <link>; write one at least.")
     if len(elements) > MAX_LINKS:
         raise InputError(f"it has more than {MAX_LINKS} links; leave some out.")
     links = {name: _link(name, e) for name, e in elements.items()}
-    joints = [_joint(name, e, scopes) for name, e in scopes.all("joint").items()]
+    joints = [_joint(name, e, scopes) for name, e in scopes.elements_of_kind("joint").items()]
     for joint in joints:
         for end in (joint.parent, joint.child):
             if end not in links and end != "world":

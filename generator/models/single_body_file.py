@@ -31,7 +31,7 @@ from ...core.inertia import (
 from ...core.registry import RULES
 from ...core.warnings import warn
 from ..multibody import initial_poses, rigid_body
-from ..multibody.model import Model, whole_array
+from ..multibody.model import Model, exact_array
 from ..multibody.rigid_body import INVERSE, Rep, body_system, left_matrix, moments, p, q
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
@@ -89,7 +89,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         warn("[body] mass is in no formula: a weight needs a potential, such as "
              '"mass*9.81*0.04*R33".')
     q0, p0 = _start(content.table("start"), inertia)
-    return Model(system, values, whole_array(q0), whole_array(p0), bodies={representation: inertia},
+    return Model(system, values, exact_array(q0), exact_array(p0), bodies={representation: inertia},
                  rules={representation: body.text(representation)} if has_rule else {},
                  units={"mass": "kg"} if "mass" in values else {},
                  **run_length(content))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import sympy as sp
 
-from ..multibody.model import Model, whole_array
+from ..multibody.model import Model, exact_array
 from ..parsing.grammar import UNITS
 from ..systems.system import System
 from .common_tables import Formulas, run_length
@@ -70,7 +70,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         quantities=dict(zip(quantities, in_system(quantities.values()), strict=True)),
         time_scale=next(iter(in_system(scales)), None),
     )
-    q0, p0 = (whole_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
+    q0, p0 = (exact_array(start.vector(key, len(q), UNITS)) for key in ("q", "p"))
     return Model(system, values, q0, p0, **run_length(content))
 
 

@@ -38,7 +38,7 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
             raise error(f"line {number} has {line.count('.')} dots and at most {MAX_DOTS} are "
                         "allowed; break the line.")
     try:
-        content = tomllib.loads(text, parse_float=_typed)
+        content = tomllib.loads(text, parse_float=_exact_double)
     except RecursionError:
         raise error("its brackets are nested too deeply; write lists of numbers.") from None
     # TOMLDecodeError is a ValueError, and so is the error for an integer of 5000 digits
@@ -47,7 +47,7 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
     return TomlTable(content, "", error)
 
 
-def _typed(text: str) -> float:
+def _exact_double(text: str) -> float:
     """Return a number of TOML as a double that keeps the exact value of its decimals."""
     # TOML allows "_" between digits, as in 1_000.5
     number = decimal(text.replace("_", ""))

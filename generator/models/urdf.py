@@ -177,7 +177,7 @@ def _link(name: str, element: Element) -> RobotLink:
     if inertial is None:
         return RobotLink(name, 0.0, np.zeros(3), np.zeros((3, 3)))
     placement = place_of(inertial)
-    mass = _one(inertial, "mass", "value")
+    mass = _required_number(inertial, "mass", "value")
     if mass < 0:
         raise InputError(f"its mass is {mass:g}; it must be 0 or more.")
     moments = inertial.first("inertia")
@@ -282,7 +282,7 @@ def _text(element: Element, name: str, key: str) -> str:
     return attribute_of(child, key)
 
 
-def _one(element: Element, name: str, key: str) -> float:
+def _required_number(element: Element, name: str, key: str) -> float:
     """Return the number in attribute ``key`` of child ``name``; refuse an element without it."""
     child = element.first(name)
     if child is None:

@@ -265,10 +265,10 @@ class BeamJoint(Joint):
             named_vector(f"{self.name}_rest", self.rest.tolist(), store), holder,
             # the turn on the holder's side, which is behind the last segment or before the first
             tuple(end_turn if self.arc else start_turn) if holder else (),
-            self._stretched(store) if self.gap else (),
+            self._axial_stiffness(store) if self.gap else (),
             named_number(f"{self.beam.name}_damping", self.beam.damping, store))
 
-    def _stretched(self, store: Store) -> Vector:
+    def _axial_stiffness(self, store: Store) -> Vector:
         """Return GA, EA and the length that the joint stands for.
 
         The length is h, and h/2 more for the first and for the last joint: the outer halves of the
@@ -284,7 +284,7 @@ class BeamJoint(Joint):
 
     def _extension(self, store: Store) -> _Extension:
         """Return the distance of the two ends of the joint, and its stiffnesses."""
-        across, along, length = self._stretched(store)
+        across, along, length = self._axial_stiffness(store)
         point_a, point_b = self.points(store)
         return _Extension(across / length, along / length, difference(point_b, point_a),
                           [frame.direction((0, 0, 1)) for frame in (self.a, self.b)])

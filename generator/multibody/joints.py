@@ -172,7 +172,7 @@ def propagate(quantity: str, a: Pose, b: Pose, difference: Array) -> bool:
     return True
 
 
-def _shown(link: Connection) -> str:
+def _short_text(link: Connection) -> str:
     """Return a short text for a joint, a rod or a spring."""
     ends = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
     return f"<{type(link).__name__} {link.name}: {', '.join(ends)}>"
@@ -196,7 +196,7 @@ class Connection:
         return 0.0
 
     def __repr__(self) -> str:
-        return _shown(self)
+        return _short_text(self)
 
     @property
     def frames(self) -> tuple[Frame, ...]:

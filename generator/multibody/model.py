@@ -26,7 +26,7 @@ from ...core.start import Start
 from ...core.units import base_units
 from ..systems.system import System
 
-__all__ = ["Model", "whole_array"]
+__all__ = ["Model", "exact_array"]
 
 
 @explain_arguments
@@ -266,19 +266,19 @@ class Model:
 
     def in_type(self, number: Callable[[Fraction], Any]) -> Model:
         """Return the model with all numbers rounded once, by ``number``: Fraction → type."""
-        def rounded(value: Any) -> Any:
+        def round_to_type(value: Any) -> Any:
             """Return a number, or a tuple of numbers, rounded to the type."""
             if isinstance(value, tuple):
-                return tuple(map(rounded, value))
+                return tuple(map(round_to_type, value))
             fraction = exact(value)
             # symbols and None are no numbers and stay as they are
             return number(fraction) if isinstance(fraction, Fraction) else value
 
-        q0, p0 = (np.array([rounded(x) for x in values]) for values in (self.q0, self.p0))
+        q0, p0 = (np.array([round_to_type(x) for x in values]) for values in (self.q0, self.p0))
         return replace(
-            self, q0=q0, p0=p0, dt=rounded(self.dt),
-            parameters={name: rounded(x) for name, x in self.parameters.items()},
-            bodies={name: rounded(inertia) for name, inertia in self.bodies.items()})
+            self, q0=q0, p0=p0, dt=round_to_type(self.dt),
+            parameters={name: round_to_type(x) for name, x in self.parameters.items()},
+            bodies={name: round_to_type(inertia) for name, inertia in self.bodies.items()})
 
     def _state(self, name: str, values: ArrayLike) -> Array:
         """Return q0 or p0 as doubles, or with more digits if they would lose some."""
@@ -311,6 +311,6 @@ class Model:
         return count
 
 
-def whole_array(values: Sequence[float]) -> Array:
+def exact_array(values: Sequence[float]) -> Array:
     """Return an object array, in which ``Rounded`` doubles keep their exact values."""
     return np.array(values, dtype=object)

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import sympy as sp
 
 from ..symbolic.shared_subexpressions import substitute, symbols_of
-from ..systems.elimination_order import connected
+from ..systems.elimination_order import connected_components
 from .canonical_expressions import CanonicalForms, costs_less, local_names
 from .common_factors import square_root, without_common
 from .coordinate_coupling import CoordinateCoupling
@@ -23,9 +23,9 @@ from .terms import (
     Number,
     Terms,
     add_to,
-    merged,
+    multiply_monomials,
     quotient,
-    scaled,
+    scale_terms,
     symbols_in,
     term,
     total_of,
@@ -161,7 +161,7 @@ class HamiltonianTerms:
             return frozenset(node_of(m) for m in addend.terms if not is_constant(m))
 
         # derived and original addends of a region have the same terms, and can be compared
-        regions = connected(map(nodes_of, [*derived, *original]))
+        regions = connected_components(map(nodes_of, [*derived, *original]))
         region_of = {node: i for i, region in enumerate(regions) for node in region}
         terms: list[Terms] = [{} for _ in regions]
         for m, a in moving.items():
@@ -184,7 +184,8 @@ class HamiltonianTerms:
         Kinetic blocks have the numbers below n, groups of blocks of potentials those from n on.
         """
         n = len(self.support.p)
-        groups = connected(self.support.blocks(m) for m in moving if not self.support(m)[0])
+        groups = connected_components(self.support.blocks(m) for m in moving
+                                      if not self.support(m)[0])
         group_of = {a: n + min(group) for group in groups for a in group}
 
         def node(m: Monomial) -> int:
@@ -240,7 +241,7 @@ class HamiltonianTerms:
     def _potentials(self, terms: Terms) -> Iterator[Terms]:
         """Yield the terms of each set of coupled coordinates, then the terms in time alone."""
         blocks = {monomial: self.support.blocks(monomial) for monomial in terms}
-        groups = connected(blocks.values())
+        groups = connected_components(blocks.values())
         group_of = {block: i for i, group in enumerate(groups) for block in group}
         # the last one is for terms in time alone, which no coordinate is in
         potentials: list[Terms] = [{} for _ in range(len(groups) + 1)]
@@ -315,11 +316,11 @@ class HamiltonianTerms:
         # terms = c · inner with c = outer · factor: only ``inner`` is completed to a square
         outer, factor, inner = without_common(terms)
         root, remainder = square_root(inner)
-        completion = {merged(outer, m)[0]: -a * factor for m, a in remainder.items()}
+        completion = {multiply_monomials(outer, m)[0]: -a * factor for m, a in remainder.items()}
         # the share a of a term b of the constant: 0 < a/b ≤ 1; a missing term gives a/(−a) = −1
         if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in completion.items()):
             square = sp.Mul(term(outer, factor), self.forms.short(root) ** 2)
-            unused = total_of(constant, scaled(completion, -1))
+            unused = total_of(constant, scale_terms(completion, -1))
             return Addend(square, total_of(terms, completion)), unused
         return Addend(self.forms.short(terms), terms), constant
 
@@ -359,7 +360,7 @@ class ForceTerms:
         numbers: dict[frozenset[int], int] = {}
         set_numbers = [frozenset(numbers.setdefault(c, len(numbers)) for c in self._classes_in(e))
                        for _, e in summands]
-        group_of = {number: i for i, group in enumerate(connected(set_numbers))
+        group_of = {number: i for i, group in enumerate(connected_components(set_numbers))
                     for number in group}
         groups: dict[int, dict[int, list[sp.Expr]]] = defaultdict(lambda: defaultdict(list))
         for (row, e), sets in zip(summands, set_numbers, strict=True):

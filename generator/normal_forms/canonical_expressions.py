@@ -69,7 +69,7 @@ class CanonicalForms:
         if e not in self._terms:
             try:
                 subexpressions = sum(1 for _ in parts_of([e]))
-                with self._form.allowed(_MIN_PRODUCTS + _PER_SUBEXPRESSION * subexpressions):
+                with self._form.allow_products(_MIN_PRODUCTS + _PER_SUBEXPRESSION * subexpressions):
                     self._terms[e] = self._form(e)
             except TooLongError:
                 self._terms[e] = {frozenset([(self.normal_form(e), 1)]): 1}
@@ -79,12 +79,12 @@ class CanonicalForms:
         """Return terms in their shortest form."""
         renaming = local_names(symbols_in(terms))
 
-        def renamed(m: Monomial) -> Monomial:
+        def rename(m: Monomial) -> Monomial:
             """Return a monomial in local symbols; an exponent may contain symbols, too."""
             return frozenset((base.xreplace(renaming),
                               n if isinstance(n, int) else n.xreplace(renaming)) for base, n in m)
 
-        local_terms = {renamed(m): a for m, a in terms.items()}
+        local_terms = {rename(m): a for m, a in terms.items()}
         return substitute([self._shortest(local_terms)], {x: s for s, x in renaming.items()})[0]
 
     def powers(
@@ -92,7 +92,7 @@ class CanonicalForms:
     ) -> tuple[list[Power], Terms]:
         """Return powers of sums and the remaining terms; see ``split_off_powers``."""
         try:
-            with self._form.allowed(_MIN_PRODUCTS + _PER_TERM * len(terms)):
+            with self._form.allow_products(_MIN_PRODUCTS + _PER_TERM * len(terms)):
                 return split_off_powers(terms, self.compact, momenta)
         except TooLongError:
             return [], terms
@@ -100,7 +100,7 @@ class CanonicalForms:
     def _shortest(self, terms: Terms) -> sp.Expr:
         """Return the shortest form of a sum of terms that a bounded search finds."""
         try:
-            with self._form.allowed(_MIN_PRODUCTS + _PER_TERM * len(terms)):
+            with self._form.allow_products(_MIN_PRODUCTS + _PER_TERM * len(terms)):
                 shortest = self.compact(terms)
         except TooLongError:
             shortest = expression_of(terms)

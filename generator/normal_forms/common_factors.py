@@ -19,15 +19,15 @@ from .terms import (
     fraction,
     inverse,
     leading,
-    merged,
+    multiply_monomials,
     order,
     quotient,
     rational,
-    scaled,
+    scale_terms,
     varies,
 )
 
-__all__ = ["doubled", "factors_of", "square_root", "without_common"]
+__all__ = ["absorb_factor_two", "factors_of", "square_root", "without_common"]
 
 #: Terms, bases and degree up to which SymPy factors a sum.
 _MOST_TERMS, _MOST_BASES, _HIGHEST_DEGREE = 20, 4, 8
@@ -55,8 +55,8 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
     primitive = terms
     if outer:
         inverse_outer = inverse(outer)
-        primitive = {merged(m, inverse_outer)[0]: a for m, a in terms.items()}
-    return outer, content, scaled(primitive, quotient(1, content))
+        primitive = {multiply_monomials(m, inverse_outer)[0]: a for m, a in terms.items()}
+    return outer, content, scale_terms(primitive, quotient(1, content))
 
 
 def nearer_zero(a: Any, b: Any) -> Any:
@@ -68,7 +68,7 @@ def nearer_zero(a: Any, b: Any) -> Any:
     return min(a, b, key=abs)
 
 
-def doubled(factor: Number, terms: Terms, n: int = 1) -> tuple[Number, Terms]:
+def absorb_factor_two(factor: Number, terms: Terms, n: int = 1) -> tuple[Number, Terms]:
     """Return (a, u), where a uⁿ is factor · termsⁿ, with u = 2 terms if all terms are products x y.
 
     2 x y stays together: it comes from (x + y)², and its derivatives share subexpressions with the
@@ -78,7 +78,7 @@ def doubled(factor: Number, terms: Terms, n: int = 1) -> tuple[Number, Terms]:
                        for m in terms)
     if not are_bilinear or factor.numerator % 2**n:  # the factor has no divisor 2ⁿ
         return factor, terms
-    return quotient(factor, 2**n), scaled(terms, 2)
+    return quotient(factor, 2**n), scale_terms(terms, 2)
 
 
 # ---------------------------------------------------------------- squares
@@ -100,14 +100,14 @@ def square_root(terms: Terms) -> tuple[Terms, Terms]:
     # the square of k terms has about k²/2 terms: a longer root cannot be one of these terms
     while remainder and len(root) ** 2 <= 4 * len(terms):
         m = min(remainder, key=order)
-        next_term, _, _ = merged(m, inverse_first)
+        next_term, _, _ = multiply_monomials(m, inverse_first)
         a = quotient(remainder[m], 2 * first_coefficient)
         if next_term in root or any(n < 0 for _, n in next_term):
             break  # not divisible: the division would not end
         # (r + t)² = r² + 2 r t + t² for the new term t of the root
         for root_term, b in root.items():
-            add_to(remainder, merged(next_term, root_term)[0], -2 * a * b)
-        add_to(remainder, merged(next_term, next_term)[0], -a * a)
+            add_to(remainder, multiply_monomials(next_term, root_term)[0], -2 * a * b)
+        add_to(remainder, multiply_monomials(next_term, next_term)[0], -a * a)
         root[next_term] = a
     return (root, remainder) if len(root) > 1 else ({}, terms)
 

@@ -11,7 +11,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from itertools import combinations
 
-from ..systems.elimination_order import connected
+from ..systems.elimination_order import connected_components
 
 __all__ = ["CoordinateCoupling"]
 
@@ -32,7 +32,8 @@ class CoordinateCoupling:
         """
         pairs = list(dict.fromkeys(terms))
         # a block has the name of its least index
-        self.kinetic_block_of = {a: min(block) for block in connected([p for p, _ in pairs])
+        self.kinetic_block_of = {a: min(block)
+                                 for block in connected_components([p for p, _ in pairs])
                                  for a in block}
         # coordinates that one kinetic block depends on belong together
         support_of_block: dict[int, set[int]] = defaultdict(set)
@@ -40,7 +41,7 @@ class CoordinateCoupling:
             if p:
                 support_of_block[self.kinetic_block_of[min(p)]] |= support
         singletons = [frozenset([a]) for a in range(n)]
-        blocks = connected([*singletons, *map(frozenset, support_of_block.values())])
+        blocks = connected_components([*singletons, *map(frozenset, support_of_block.values())])
         self.block_of = {a: min(block) for block in blocks for a in block}
         neighbours: dict[int, set[int]] = {min(block): {min(block)} for block in blocks}
         for _, support in pairs:

@@ -29,12 +29,12 @@ from .terms import (
     inverse,
     is_below,
     leading,
-    merged,
+    multiply_monomials,
     plain_exponent,
     primitive,
     quotient,
     rational,
-    scaled,
+    scale_terms,
     total_of,
     varies,
 )
@@ -66,7 +66,7 @@ class NormalForm:
         self._expanded: dict[sp.Expr, Terms] = {}
 
     @contextmanager
-    def allowed(self, products: int) -> Iterator[None]:
+    def allow_products(self, products: int) -> Iterator[None]:
         """Set the allowance inside a ``with`` block; the previous one is restored afterwards."""
         previous, self.allowance = self.allowance, products
         try:
@@ -141,7 +141,7 @@ class NormalForm:
         expanded_products: list[Terms] = []
         for m_a, x in a.items():
             for m_b, y in b.items():
-                monomial, coefficient, sum_powers = merged(m_a, m_b)
+                monomial, coefficient, sum_powers = multiply_monomials(m_a, m_b)
                 coefficient = quotient(x * y * coefficient, 1) if coefficient != 1 else x * y
                 if sum_powers:  # √u √u = u, which is expanded again
                     powers = (self.power(self.terms(base), n) for base, n in sum_powers)
@@ -208,7 +208,7 @@ class NormalForm:
         lead = leading(inner)
         if lead is None:
             return terms
-        tail = scaled({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
+        tail = scale_terms({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
         head: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
         quotient_terms = dict(terms)
         # a term that the division makes may be divisible again
@@ -217,7 +217,7 @@ class NormalForm:
             m = waiting.pop()
             if m not in quotient_terms:
                 continue
-            cofactor: Terms = {merged(m, inverse(lead))[0]: quotient_terms.pop(m)}
+            cofactor: Terms = {multiply_monomials(m, inverse(lead))[0]: quotient_terms.pop(m)}
             expanded = total_of(self._times(cofactor, head), self._times(cofactor, tail))
             for monomial, b in expanded.items():
                 add_to(quotient_terms, monomial, b)

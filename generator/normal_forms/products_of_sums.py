@@ -32,7 +32,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import sympy as sp
 
-from ..systems.elimination_order import connected
+from ..systems.elimination_order import connected_components
 from .terms import (
     ONE,
     Monomial,
@@ -42,10 +42,10 @@ from .terms import (
     base_key,
     divides,
     inverse,
-    merged,
+    multiply_monomials,
     order,
     quotient,
-    scaled,
+    scale_terms,
     total_of,
     varies,
 )
@@ -93,7 +93,7 @@ def kinds(terms: Terms) -> list[frozenset[sp.Expr]]:
         powers = dict(m)
         differences = {base: powers.get(base, 0) - first.get(base, 0) for base in bases}
         system.add({base: n for base, n in differences.items() if n})
-    reduced = system.reduced()
+    reduced = system.echelon_rows()
     sets = []
     # a vector of the orthogonal complement for each column without a pivot
     for free in (base for base in bases if base not in reduced):
@@ -115,7 +115,7 @@ def _decomposition(terms: Terms, a_bases: frozenset[sp.Expr]) -> list[tuple[Term
     for row in by_side.values():
         system.add(row)
     return [({a_part: row[pivot] for a_part, row in by_side.items() if pivot in row}, dict(h))
-            for pivot, h in system.reduced().items()]
+            for pivot, h in system.echelon_rows().items()]
 
 
 #: Most squares of monomials, and most products that give one term, of sums of squares.
@@ -147,7 +147,7 @@ def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
     for a, root in sums:
         for m, b in root.items():
             for n, c in root.items():
-                add_to(remainder, merged(m, n)[0], -a * b * c)
+                add_to(remainder, multiply_monomials(m, n)[0], -a * b * c)
     return None if remainder else sums
 
 
@@ -163,7 +163,7 @@ def _signs(
     pairs: set[frozenset[Monomial]] = set()
     for m in roots:
         if divides(m, t):
-            n, _, _ = merged(t, inverse(m))
+            n, _, _ = multiply_monomials(t, inverse(m))
             if n in roots and roots[n] == roots[m]:
                 pairs.add(frozenset([m, n]))
     if len(pairs) > _MOST_ROOT_PAIRS:
@@ -232,9 +232,9 @@ def split_off_powers(
     if momenta is None:
         splitter.take_lengths()
         splitter.take_pairs()
-        splitter.take_shifted()
+        splitter.take_shifted_squares()
     else:
-        splitter.take_completed(momenta)
+        splitter.take_completed_squares(momenta)
     return splitter.powers, splitter.remainder
 
 
@@ -271,14 +271,14 @@ class _PowerSplitter:
         if not all(0 < quotient(b, self.remainder.get(k, -b)) <= 1 for k, b in terms.items()
                    if k not in optional):
             return False
-        remainder = total_of(self.remainder, scaled(terms, -1))
+        remainder = total_of(self.remainder, scale_terms(terms, -1))
         if len(remainder) > len(self.remainder):
             return False
         self.remainder = remainder
         self.powers.append((outer, sp.Add(self.compact(root), self.compact(shift)) ** n))
         return True
 
-    def _take_each(self, first: Terms, root: Terms, n: int, second: Terms) -> None:
+    def _take_powers_of_sums(self, first: Terms, root: Terms, n: int, second: Terms) -> None:
         """Subtract a (r + s)ⁿ for each a in ``first``, with n a s one term of ``second`` or all."""
         for m in sorted(first, key=order):
             subsets = [{b: second[b]} for b in sorted(second, key=order)]
@@ -303,7 +303,7 @@ class _PowerSplitter:
                 powers.append(self.form.product([powers[-1], root]))
             for n in range(highest, 1, -1):
                 leading, next_lower = (self._common_constants(powers[k]) for k in (n, n - 1))
-                self._take_each(leading, root, n, next_lower)
+                self._take_powers_of_sums(leading, root, n, next_lower)
 
     def _variable_count(self, base: sp.Expr) -> int:
         """Return the largest number of variable bases in a term of a sum."""
@@ -321,8 +321,9 @@ class _PowerSplitter:
         first = min(compared, key=order)
         common: Terms = {}
         for constants in self.constants_of.get(factors[first][0], ()):
-            a = merged(constants, inverse(factors[first][1]))[0]
-            ratios = [quotient(self.remainder.get(merged(a, k)[0], 0), u[k]) for k in compared]
+            a = multiply_monomials(constants, inverse(factors[first][1]))[0]
+            ratios = [quotient(self.remainder.get(multiply_monomials(a, k)[0], 0), u[k])
+                      for k in compared]
             # all ratios have one sign: the smallest is the share of u
             if all(r > 0 for r in ratios) or all(r < 0 for r in ratios):
                 common[a] = smaller(*ratios)
@@ -330,7 +331,7 @@ class _PowerSplitter:
 
     # ------------------------------------------------------------ squares of p + A
 
-    def take_completed(self, momenta: frozenset[sp.Symbol]) -> None:
+    def take_completed_squares(self, momenta: frozenset[sp.Symbol]) -> None:
         """Subtract a (p + A)², where A depends on no momenta, for each p with such terms."""
         terms_with: dict[sp.Symbol, list[Monomial]] = defaultdict(list)
         for m in self.remainder:
@@ -452,7 +453,7 @@ class _PowerSplitter:
 
     # ------------------------------------------------------------ squares of x + s
 
-    def take_shifted(self) -> None:
+    def take_shifted_squares(self) -> None:
         """Subtract squares a (x + s)² of one base and a constant."""
         for variables in sorted(self.constants_of, key=order):
             if len(variables) != 1:
@@ -460,8 +461,8 @@ class _PowerSplitter:
             (base, n), = variables
             if n == 2:
                 root: Terms = {frozenset([(base, 1)]): 1}
-                self._take_each(self._constants_times(base, 2), root, 2,
-                                self._constants_times(base, 1))
+                self._take_powers_of_sums(self._constants_times(base, 2), root, 2,
+                                          self._constants_times(base, 1))
 
     def _constants_times(self, base: sp.Expr, n: int) -> Terms:
         """Return the constants a of all terms a baseⁿ that remain."""
@@ -483,7 +484,7 @@ def _group_by_base(pairs: Iterable[Pair]) -> list[list[Pair]]:
     for pair in ordered:
         for base in pair:
             index_of.setdefault(base, len(index_of))
-    groups = connected(frozenset(map(index_of.__getitem__, pair)) for pair in ordered)
+    groups = connected_components(frozenset(map(index_of.__getitem__, pair)) for pair in ordered)
     group_of = {a: i for i, group in enumerate(groups) for a in group}
     sorted_groups: list[list[Pair]] = [[] for _ in groups]
     for pair in ordered:
@@ -535,7 +536,7 @@ class Echelon(Generic[Key]):
         _, combination = self._reduce(vector, {})
         return {j: -a for j, a in combination.items()}
 
-    def reduced(self) -> dict[Key, dict[Key, Number]]:
+    def echelon_rows(self) -> dict[Key, dict[Key, Number]]:
         """Return the reduced echelon form, rows by their pivots."""
         rows: dict[Key, dict[Key, Number]] = {}
         for pivot, row, _ in reversed(self._rows):

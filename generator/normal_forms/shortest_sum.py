@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator
 
 import sympy as sp
 
-from .common_factors import doubled, factors_of, square_root, without_common
+from .common_factors import absorb_factor_two, factors_of, square_root, without_common
 from .expansion import NormalForm
 from .products_of_sums import Echelon, Power, products_of, split_off_powers, squares_of
 from .terms import (
@@ -26,7 +26,7 @@ from .terms import (
     plain_exponent,
     quotient,
     rational,
-    scaled,
+    scale_terms,
     term,
     total_of,
     varies,
@@ -117,14 +117,14 @@ class Compact:
         outer, content, inner = without_common(terms)
         root, remainder = square_root(inner)
         if root and not remainder:  # a perfect square
-            content, root = doubled(content, root, 2)
+            content, root = absorb_factor_two(content, root, 2)
             return sp.Mul(term(outer, content), self(root) ** 2)
         # 2 (x + y) stays 2 x + 2 y: SymPy multiplies numbers into a sum
         if not outer and is_power_of_two(rational(content)):
-            content, inner = (1 if content > 0 else -1), scaled(inner, abs(content))
-        content, inner = doubled(content, inner)
+            content, inner = (1 if content > 0 else -1), scale_terms(inner, abs(content))
+        content, inner = absorb_factor_two(content, inner)
         if content == -1 and not outer:
-            return negated(self(inner))
+            return negate(self(inner))
         if outer or content != 1:
             return sp.Mul(term(outer, content), self(inner))
         return self._shortest_sum(terms)
@@ -174,7 +174,7 @@ class Compact:
         powers = []
         for factor, n in factors:
             outer, content, inner = without_common(factor)
-            number, inner = doubled(number * content**n, inner, n)
+            number, inner = absorb_factor_two(number * content**n, inner, n)
             powers.append((term(outer) * self(inner)) ** n)
         return sp.Mul(rational(number), *powers)
 
@@ -205,7 +205,7 @@ class Compact:
             return
         if len(coefficients) <= _LARGEST_LINES:
             yield self._sum_over(common_coefficients(coefficients))
-        yield self._sum_over(grouped(
+        yield self._sum_over(group_by_factor(
             (constants, variables, a)
             for variables, c in coefficients.items() for constants, a in c.items()))
 
@@ -218,7 +218,7 @@ class Compact:
         if len(b) == 1:
             return self(self.form.product([b, polynomial]))
         outer, content, inner = without_common(polynomial)
-        content, inner = doubled(content, inner)
+        content, inner = absorb_factor_two(content, inner)
         return sp.Mul(self(b), term(outer, content), self(inner))
 
     # ------------------------------------------------------------ common denominators
@@ -252,7 +252,7 @@ class Compact:
         return None
 
 
-def negated(e: sp.Expr) -> sp.Expr:
+def negate(e: sp.Expr) -> sp.Expr:
     """Return −e, with the sign moved into the first sum that has fewer minus signs then."""
     for a in sp.Mul.make_args(e):
         if a.is_Add and a.could_extract_minus_sign():
@@ -263,7 +263,8 @@ def negated(e: sp.Expr) -> sp.Expr:
 # ---------------------------------------------------------------- common coefficients
 
 
-def grouped(products: Iterable[tuple[Monomial, Monomial, Number]]) -> list[tuple[Terms, Terms]]:
+def group_by_factor(products: Iterable[tuple[Monomial, Monomial, Number]]) -> list[tuple[Terms,
+                                                                                         Terms]]:
     """Return Σ a m n as Σ_m m (Σ_n a n), as pairs of factors."""
     sums: dict[Monomial, Terms] = defaultdict(dict)
     for m, n, a in products:

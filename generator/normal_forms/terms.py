@@ -17,9 +17,9 @@ from typing import Any
 import sympy as sp
 
 __all__ = ["ONE", "Monomial", "Number", "Terms", "add_to", "base_key", "divides", "expression_of",
-           "fraction", "inverse", "is_below", "is_rational", "leading", "merged", "order",
-           "placeholder", "plain_exponent", "primitive", "quotient", "rational", "scaled",
-           "symbols_in", "term", "total_of", "varies"]
+           "fraction", "inverse", "is_below", "is_rational", "leading", "multiply_monomials",
+           "order", "placeholder", "plain_exponent", "primitive", "quotient", "rational",
+           "scale_terms", "symbols_in", "term", "total_of", "varies"]
 
 Number = int | Fraction
 #: Bases with their exponents: ints, or expressions.
@@ -92,7 +92,8 @@ def is_rational(n: Any) -> bool:
 # ---------------------------------------------------------------- monomials
 
 
-def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Expr, int]]]:
+def multiply_monomials(a: Monomial, b: Monomial) -> tuple[Monomial, Number,
+                                                          list[tuple[sp.Expr, int]]]:
     """Return the product of two monomials as (monomial, number, [(sum, exponent), …]).
 
     The factors that are no longer irreducible are split off: √u √u gives the sum u to the power 1,
@@ -126,7 +127,8 @@ def merged(a: Monomial, b: Monomial) -> tuple[Monomial, Number, list[tuple[sp.Ex
 def _bases(m: Monomial) -> tuple[frozenset[sp.Expr], bool]:
     """Return the bases, and whether a product with other bases is the union of the pairs.
 
-    Numbers, roots of sums and exponents that are no ints yet are processed by ``merged``.
+    Numbers, roots of sums and exponents that are no ints yet are processed by
+    ``multiply_monomials``.
     """
     is_plain = all((isinstance(n, int) or not (n.is_Integer or base.is_Add))
                    and not base.is_Rational for base, n in m)
@@ -186,7 +188,7 @@ def total_of(*summands: Terms) -> Terms:
     return total
 
 
-def scaled(terms: Terms, factor: Number) -> Terms:
+def scale_terms(terms: Terms, factor: Number) -> Terms:
     """Return the terms times a number."""
     return {m: quotient(a * factor, 1) for m, a in terms.items()}
 

@@ -66,15 +66,15 @@ class _ExactNumbers:
 
     def named(self, name: str) -> Value:
         """Return the value of a name."""
-        return self.with_radicals_counted(numbers.named(self.names[name]))
+        return self.count_radicals(numbers.named(self.names[name]))
 
     def add(self, terms: Sequence[Value]) -> Value:
         """Return the sum."""
-        return self.with_radicals_counted(numbers.add(terms))
+        return self.count_radicals(numbers.add(terms))
 
     def multiply(self, factors: Sequence[Value]) -> Value:
         """Return the product."""
-        return self.with_radicals_counted(numbers.multiply(factors))
+        return self.count_radicals(numbers.multiply(factors))
 
     def negative(self, value: Value) -> Value:
         """Return −value."""
@@ -82,17 +82,17 @@ class _ExactNumbers:
 
     def reciprocal(self, value: Value) -> Value:
         """Return 1/value."""
-        return self.with_radicals_counted(numbers.reciprocal(value))
+        return self.count_radicals(numbers.reciprocal(value))
 
     def power(self, base: Value, exponent: Value) -> Value:
         """Return base**exponent."""
-        return self.with_radicals_counted(numbers.power(base, exponent))
+        return self.count_radicals(numbers.power(base, exponent))
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
         """Return the value of a function of ``ROOTS``."""
-        return self.with_radicals_counted(ROOTS[function](*arguments))
+        return self.count_radicals(ROOTS[function](*arguments))
 
-    def with_radicals_counted(self, value: Value) -> Value:
+    def count_radicals(self, value: Value) -> Value:
         """Return the value, with its radicals added to those of the text.
 
         Raises ``RefusedError`` for more than ``MAX_RADICALS`` different ones: SymPy takes too long.

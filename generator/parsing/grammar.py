@@ -250,7 +250,7 @@ class _Parser(Generic[V]):
         sign = self.accept("**")
         if sign is None:
             return base
-        return self.apply(sign, self.arithmetic.power, base, self.nested(sign, self.signed))
+        return self.apply(sign, self.arithmetic.power, base, self.parse_nested(sign, self.signed))
 
     def atom(self) -> V:
         """Parse a number, a name, a call or a sum in brackets."""
@@ -264,7 +264,7 @@ class _Parser(Generic[V]):
                 return self.name(token)
             return self.choice(token) if token.text == CHOICE else self.call(token)
         if self.accept("("):
-            value = self.nested(token, self.sum)
+            value = self.parse_nested(token, self.sum)
             self.close(token)
             return value
         raise self.error("A number, a name or ( is missing", "complete the expression")
@@ -287,9 +287,9 @@ class _Parser(Generic[V]):
         arguments = self.arguments(opening, self.sum)
         arity = self.arithmetic.functions[name.text]
         if arity < 0 and len(arguments) < -arity:
-            raise self.miscounted(name, arguments, f"{-arity} or more")
+            raise self.argument_count_error(name, arguments, f"{-arity} or more")
         if arity >= 0 and len(arguments) != arity:
-            raise self.miscounted(name, arguments, f"{arity}")
+            raise self.argument_count_error(name, arguments, f"{arity}")
         return self.apply(name, self.arithmetic.call, name.text, arguments)
 
     def opening_parenthesis(self, name: Token) -> Token:
@@ -301,13 +301,14 @@ class _Parser(Generic[V]):
 
     def arguments(self, opening: Token, first: Callable[[], Any]) -> list[Any]:
         """Parse arguments up to the closing parenthesis; ``first`` is the rule of the first one."""
-        values = [self.nested(opening, first)]
+        values = [self.parse_nested(opening, first)]
         while self.accept(","):
-            values.append(self.nested(opening, self.sum))
+            values.append(self.parse_nested(opening, self.sum))
         self.close(opening)
         return values
 
-    def miscounted(self, name: Token, arguments: Sequence[Any], expected: str) -> InputError:
+    def argument_count_error(self, name: Token, arguments: Sequence[Any],
+                             expected: str) -> InputError:
         """Return the error of a function with a wrong number of arguments."""
         count = len(arguments)
         return error_at(self.text, name.position,
@@ -321,7 +322,8 @@ class _Parser(Generic[V]):
         opening = self.opening_parenthesis(name)
         arguments = self.arguments(opening, self.condition)
         if len(arguments) != 3:
-            raise self.miscounted(name, arguments, "a condition, what holds then, and what else")
+            raise self.argument_count_error(name, arguments,
+                                            "a condition, what holds then, and what else")
         return self.apply(name, self.choosing.choose, *arguments)
 
     def condition(self) -> Any:
@@ -376,7 +378,7 @@ class _Parser(Generic[V]):
             reason = f"The ( of character {opening.position + 1} is not closed here"
             raise self.error(reason, "write ) or one of + - * / **")
 
-    def nested(self, token: Token, method: Callable[[], V]) -> V:
+    def parse_nested(self, token: Token, method: Callable[[], V]) -> V:
         """Return the value of a nested expression, one level deeper; ``method`` parses it.
 
         Python's stack ends at some hundred calls of the grammar: deeper text is refused at

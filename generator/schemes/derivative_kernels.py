@@ -26,8 +26,15 @@ from .splitting_scheme import SplittingScheme
 from .step_equations import MeanScheme, SparkScheme
 from .system_differences import TIME_STEP, time_input, vector
 
-__all__ = ["by_each", "derivative_kernels", "flow_transposes", "impact_derivatives",
-           "quantity_derivatives", "quantity_rates", "time_columns"]
+__all__ = [
+    "derivative_kernels",
+    "derivative_rows",
+    "flow_transposes",
+    "impact_derivatives",
+    "quantity_derivatives",
+    "quantity_rates",
+    "time_columns",
+]
 
 Rows = list[list[sp.Expr]]
 
@@ -130,7 +137,7 @@ def quantity_derivatives(system: System) -> Kernel | None:
     times = {} if system.time is None else {"t": time}
     return Kernel("quantity_derivatives", "derivatives of quantities by q, p, parameters and time",
                   {**times, "q": list(system.q), "p": list(system.p)},
-                  {"rows": by_each(expressions, columns)})
+                  {"rows": derivative_rows(expressions, columns)})
 
 
 def quantity_rates(system: System) -> Kernel | None:
@@ -177,8 +184,8 @@ def impact_derivatives(system: System) -> Kernel | None:
     if lam:  # C has no arrays of length 0
         inputs["lambda"] = lam
     return Kernel("impact_derivatives", "derivatives of the impulses and rates of gaps", inputs,
-                  {"forces": by_each(forces, [*system.q, *columns]),
-                   "rates": by_each(rates, [*system.q, *system.p, *columns])})
+                  {"forces": derivative_rows(forces, [*system.q, *columns]),
+                   "rates": derivative_rows(rates, [*system.q, *system.p, *columns])})
 
 
 def switch_kernel(system: System) -> Kernel | None:
@@ -198,7 +205,7 @@ def switch_kernel(system: System) -> Kernel | None:
                   {"w": switches})
 
 
-def by_each(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:
+def derivative_rows(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]) -> Rows:
     """Return the derivative of each expression (row) by each symbol (column), in plain form."""
     return [[derivative(e, x) for x in columns] for e in expressions]
 
@@ -211,7 +218,7 @@ def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]
     return [
         *_rates(system, columns),
         Kernel("force_by_constants", "d(G^T lambda)/dc", {"q": q, "lambda": lam},
-               {"force_c": by_each(transposed_product(system.G, lam), columns)}),
+               {"force_c": derivative_rows(transposed_product(system.G, lam), columns)}),
         *_constraint_kernels(system, columns),
     ]
 
@@ -223,18 +230,18 @@ def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Ke
     """
     q = {"q": list(system.q)}
     by_constants = Kernel("constraint_by_constants", "dg/dc", q,
-                          {"g_c": by_each(system.constraints, columns)})
+                          {"g_c": derivative_rows(system.constraints, columns)})
     if isinstance(system, LagrangianSystem):
         hidden = Kernel("velocity_constraint", "derivatives of G v + g_t by q and c at fixed v",
                         q | {"v": list(system.velocities)},
                         {"f_q": jacobian(system.hidden, system.q),
-                         "f_c": by_each(system.hidden, columns)})
+                         "f_c": derivative_rows(system.hidden, columns)})
     else:
         hidden = Kernel("hidden_derivative", "derivatives of f(q, p) by q, p and c",
                         q | {"p": list(system.p)},
                         {"f_q": jacobian(system.hidden, system.q),
                          "f_p": jacobian(system.hidden, system.p),
-                         "f_c": by_each(system.hidden, columns)})
+                         "f_c": derivative_rows(system.hidden, columns)})
     return [by_constants, hidden]
 
 
@@ -247,16 +254,17 @@ def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
         arguments = {"q": list(system.q), "v": list(system.velocities)}
         return [
             Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", arguments,
-                   {"momentum_c": by_each(system.L_v, columns)}, factors=not system.is_long),
+                   {"momentum_c": derivative_rows(system.L_v, columns)},
+                   factors=not system.is_long),
             Kernel("generalised_force_by_constants", "d(dL/dq + F)/dc at fixed v",
                    arguments | time_input(system),
-                   {"R_c": by_each(system.generalised_force, columns)},
+                   {"R_c": derivative_rows(system.generalised_force, columns)},
                    factors=not system.is_long),
         ]
     state = {"q": list(system.q), "p": list(system.p), **time_input(system)}
     return [Kernel("rates_by_constants", "derivatives of dH/dq - F and dH/dp by constants", state,
-                   {"H_qc": by_each(system.minus_p_rate, columns),
-                    "H_pc": by_each(system.H_p, columns)})]
+                   {"H_qc": derivative_rows(system.minus_p_rate, columns),
+                    "H_pc": derivative_rows(system.H_p, columns)})]
 
 
 def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
@@ -277,8 +285,8 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
             "mean_rates_derivative", "derivatives of D_q - F and D_p by qm, pm and constants",
             arguments,
             {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm), "D_pq": jacobian(D_p, qm),
-             "D_pp": jacobian(D_p, pm), "D_qc": by_each(D_q, columns),
-              "D_pc": by_each(D_p, columns)})]
+             "D_pp": jacobian(D_p, pm), "D_qc": derivative_rows(D_q, columns),
+              "D_pc": derivative_rows(D_p, columns)})]
     if not system.m:
         return kernels
     lam = vector("lambda", system.m)
@@ -287,7 +295,7 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
     return [
         *kernels,
         Kernel("mean_constraint_by_start", "derivatives of G^T lambda by qm and constants",
-               between, {"K": jacobian(force, qm), "force_c": by_each(force, columns)}),
+               between, {"K": jacobian(force, qm), "force_c": derivative_rows(force, columns)}),
         *_constraint_kernels(system, columns),
     ]
 
@@ -304,11 +312,11 @@ def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) ->
     momentum = {"q": list(system.q), "v": list(system.velocities)}
     kernels = [
         Kernel("momentum_by_constants", "d(dL/dv)/dc at fixed v", momentum,
-               {"momentum_c": by_each(system.L_v, columns)}),
+               {"momentum_c": derivative_rows(system.L_v, columns)}),
         Kernel("mean_generalised_force_by_state", "derivatives of R by qm, v0, v1 and constants",
                arguments | time_input(system),
-               {"R_q": by_each(R, scheme.means[0]), "R_v0": by_each(R, v0),
-                "R_v1": by_each(R, v1), "R_c": by_each(R, columns)}),
+               {"R_q": derivative_rows(R, scheme.means[0]), "R_v0": derivative_rows(R, v0),
+                "R_v1": derivative_rows(R, v1), "R_c": derivative_rows(R, columns)}),
     ]
     return [Kernel(k.name, k.doc, k.inputs, k.outputs, factors=not system.is_long)
             for k in kernels]

@@ -18,7 +18,7 @@ from ..symbolic.piecewise import PiecewiseForm
 from ..symbolic.shared_subexpressions import Shared, parts_of, share
 from ..symbolic.switching_functions import Max, Min, Switch, Where
 
-__all__ = ["FUNCTIONS", "DiscreteDifference", "absolute", "angle", "chosen", "exponential",
+__all__ = ["FUNCTIONS", "DiscreteDifference", "absolute", "angle", "choose_branch", "exponential",
            "extreme", "logarithm", "piecewise", "power"]
 
 @dataclass(frozen=True)
@@ -72,7 +72,7 @@ class DiscreteDifference:
         """Return the difference of f(u), from its mean and f(u₁) − f(u₀) = factor·(u₁ − u₀)."""
         return DiscreteDifference(mean, {i: factor * d for i, d in self.slope.items()}, self.steps)
 
-    def shared(self) -> DiscreteDifference:
+    def with_shared_parts(self) -> DiscreteDifference:
         """Return u with its mean and its change as shared subexpressions."""
         return DiscreteDifference(share(self.mean), self.slope, self.steps, share(self.change),
                                   self.known_ends)
@@ -123,8 +123,8 @@ def power(u: DiscreteDifference, exponent: sp.Expr) -> DiscreteDifference:
     if exponent.is_Integer:
         return _integer_power(u, int(exponent))
     if (2 * exponent).is_Integer:
-        return _integer_power(_root(u.shared()), int(2 * exponent))
-    return _real_power(u.shared(), exponent)
+        return _integer_power(_root(u.with_shared_parts()), int(2 * exponent))
+    return _real_power(u.with_shared_parts(), exponent)
 
 
 def _integer_power(u: DiscreteDifference, n: int) -> DiscreteDifference:
@@ -136,7 +136,7 @@ def _integer_power(u: DiscreteDifference, n: int) -> DiscreteDifference:
         return u
     if n == 2:  # mean(u²) = ū² + ¼Δu², Δ(u²) = 2ūΔu: the general rule, shorter
         return u.become(u.mean**2 + u.change**2 / 4, 2 * u.mean)
-    u = u.shared()
+    u = u.with_shared_parts()
     u0, u1 = u.ends
     return u.apply((u1**n + u0**n) / 2, _quotient(u, n))
 
@@ -158,7 +158,7 @@ def _quotient(u: DiscreteDifference, n: int) -> sp.Expr:
 
 def _reciprocal(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of 1/u: mean ū/(u₀u₁), slope −1/(u₀u₁), u₀u₁ = ū² − ¼Δu²."""
-    u = u.shared()
+    u = u.with_shared_parts()
     product = u.mean**2 - u.change**2 / 4  # u₀u₁
     return u.apply(u.mean / product, -1 / product)
 
@@ -203,7 +203,7 @@ def _real_power(u: DiscreteDifference, c: sp.Expr) -> DiscreteDifference:
 
 def exponential(u: DiscreteDifference, base: sp.Expr = sp.E) -> DiscreteDifference:
     """Return the difference of base^u."""
-    u, rate = u.shared(), sp.log(base)
+    u, rate = u.with_shared_parts(), sp.log(base)
     half = rate * u.half
     mean_power = base**u.mean
     return u.apply(mean_power * sp.cosh(half), rate * mean_power * Sinhc(half))
@@ -211,7 +211,7 @@ def exponential(u: DiscreteDifference, base: sp.Expr = sp.E) -> DiscreteDifferen
 
 def logarithm(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of log u."""
-    u = u.shared()
+    u = u.with_shared_parts()
     g, z = _geometric(u)
     return u.apply(sp.log(g), Asinhc(z) / g)
 
@@ -280,7 +280,7 @@ def angle(y: DiscreteDifference, x: DiscreteDifference) -> DiscreteDifference:
     nearly −w₀. The mean is half the angle after the start: both are continuous where atan2 jumps
     by 2π; only atan2 itself differs there from its definition, no periodic function of it does.
     """
-    y, x = y.shared(), x.shared()
+    y, x = y.with_shared_parts(), x.with_shared_parts()
     (y0, y1), (x0, x1) = y.ends, x.ends
     # the squares are shared: SymPy would make |x| of √(x² + x²), which has no C
     length0, length1 = (share(sp.sqrt(share(a**2 + b**2))) for a, b in ((x0, y0), (x1, y1)))
@@ -349,7 +349,7 @@ def _tilt(u: DiscreteDifference) -> sp.Expr:
 
 def absolute(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of |u|: Δ|u| = τ Δu with the tilt τ, mean max(|ū|, |Δu/2|)."""
-    u = u.shared()
+    u = u.with_shared_parts()
     difference = u.apply(Max(sp.Abs(u.mean), sp.Abs(u.half)), _tilt(u))
     return difference.with_ends(*map(sp.Abs, u.ends))
 
@@ -362,8 +362,8 @@ def extreme(
     max(u, v) = ½(u + v + |w|) with w = u − v, whose tilt is τ. The mean is ½(ū + v̄ ± |Δw/2|) if w
     changes its sign within the step, else the larger, or smaller, of ū and v̄.
     """
-    u, v = u.shared(), v.shared()
-    w = (u + v.become(-v.mean, sp.Integer(-1))).shared()
+    u, v = u.with_shared_parts(), v.with_shared_parts()
+    w = (u + v.become(-v.mean, sp.Integer(-1))).with_shared_parts()
     sign = 1 if function is Max else -1
     tilt = sign * _tilt(w)
     u_share, v_share = share((1 + tilt) / 2), share((1 - tilt) / 2)
@@ -391,7 +391,7 @@ def _is_finite(e: sp.Expr) -> bool:
         for node in parts_of([e]))
 
 
-def chosen(
+def choose_branch(
     a: DiscreteDifference, b: DiscreteDifference, x: DiscreteDifference, y: DiscreteDifference
 ) -> DiscreteDifference:
     """Return the difference of x where a < b and y elsewhere, for constant a and b.
@@ -418,7 +418,7 @@ def piecewise(
     Δf = Σ_i (Df_i)(Δc_i/Δs) Δs. If both ends of s are in one piece, all other Δc_i are 0, and
     their slopes, which may be infinite there, are not used.
     """
-    s = s.shared()
+    s = s.with_shared_parts()
     factor, zero = sp.Integer(0), sp.Integer(0)
     limits = pairwise([None, *pieces.limits, None])
     for piece, (low, high) in zip(pieces.parts, limits, strict=True):

@@ -76,7 +76,7 @@ from .discrete_functions import (
     FUNCTIONS,
     DiscreteDifference,
     angle,
-    chosen,
+    choose_branch,
     exponential,
     extreme,
     logarithm,
@@ -244,7 +244,7 @@ def _not_piecewise(e: sp.Expr, reason: NotPiecewiseError) -> InputError:
 
 #: Functions of several arguments with a rule; the condition of a ``Where`` is constant here.
 _MULTIVARIATE: Mapping[type[sp.Expr], Callable[..., DiscreteDifference]] = {
-    sp.atan2: angle, Max: partial(extreme, Max), Min: partial(extreme, Min), Where: chosen,
+    sp.atan2: angle, Max: partial(extreme, Max), Min: partial(extreme, Min), Where: choose_branch,
 }
 
 
@@ -258,7 +258,7 @@ def _combine(e: sp.Expr, arguments: list[DiscreteDifference]) -> DiscreteDiffere
         return _power(*arguments)
     if e.func in _MULTIVARIATE:
         return _MULTIVARIATE[e.func](*arguments)
-    return FUNCTIONS[e.func](arguments[0].shared())
+    return FUNCTIONS[e.func](arguments[0].with_shared_parts())
 
 
 def _power(base: DiscreteDifference, exponent: DiscreteDifference) -> DiscreteDifference:

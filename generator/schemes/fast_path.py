@@ -27,7 +27,7 @@ import sympy as sp
 
 from ...core.records import dataclass
 from ..kernels.statements import Kernel
-from ..symbolic.bounded_algebra import expanded, is_small
+from ..symbolic.bounded_algebra import expand_if_short, is_small
 from ..symbolic.switching_functions import depends_by_steps, switches_of
 from ..systems.jacobians import jacobian, shortest
 from ..systems.lagrangian import LagrangianSystem
@@ -49,12 +49,12 @@ class FastSystem:
 
     system: System
 
-    def reduced(self, e: sp.Expr) -> sp.Expr:
+    def reduce_modulo_g(self, e: sp.Expr) -> sp.Expr:
         """Return the remainder of e modulo g, or e expanded if e or g is no polynomial in q.
 
         The result equals e on the constraint manifold g = 0.
         """
-        polynomial = expanded(e)
+        polynomial = expand_if_short(e)
         # a division by g costs time that grows fast with the number of terms
         if not polynomial.free_symbols & set(self.system.q) or not is_small(e):
             return polynomial
@@ -92,7 +92,8 @@ class FastSystem:
         """W = G H_pp Gᵀ, m × m, reduced modulo g entry by entry."""
         columns = list(zip(*self.forces, strict=True))
         return [
-            [self.reduced(sum((a * b for a, b in zip(g, column, strict=True)), sp.Integer(0)))
+            [self.reduce_modulo_g(sum((a * b for a, b in zip(g, column, strict=True)),
+                                      sp.Integer(0)))
              for column in columns]
             for g in self.system.G
         ]
@@ -113,7 +114,7 @@ class FastSystem:
         if not self.system.m or self.schur_inverse is None:
             return None
         g = self.system.G[0]
-        square = self.reduced(sum((a * a for a in g), sp.Integer(0)))
+        square = self.reduce_modulo_g(sum((a * a for a in g), sp.Integer(0)))
         # c = W₀₀/(G₀·G₀) is a constant only if both are
         if square == 0 or not self._is_constant(square):
             return None
@@ -123,7 +124,7 @@ class FastSystem:
             for a, forces in enumerate(self.forces)
             for force, row in zip(forces, self.system.G, strict=True)
         ]
-        return c if all(self.reduced(e) == 0 for e in differences) else None
+        return c if all(self.reduce_modulo_g(e) == 0 for e in differences) else None
 
     @cached_property
     def shared(self) -> list[sp.Expr]:
@@ -149,7 +150,7 @@ class FastSystem:
     def _is_unaffected(self, u: sp.Expr) -> bool:
         """Whether u, and its switches, have the derivative 0 along all constraint forces."""
         return all(
-            expanded(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
+            expand_if_short(sum((a * b for a, b in zip(by_p, g, strict=True)), sp.Integer(0))) == 0
             for by_p in jacobian([u, *switches_of([u])], self.system.p)
             for g in self.system.G
         )
@@ -165,7 +166,7 @@ class FastSystem:
     def is_separable(self) -> bool:
         """Whether H_pq = 0: Gauss-Seidel ordering then squares the contraction."""
         return not depends_by_steps(self.system.H_p, self.system.q) and all(
-            expanded(e) == 0 for row in self.system.H_pq for e in row)
+            expand_if_short(e) == 0 for row in self.system.H_pq for e in row)
 
     @cached_property
     def folds(self) -> Folds:
@@ -284,7 +285,7 @@ class FastSystem:
             if kernel.name == "hidden_constraint":
                 kernels.append(replace(kernel, compensated=True))
             elif kernel.name == "hidden_matrix":
-                W = [[self.reduced(e) for e in row] for row in self.system.hidden_matrix]
+                W = [[self.reduce_modulo_g(e) for e in row] for row in self.system.hidden_matrix]
                 kernels.append(Kernel(kernel.name, kernel.doc, kernel.inputs, {"W": W}))
             else:
                 kernels.append(kernel)

@@ -67,7 +67,7 @@ class FastTableau:
         return multiplier_inverse(self.tableau)
 
     @cached_property
-    def scaled(self) -> dict[str, list[Row]]:
+    def scaled_coefficients(self) -> dict[str, list[Row]]:
         """μ_ij = a_ij/b_j, μ̂, ν and ν̃ before rounding, nodes 0..p in ascending order."""
         coefficients = self.centres
         # column p of Ã is 0, as is b̃_p of some methods: 0/1 in place of 0/0
@@ -102,7 +102,7 @@ class FastTableau:
 
         "onward" has w_i ℓ_j(1 + c_i)/w_j, which continues the stages of a step to the next one.
         """
-        coefficients, exact, bits = self.centres, self.scaled, real.bits
+        coefficients, exact, bits = self.centres, self.scaled_coefficients, real.bits
         tolerance = max(Fraction(1, 2**bits), self._tolerance)
         # pairs with μ_ij + μ̂_ji = 1 are rounded so that this holds exactly
         mu, mu_hat = _round_pairs(exact["mu"], exact["mu_hat"], bits, tolerance)
@@ -161,8 +161,8 @@ class FastTableau:
         tolerance = max(self._tolerance, Fraction(1, 2**400))
         tables: dict[str, list[Row]] = {}
         for name, dual, size in pairs:
-            table = self._in_lanes(name, self.scaled[name])
-            dual_table = self._in_lanes(dual, self.scaled[dual])
+            table = self._in_lanes(name, self.scaled_coefficients[name])
+            dual_table = self._in_lanes(dual, self.scaled_coefficients[dual])
             # the end of the step, node p: Q̃_p = q + Σ_j b_j k_j is the row of ones, and the
             # multiplier of node 0 acts on all stages with its full weight, the column of ones
             ones = [*table[size:], [row[size] for row in dual_table if len(row) > size]]
@@ -180,7 +180,7 @@ class FastTableau:
         """Return the rounding errors of the entries of μ, μ̂, ν and ν̃."""
         rounded = self.tables(real)
         errors: list[Fraction] = []
-        for name, table in self.scaled.items():
+        for name, table in self.scaled_coefficients.items():
             if name not in rounded:  # without constraints there are no tables of nodes
                 continue
             for rounded_row, row in zip(rounded[name], self._in_lanes(name, table), strict=True):

@@ -15,8 +15,8 @@ import sympy as sp
 from ...core.records import dataclass
 from ..kernels.statements import Kernel
 from ..symmetry.frame_symmetries import CoMovingFrame, FrameSymmetry
-from ..symmetry.rotations import Rotation, turned
-from ..systems.elimination_order import connected
+from ..symmetry.rotations import Rotation, rotate_coordinates
+from ..systems.elimination_order import connected_components
 from ..systems.system import System
 from .system_differences import vector
 
@@ -67,8 +67,8 @@ class FrameRotation:
     def sets(self) -> list[int]:
         """For each coordinate, the first coordinate of its set; rotations mix the q of one set."""
         first = list(range(self.system.n))
-        for indices in connected([frozenset(entry) for symmetry in self.frame.symmetries
-                                  for entry in symmetry.field.weights]):
+        for indices in connected_components([frozenset(entry) for symmetry in self.frame.symmetries
+                                             for entry in symmetry.field.weights]):
             for a in indices:
                 first[a] = min(indices)
         return first
@@ -111,9 +111,9 @@ class FrameRotation:
             unit_axis = ([sp.Integer(1)] if start is None
                          else axis[start : start + len(group_rotations)])
             index_of = {a: k for k, (group, a) in enumerate(angles) if group == g}
-            y = turned(y, group_rotations, unit_axis,
-                       {a: cosines[k] for a, k in index_of.items()},
-                       {a: sines[k] for a, k in index_of.items()})
+            y = rotate_coordinates(y, group_rotations, unit_axis,
+                                   {a: cosines[k] for a, k in index_of.items()},
+                                   {a: sines[k] for a, k in index_of.items()})
         return Kernel(name, doc, {"cosine": cosines, "sine": sines, "axis": axis, "x": x},
                       {"y": y})
 

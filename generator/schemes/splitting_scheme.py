@@ -133,7 +133,7 @@ class SplittingScheme:
         return _flat(self.splitting.kick)
 
     @cached_property
-    def kicked(self) -> list[int]:
+    def kicked_entries(self) -> list[int]:
         """Entries of y that a kick changes."""
         changes = self.kick if not self.gradients else [
             a if a != 0 else b for a, b in zip(self.kick, _flat(self.symmetric.gradient),
@@ -194,16 +194,16 @@ class SplittingScheme:
         return {"q": list(self.splitting.system.q), "y": self.momenta}
 
     def _kick_kernel(self) -> Kernel:
-        """Return the kernel of dy/dt + w G of a kick, for the entries of y in ``kicked``.
+        """Return the kernel of dy/dt + w G of a kick, for the entries of y in ``kicked_entries``.
 
         G is the force gradient; its weight w is an input, 0 for a kick without the gradient.
         """
         weight = sp.Symbol("_gradient", real=True)
-        rate = [self.kick[i] for i in self.kicked]
+        rate = [self.kick[i] for i in self.kicked_entries]
         if self.gradients:
             gradient = _flat(self.symmetric.gradient)
             rate = [sp.factor_terms(e + weight * gradient[i])
-                    for e, i in zip(rate, self.kicked, strict=True)]
+                    for e, i in zip(rate, self.kicked_entries, strict=True)]
         return Kernel("kick_rate", "dy/dt of a kick, with the force gradient times its weight",
                       self._state | {"t": [_TIME], "gradient": [weight]},
                       {"rate": self._hoist(rate)})

@@ -18,7 +18,7 @@ import sympy as sp
 from ..kernels.statements import Kernel
 from ..multibody.rigid_body import left_matrix
 from ..splitting.quotient import Quotient, unit_quaternions
-from ..systems.elimination_order import connected
+from ..systems.elimination_order import connected_components
 from ..systems.system import System
 
 __all__ = ["StartKernels", "energy_kernel"]
@@ -117,8 +117,8 @@ class StartKernels:
             return None
         D, _ = self._mass
         count = len(self.names)
-        blocks = connected([frozenset({i, j}) for i in range(count) for j in range(count)
-                            if i == j or D[i, j] != 0])
+        blocks = connected_components([frozenset({i, j}) for i in range(count) for j in range(count)
+                                       if i == j or D[i, j] != 0])
         inverse = sp.zeros(count)
         for block in map(sorted, blocks):
             # inverses in symbols grow like the factorial of the size: of the tensor of a body at

@@ -412,7 +412,7 @@ def with_work_of_time(system: System) -> System:
     return replace(system, forces=(sp.Integer(0),) * system.n)
 
 
-def hoisted(system: System) -> tuple[System, Constants]:
+def hoist_constants(system: System) -> tuple[System, Constants]:
     """Return the system with constants of the run for subexpressions of parameters alone.
 
     The second value has their definitions. In the first, ``parameters`` are these constants.

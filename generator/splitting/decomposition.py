@@ -31,11 +31,11 @@ from ..normal_forms.expansion import TooLongError
 from ..normal_forms.terms import Monomial, Terms, expression_of, order, symbols_in, term
 from ..symbolic.derivatives import derivative
 from ..symbolic.shared_subexpressions import share, substitute
-from ..systems.elimination_order import connected
+from ..systems.elimination_order import connected_components
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.repeated_structure import ElementTemplate, Structure
 from ..systems.system import System
-from .kicks import Vector, shortened
+from .kicks import Vector, shorten_on_unit_sphere
 from .parts import (
     AxisRotation,
     BodyFlow,
@@ -379,7 +379,7 @@ class _Search:
         A = {(self._momentum_index(y), self.system.q.index(x[0])): e
              for (kind, y, *x), e in self.total.items() if kind == "A" and e != 0}
         # coordinates that A couples belong to one point
-        for indices in connected([frozenset(entry) for entry in A]):
+        for indices in connected_components([frozenset(entry) for entry in A]):
             i, j, k = (*sorted(indices), -1, -1)[:3]  # k = −1: a point that moves in a plane
             if len(indices) not in (2, 3) or not self._is_rotation(sorted(indices), A):
                 y, x = next(entry for entry in A if entry[0] in indices)
@@ -453,7 +453,7 @@ class _Search:
         if any(e.free_symbols & self._m_by_l.keys() for e in remainder):
             x, y, z = R * sp.Matrix([share(e) for e in substitute(remainder, self._m_by_l)])
         else:
-            x, y, z = shortened(list(R * sp.Matrix(remainder)), [q])
+            x, y, z = shorten_on_unit_sphere(list(R * sp.Matrix(remainder)), [q])
         return (x, y, z), k
 
     def _force_at(self, i: int) -> tuple[sp.Expr, sp.Expr]:

@@ -23,7 +23,7 @@ from .quotient import Quotient, unit_quaternions
 #: Largest number of terms of a sum that is factored.
 _MAX_TERMS = 100
 
-__all__ = ["Vector", "derivatives_along", "shortened", "space_matrix", "space_torque"]
+__all__ = ["Vector", "derivatives_along", "shorten_on_unit_sphere", "space_matrix", "space_torque"]
 
 #: Largest number of nodes of expressions that are shortened.
 _MAX_NODES = 3000
@@ -62,7 +62,7 @@ def derivatives_along(
     return derivatives
 
 
-def shortened(
+def shorten_on_unit_sphere(
     expressions: Sequence[sp.Expr], quaternions: Sequence[Sequence[sp.Symbol]]
 ) -> list[sp.Expr]:
     """Return the expressions, or a form with fewer operations that is equal on |q| = 1.

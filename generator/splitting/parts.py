@@ -41,7 +41,7 @@ from ..multibody.rigid_body import rotation_matrix
 from ..symbolic.derivatives import derivative
 from ..symbolic.shared_subexpressions import Shared, share
 from ..systems.system import System
-from .kicks import Vector, derivatives_along, shortened, space_torque
+from .kicks import Vector, derivatives_along, shorten_on_unit_sphere, space_torque
 
 __all__ = ["AxisRotation", "BodyFlow", "Kick", "KickInstance", "KickTemplate", "SpaceRotation",
            "Splitting", "Translation"]
@@ -246,7 +246,8 @@ def _shorten(torques: Sequence[Vector], forces: Sequence[sp.Expr],
              quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
     """Return a kick of all torques and forces, in a form with fewer operations on |q| = 1."""
     # all together, as torques and forces share subexpressions
-    components = iter(shortened([*(e for N in torques for e in N), *forces], quaternions))
+    components = iter(shorten_on_unit_sphere([*(e for N in torques for e in N), *forces],
+                                             quaternions))
     short_torques = tuple((next(components), next(components), next(components)) for _ in torques)
     return Kick(short_torques, tuple(components))
 
@@ -272,7 +273,7 @@ def _angular_velocity(body: BodyFlow, q: Sequence[sp.Symbol], N: Vector) -> list
     W, R = body.a * sp.Matrix(N), rotation_matrix(q)
     for axis in (*body.axes, *body.further):
         c = R * sp.Matrix(axis.axis)
-        power, = shortened([sp.Add(*(x * y for x, y in zip(c, N, strict=True)))], [q])
+        power, = shorten_on_unit_sphere([sp.Add(*(x * y for x, y in zip(c, N, strict=True)))], [q])
         if power != 0:
             W += axis.d * share(power) * c
     return list(W) if not W.has(Shared) else list(map(share, W))

@@ -37,7 +37,7 @@ class Quotient:
 
     def __init__(self, squares: Mapping[sp.Symbol, sp.Expr]) -> None:
         self._form = NormalForm(self._argument)
-        with self._form.allowed(_MAX_PRODUCTS):
+        with self._form.allow_products(_MAX_PRODUCTS):
             self._squares = {x: self._form.terms(e) for x, e in squares.items()}
 
     def terms(self, e: sp.Expr) -> Terms:
@@ -45,7 +45,7 @@ class Quotient:
 
         Raises TooLongError if it takes too many products.
         """
-        with self._form.allowed(_MAX_PRODUCTS):
+        with self._form.allow_products(_MAX_PRODUCTS):
             return self._reduce(self._form(e))
 
     def expression(self, e: sp.Expr) -> sp.Expr:

@@ -13,7 +13,7 @@ import sympy as sp
 
 from .polynomials import expanded_polynomial
 
-__all__ = ["can_be_factored", "expanded", "is_small"]
+__all__ = ["can_be_factored", "expand_if_short", "is_small"]
 
 #: Largest number of symbols of an expanded expression.
 MAX_SYMBOLS = 20_000
@@ -21,7 +21,7 @@ MAX_SYMBOLS = 20_000
 MAX_NUMERATOR_TERMS = 1000
 
 
-def expanded(e: sp.Expr) -> sp.Expr:
+def expand_if_short(e: sp.Expr) -> sp.Expr:
     """Return the expanded expression; a long one unchanged."""
     if not is_small(e):
         return e
@@ -57,20 +57,21 @@ def _size(e: sp.Expr) -> tuple[int, int]:
         return 1, 1
     sizes = [_size(argument) for argument in e.args]
     if e.is_Add:
-        return _cut(sum(t for t, _ in sizes)), max(length for _, length in sizes)
+        return _saturate(sum(t for t, _ in sizes)), max(length for _, length in sizes)
     if e.is_Mul:
-        return _cut(math.prod(t for t, _ in sizes)), _cut(sum(length for _, length in sizes))
+        return _saturate(math.prod(t for t, _ in sizes)), _saturate(sum(length for _,
+                                                                        length in sizes))
     if e.is_Pow and e.exp.is_Rational:
         base_terms, base_length = sizes[0]
         n = math.ceil(abs(e.exp))
         # (x_1 + … + x_t)ⁿ has C(t + n − 1, n) terms; beyond n = 200 the number itself takes long
-        terms = _cut(math.comb(base_terms + n - 1, n)) if n <= 200 else MAX_SYMBOLS + 1
-        length = _cut(base_length * n)
+        terms = _saturate(math.comb(base_terms + n - 1, n)) if n <= 200 else MAX_SYMBOLS + 1
+        length = _saturate(base_length * n)
         is_expanded = e.exp.is_Integer and e.exp > 0
-        return (terms, length) if is_expanded else (1, _cut(terms * length))
-    return 1, _cut(sum(t * length for t, length in sizes))
+        return (terms, length) if is_expanded else (1, _saturate(terms * length))
+    return 1, _saturate(sum(t * length for t, length in sizes))
 
 
-def _cut(count: int) -> int:
+def _saturate(count: int) -> int:
     """Return a count up to the limit: products of larger ones would be numbers of many digits."""
     return min(count, MAX_SYMBOLS + 1)

@@ -12,7 +12,7 @@ from functools import cmp_to_key
 
 import sympy as sp
 
-__all__ = ["ORDER", "applied", "has_minus", "negative", "product_of", "rebuilt", "sum_of"]
+__all__ = ["ORDER", "apply_function", "has_minus", "negative", "product_of", "rebuilt", "sum_of"]
 
 #: The order of arguments in sums and products.
 ORDER = cmp_to_key(sp.Basic.compare)
@@ -112,10 +112,10 @@ def rebuilt(e: sp.Basic, arguments: Iterable[sp.Basic]) -> sp.Basic:
     arguments = [*arguments]
     if all(a is b for a, b in zip(arguments, e.args, strict=True)):
         return e
-    return applied(e.func, arguments)
+    return apply_function(e.func, arguments)
 
 
-def applied(function: type[sp.Basic], arguments: Sequence[sp.Basic]) -> sp.Basic:
+def apply_function(function: type[sp.Basic], arguments: Sequence[sp.Basic]) -> sp.Basic:
     """Return ``function(*arguments)``."""
     if function is sp.Add:
         return sum_of(arguments)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from .finite_fields import UnsuitablePrimeError, primes
 
-__all__ = ["Conditions", "NullSpace", "reduced"]
+__all__ = ["Conditions", "NullSpace", "echelon_form"]
 
 Residue = NDArray[np.int64]
 #: prime → blocks of the rows that annihilate the null space; a block is a function
@@ -123,7 +123,7 @@ class NullSpace:
         for block in self._conditions(prime):
             if basis.shape[1]:
                 basis = _intersection(basis, block(basis.shape[1] + _EXTRA_ROWS), prime)
-        return reduced(basis.T, prime)
+        return echelon_form(basis.T, prime)
 
 
 def _intersection(basis: Residue, rows: Residue, prime: int) -> Residue:
@@ -139,7 +139,7 @@ def _intersection(basis: Residue, rows: Residue, prime: int) -> Residue:
     return np.column_stack([basis[:, ~has_image], combined])
 
 
-def reduced(
+def echelon_form(
     rows: Residue, prime: int, columns: int | None = None
 ) -> tuple[Residue, list[int]]:
     """Return the reduced echelon form modulo a prime, and its pivots.
@@ -171,7 +171,7 @@ def _null_space(rows: Residue, prime: int) -> Residue:
     Each vector has 1 in one column without a pivot and 0 in the others; the echelon form gives its
     entries at the pivots.
     """
-    form, pivots = reduced(rows, prime)
+    form, pivots = echelon_form(rows, prime)
     free_columns = [k for k in range(rows.shape[1]) if k not in set(pivots)]
     basis = np.zeros((rows.shape[1], len(free_columns)), dtype=np.int64)
     basis[free_columns, np.arange(len(free_columns))] = 1

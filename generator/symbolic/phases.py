@@ -67,7 +67,7 @@ def since_start(
     constant : callable
         Returns the symbol of a constant expression.
     """
-    shifted: sp.Expr = _TimeShift(time, constants, constant).shifted(e)
+    shifted: sp.Expr = _TimeShift(time, constants, constant).shift(e)
     return shifted
 
 
@@ -81,7 +81,7 @@ class _TimeShift:
         self._time, self._constants, self._constant = time, constants, constant
         self._replacement: dict[sp.Basic, sp.Basic] = {}
 
-    def shifted(self, x: Any) -> Any:
+    def shift(self, x: Any) -> Any:
         """Return x at t0 + τ; equal subexpressions are rebuilt once."""
         if x not in self._replacement:
             self._replacement[x] = self._rebuilt(x)
@@ -93,12 +93,12 @@ class _TimeShift:
             return x
         if isinstance(x, _PERIODIC):
             argument = self._linear(x.args[0], periodic=True)
-            return x.func(self.shifted(x.args[0]) if argument is None else argument)
+            return x.func(self.shift(x.args[0]) if argument is None else argument)
         if x == self._time or x.is_Add or x.is_Mul:
             linear_sum = self._linear(x, periodic=False)
             if linear_sum is not None:
                 return linear_sum
-        return x.func(*map(self.shifted, x.args))
+        return x.func(*map(self.shift, x.args))
 
     def _linear(self, x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
         """Return a sum a t + b + … as a τ + φ + …; None if no term is linear in the time.
@@ -123,7 +123,7 @@ class _TimeShift:
             phi = self._constant(Phase(number, symbols, START, b))
         else:
             phi = self._constant(a * START + b)
-        return sp.Add(a * self._time, phi, *map(self.shifted, other_terms))
+        return sp.Add(a * self._time, phi, *map(self.shift, other_terms))
 
     def _is_constant(self, x: sp.Basic) -> bool:
         """Whether x has the same value during a whole run."""

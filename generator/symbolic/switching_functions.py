@@ -25,9 +25,26 @@ from ...core.errors import InputError
 from .cardinal_functions import Numeric
 from .shared_subexpressions import parts_of
 
-__all__ = ["COMPARISONS", "Chooser", "Max", "Min", "Switch", "Where", "as_switches",
-           "depends_by_steps", "every", "has_sides", "heaviside", "largest", "on_side", "remainder",
-           "sides", "smallest", "some", "switches_of"]
+__all__ = [
+    "COMPARISONS",
+    "Chooser",
+    "Max",
+    "Min",
+    "Switch",
+    "Where",
+    "any_of",
+    "as_switches",
+    "depends_by_steps",
+    "every",
+    "has_sides",
+    "heaviside",
+    "largest",
+    "on_side",
+    "remainder",
+    "sides",
+    "smallest",
+    "switches_of",
+]
 
 #: A condition as a function (x, y) → the expression that is x where it holds and y elsewhere.
 Chooser = Callable[[sp.Expr, sp.Expr], sp.Expr]
@@ -248,7 +265,7 @@ def every(conditions: Sequence[Chooser]) -> Chooser:
     return lambda yes, no: Where(ZERO, sp.Mul(*(c(ONE, ZERO) for c in conditions)), yes, no)
 
 
-def some(conditions: Sequence[Chooser]) -> Chooser:
+def any_of(conditions: Sequence[Chooser]) -> Chooser:
     """Return the disjunction of conditions."""
     return negation(every([negation(c) for c in conditions]))
 
@@ -294,7 +311,7 @@ _RELATIONS = {
     sp.Equality: COMPARISONS["=="], sp.Unequality: COMPARISONS["!="],
 }
 _JUNCTIONS: dict[type[sp.Basic], Callable[[Sequence[Chooser]], Chooser]] = {
-    sp.And: every, sp.Or: some, sp.Not: lambda c: negation(c[0]),
+    sp.And: every, sp.Or: any_of, sp.Not: lambda c: negation(c[0]),
 }
 
 
@@ -333,7 +350,7 @@ def as_switches(e: sp.Expr) -> sp.Expr:
         elif node.func in _JUNCTIONS:
             replacement[node] = _JUNCTIONS[node.func](arguments)
         elif isinstance(node, Boolean) and not isinstance(node, sp.Expr):
-            raise _not_understood(node)
+            raise _condition_error(node)
         elif isinstance(node, ExprCondPair):
             replacement[node] = arguments
         elif isinstance(node, sp.Piecewise):
@@ -358,12 +375,12 @@ def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser | sp.Bas
     choice = pieces[-1][0]
     for (_, condition), (expression, choose) in zip(e.args[-2::-1], pieces[-2::-1], strict=True):
         if isinstance(choose, sp.Basic):
-            raise _not_understood(condition)
+            raise _condition_error(condition)
         choice = choose(expression, choice)
     return choice
 
 
-def _not_understood(condition: sp.Basic) -> InputError:
+def _condition_error(condition: sp.Basic) -> InputError:
     """Return the error of a condition that is no comparison and no junction of comparisons."""
     return InputError(f"The condition {condition} of a Piecewise is not understood; write it with "
                       "<, <=, >, >=, Eq, Ne, And, Or and Not.")

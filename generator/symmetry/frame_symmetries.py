@@ -137,7 +137,7 @@ def frame_of(system: System) -> CoMovingFrame:
         lagrangian=isinstance(system, LagrangianSystem) and f"the Lagrangian of {system.name!r}")
     search = _SymmetrySearch(system)
     # the order decides which of several symmetries that do not commute are taken
-    groups = [*search.bodies(), *search.space(), *search.others()]
+    groups = [*search.bodies(), *search.space(), *search.other_symmetries()]
     if not groups:
         raise InputError(
             f"System {system.name!r} has no co-moving frame: no rotation was found that leaves H, "
@@ -203,7 +203,7 @@ class _SymmetrySearch:
                 return
         yield from self._with_fewest_conditions("omega_space", reversed(rotations))
 
-    def others(self) -> Iterator[tuple[FrameSymmetry]]:
+    def other_symmetries(self) -> Iterator[tuple[FrameSymmetry]]:
         """Yield the other symmetries for any parameters, as far as they commute."""
         for field in self.unconditional.values():
             yield from self._with_fewest_conditions("", [field])

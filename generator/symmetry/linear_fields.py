@@ -37,7 +37,7 @@ class LinearField:
     weights: Weights
 
     @classmethod
-    def combined(
+    def linear_combination(
         cls, name: str, factors: Iterable[Fraction], fields: Iterable[LinearField], n: int
     ) -> LinearField:
         """Return a linear combination of fields."""

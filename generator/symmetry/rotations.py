@@ -15,9 +15,9 @@ from fractions import Fraction
 import sympy as sp
 
 from ...core.records import dataclass
-from ..systems.elimination_order import connected
+from ..systems.elimination_order import connected_components
 
-__all__ = ["Rotation", "commute", "rotation_of", "turned"]
+__all__ = ["Rotation", "commute", "rotate_coordinates", "rotation_of"]
 
 #: Entries of a square matrix by row and column.
 Entries = Mapping[tuple[int, int], Fraction]
@@ -42,7 +42,7 @@ class Rotation:
                          for a, A in self.blocks.items()})
 
 
-def turned(
+def rotate_coordinates(
     x: Sequence[sp.Expr], rotations: Sequence[Rotation], axis: Sequence[sp.Expr],
     cosines: Mapping[Fraction, sp.Expr], sines: Mapping[Fraction, sp.Expr],
 ) -> list[sp.Expr]:
@@ -71,7 +71,7 @@ def rotation_of(A: Entries) -> Rotation | None:
     """Return a matrix as a rotation; None if it is none, or if a rate a is no dyadic number."""
     blocks: dict[Fraction, dict[tuple[int, int], Fraction]] = {}
     nonzero = {entry: x for entry, x in A.items() if x}
-    for indices in connected([frozenset(entry) for entry in nonzero]):
+    for indices in connected_components([frozenset(entry) for entry in nonzero]):
         block = {(i, j): x for (i, j), x in nonzero.items() if i in indices}
         # A³ = −a² A: one entry gives a², the others must agree
         cube = _product(block, _product(block, block))

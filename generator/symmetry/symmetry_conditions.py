@@ -20,7 +20,7 @@ import sympy as sp
 from numpy.typing import NDArray
 
 from ..symbolic.finite_fields import Residues, exactly
-from ..symbolic.null_spaces import NullSpace, reduced
+from ..symbolic.null_spaces import NullSpace, echelon_form
 from ..symbolic.shared_subexpressions import substitute
 from ..systems.system import System
 from .linear_fields import LinearField
@@ -70,7 +70,8 @@ class SymmetrySpace:
     @property
     def basis(self) -> list[LinearField]:
         """A basis without names; in reduced echelon form if the fields have one entry 1 each."""
-        combined = (LinearField.combined("", row, self.fields, self._n) for row in self._space.rows)
+        combined = (LinearField.linear_combination("", row, self.fields, self._n)
+                    for row in self._space.rows)
         return [field for field in combined if field.weights]
 
     def contains(self, field: LinearField) -> bool:
@@ -123,7 +124,7 @@ class SymmetrySpace:
         rows = self._combine(prime, lambda i, j: G[i] * q[j] % prime, count)
         # columns g_k, then fields: eliminating the first ones removes the unknown C
         system = np.column_stack([*(residues[g] for g in related), rows])
-        rows, pivots = reduced(system, prime, len(related))
+        rows, pivots = echelon_form(system, prime, len(related))
         return rows[len(pivots) :, len(related) :]
 
     def _points(

@@ -11,7 +11,7 @@ from heapq import heappop, heappush
 
 from ...core.records import dataclass
 
-__all__ = ["Elimination", "Node", "connected", "eliminate", "reverse_cuthill_mckee"]
+__all__ = ["Elimination", "Node", "connected_components", "eliminate", "reverse_cuthill_mckee"]
 
 Node = tuple[str, int]
 
@@ -50,7 +50,7 @@ class Elimination:
         return sum(len(t) + len(r) for t, r in zip(self.targets, self.rows, strict=True))
 
 
-def connected(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
+def connected_components(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]:
     """Return the connected components of overlapping sets, in the order of their least elements.
 
     By a union-find forest: ``parent`` leads from each element to the root of its component.

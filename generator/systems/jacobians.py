@@ -7,7 +7,7 @@ from functools import lru_cache
 
 import sympy as sp
 
-from ..symbolic.bounded_algebra import can_be_factored, expanded
+from ..symbolic.bounded_algebra import can_be_factored, expand_if_short
 from ..symbolic.derivatives import derivative
 
 __all__ = ["curvature", "difference", "gradient", "jacobian", "shortest", "symmetric_jacobian",
@@ -90,7 +90,7 @@ def shortest(expression: sp.Expr) -> sp.Expr:
 
     Polynomials of many symbols are not factored: it takes seconds each and finds nothing.
     """
-    long = expanded(expression)
+    long = expand_if_short(expression)
     candidates = [expression, long]
     if long.is_Add and len(long.args) <= 64 and len(long.free_symbols) <= 12:
         candidates.append(sp.factor_terms(long))

@@ -260,7 +260,7 @@ class NumericSystem(NumericConstraints):
         return Pattern.of(self._terms, self.system.p)
 
     @cached_property
-    def _coupled(self) -> Pattern:
+    def _kinetic_pattern(self) -> Pattern:
         """The pattern of H_pp: momenta with a term of H in common."""
         n, terms = self.system.n, self._momenta_of_terms
         columns_of_row: list[set[int]] = [set() for _ in range(n)]
@@ -276,7 +276,7 @@ class NumericSystem(NumericConstraints):
 
         It is the matrix of Newton's method, whose rate, not result, depends on its errors.
         """
-        pattern, n = self._coupled, self.system.n
+        pattern, n = self._kinetic_pattern, self.system.n
         step = _STEP * (float(np.abs(p).max()) or 1.0)
         masks = step * pattern.masks
         rates = (self.H_p(q, p[:, None] + masks) - self.H_p(q, p[:, None] - masks)) / (2 * step)

@@ -27,7 +27,13 @@ import sympy as sp
 from ...core.records import dataclass
 from ..symbolic.shared_subexpressions import substitute
 from ..symbolic.switching_functions import depends_by_steps
-from .elimination_order import Elimination, Node, connected, eliminate, reverse_cuthill_mckee
+from .elimination_order import (
+    Elimination,
+    Node,
+    connected_components,
+    eliminate,
+    reverse_cuthill_mckee,
+)
 from .moving_frame import CoMovingSystem, energy_of
 from .system import System
 
@@ -117,7 +123,7 @@ class Structure:
 
         A kinetic block is a set of momenta, by index, that terms of H couple to each other.
         """
-        kinetic_blocks = connected([p for _, _, p in self._terms if p])
+        kinetic_blocks = connected_components([p for _, _, p in self._terms if p])
         block_of = {a: block for block in kinetic_blocks for a in block}
         groups: dict[frozenset[int], list[sp.Expr]] = {block: [] for block in kinetic_blocks}
         support = {block: set(block) for block in kinetic_blocks}
@@ -162,7 +168,7 @@ class Structure:
     def _overlapping(self, rows: list[int]) -> Iterator[list[int]]:
         """Yield groups of rows with common coordinates; equal names alone do not relate rows."""
         support = {r: self._indices(self.system.constraints[r], self._q) for r in rows}
-        for coordinates in connected([s for s in support.values() if s]):
+        for coordinates in connected_components([s for s in support.values() if s]):
             yield [r for r in rows if support[r] and min(support[r]) in coordinates]
         yield from ([r] for r in rows if not support[r])
 
@@ -265,7 +271,7 @@ class Structure:
                 rows[a].append(row)
         return rows
 
-    def attached(self, instance: Instance) -> list[int]:
+    def constraints_of(self, instance: Instance) -> list[int]:
         """Return the constraints that act on the momenta of an instance of H."""
         return sorted({row for a in instance.p for row in self.entries.get(a, ())})
 
@@ -278,7 +284,7 @@ class Structure:
         neighbours: dict[int, set[int]] = {row: set() for row in range(self.system.m)}
         for template in self.templates:
             for instance in template.instances:
-                rows = self.attached(instance)
+                rows = self.constraints_of(instance)
                 for row in rows:
                     neighbours[row] |= set(rows) - {row}
         return eliminate(neighbours)
@@ -323,13 +329,13 @@ class Structure:
         neighbours: dict[Node, set[Node]] = {
             **{("q", a): set() for a in range(self.system.n)},
             **{("g", row): set() for row in range(self.system.m)}}
-        for nodes in self.coupled:
+        for nodes in self.coupled_sets:
             for node in nodes:
                 neighbours[node] |= nodes - {node}
         return reverse_cuthill_mckee(neighbours)
 
     @cached_property
-    def coupled(self) -> list[set[Node]]:
+    def coupled_sets(self) -> list[set[Node]]:
         """Sets of coordinates ("q", a) and constraints ("g", row) that an element couples.
 
         The constraint force Gᵀ λ changes the momenta of its coordinates, and H_pp Gᵀ λ the

@@ -198,7 +198,7 @@ class Switching:
         return jumps
 
     @property
-    def named(self) -> str:
+    def description(self) -> str:
         """The zeros of all w, as text."""
         return _describe(self.switches)
 
@@ -214,7 +214,7 @@ class Switching:
         """
         if not self.switches:
             return {}
-        remarks = [f"order {order} holds for steps that do not cross {self.named}"]
+        remarks = [f"order {order} holds for steps that do not cross {self.description}"]
         if self.jumps_of_H:
             remarks.append(f"H jumps at {_describe(self.jumps_of_H)}: no step feels a force there")
         jumps = self.named_jumps(discrete=discrete)

@@ -25,7 +25,7 @@ from .lagrangian import LagrangianSystem
 from .moving_frame import TransformedSystem
 from .system import System
 
-__all__ = ["ScaledSystem", "refuse_unscalable", "scaled", "shown_count"]
+__all__ = ["ScaledSystem", "refuse_unscalable", "scale_time", "shown_count"]
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class ScaledSystem(TransformedSystem):
         return self.energy + self.p[-1]
 
 
-def scaled(system: System) -> System:
+def scale_time(system: System) -> System:
     """Return the system in scaled time, dt = σ dτ; a system without a ``time_scale`` unchanged.
 
     t becomes a coordinate with the momentum e, and σ (H + e) the Hamiltonian, which is 0 at the

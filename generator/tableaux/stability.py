@@ -131,13 +131,13 @@ def _rational(matrix: Any) -> DomainMatrix:
         return matrix
     unit = 4**BITS
 
-    def rounded(e: sp.Expr) -> Any:
+    def round_down(e: sp.Expr) -> Any:
         """Return a rational number exactly, any other one rounded down to a multiple of 1/unit."""
         if e.is_Rational:
             return QQ(int(e.p), int(e.q))
         return QQ(int(sp.floor(sp.N(e * unit, BITS))), unit)
 
-    rows = [[rounded(e) for e in row] for row in matrix.to_list()]
+    rows = [[round_down(e) for e in row] for row in matrix.to_list()]
     return DomainMatrix(rows, matrix.shape, QQ)
 
 

@@ -18,7 +18,7 @@ from gyrospark.generator.schemes.step_equations import (
     MeanScheme,
     SparkScheme,
     common_kernels,
-    hoisted,
+    hoist_constants,
 )
 from gyrospark.generator.tableaux.families import gauss_lobatto
 from numpy_kernels import carry_out
@@ -57,7 +57,7 @@ MEAN_DERIVATIVES = {"mean_jacobian": ("mean_gradient", {
 
 @cache
 def kernels_of(system: str, scheme: str):
-    hoisted_system, constants = hoisted(SYSTEMS[system][0])
+    hoisted_system, constants = hoist_constants(SYSTEMS[system][0])
     made = SCHEMES[scheme](hoisted_system)
     return {kernel.name: kernel for kernel in (*common_kernels(hoisted_system), *made.kernels())
             }, constants

@@ -35,7 +35,7 @@ from gyrospark.generator.schemes.step_equations import (
     MeanScheme,
     SparkScheme,
     common_kernels,
-    hoisted,
+    hoist_constants,
 )
 from gyrospark.generator.symbolic.switching_functions import Max, Min, Where
 from gyrospark.generator.systems.system import System
@@ -219,7 +219,7 @@ def random_point(symbols, seed=5):
 
 @cache
 def schemes_of(rep):
-    reduced, constants = hoisted(heavy_top(rep))
+    reduced, constants = hoist_constants(heavy_top(rep))
     return constants, [
         *common_kernels(reduced),
         *SparkScheme(reduced, gauss_lobatto(1)).kernels(),
@@ -574,7 +574,7 @@ def test_system_whose_symbols_are_called_like_the_generators_own_has_right_kerne
     momenta = sp.symbols("v0:2", real=True)
     H = (momenta[0] ** 2 + momenta[1] ** 2) / (2 + c0**2) + (a + b) ** 4 * c0
     system = System((a, b), momenta, (c0,), H, (a**2 + c0 * b**2 - 1,), name="named")
-    reduced, constants = hoisted(system)
+    reduced, constants = hoist_constants(system)
     kernels = [*common_kernels(reduced), *SparkScheme(reduced, gauss_lobatto(1)).kernels(),
                *MeanScheme(reduced, discrete=True).kernels()]
     for kernel in kernels:

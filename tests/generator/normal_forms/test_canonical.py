@@ -19,7 +19,7 @@ from gyrospark.generator.normal_forms import additive_terms, expansion
 from gyrospark.generator.normal_forms.canonical_system import canonical
 from gyrospark.generator.normal_forms.shortest_sum import cost
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.schemes.step_equations import hoist_constants
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.symbolic.identities import compare
 from gyrospark.generator.systems.repeated_structure import Structure
@@ -222,7 +222,7 @@ def test_names_do_not_matter():
 def test_equal_parts_of_a_chain_have_one_form(count):
     """Mass and height; the first spring or rod, and the others: of any length and spelling."""
     for change in (sp.expand, sp.together):
-        structure = Structure(hoisted(canonical(everywhere(change)(links(count))))[0])
+        structure = Structure(hoist_constants(canonical(everywhere(change)(links(count))))[0])
         assert sorted(len(form.instances) for form in structure.templates) == sorted(
             [2 * count, count, count // 2])
         assert [len(form.instances) for form in structure.constraint_templates] == (

@@ -17,7 +17,7 @@ from gyrospark.generator.symbolic.finite_fields import (
     identically_zero,
     primes,
 )
-from gyrospark.generator.symbolic.null_spaces import NullSpace, reduced
+from gyrospark.generator.symbolic.null_spaces import NullSpace, echelon_form
 from gyrospark.generator.symbolic.shared_subexpressions import share
 
 x, y, z = sp.symbols("x y z", real=True)
@@ -139,6 +139,6 @@ def test_null_spaces_against_sympy(seed: int, rank: int, size: int) -> None:
 def test_elimination() -> None:
     prime = next(primes())
     rows = np.array([[0, 2, 4], [3, 0, 6], [3, 2, 10]])
-    form, pivots = reduced(rows, prime)
+    form, pivots = echelon_form(rows, prime)
     assert pivots == [0, 1]
     assert form.tolist() == [[1, 0, 2], [0, 1, 2]]

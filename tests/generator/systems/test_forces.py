@@ -19,7 +19,7 @@ import gyrospark as gs
 from forced_systems import PARAMETERS, c, tau, u, v, x, y
 from gyrospark.generator.multibody.rigid_body import free_body
 from gyrospark.generator.schemes.fast_path import FastSystem
-from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.schemes.step_equations import hoist_constants
 from gyrospark.generator.systems.repeated_structure import Structure
 from python_newton import integrate, one_step
 from reference import WORKING_DIGITS, Equations, Method, doubles, numbers
@@ -94,7 +94,7 @@ def test_body_with_drag():
 @pytest.mark.parametrize("rep", ["gamma", "alpha"])
 def test_what_the_fast_path_proves_of_forces(rep):
     """The torque's L(q)p is evaluated once with H_p: no constraint force along q changes it."""
-    system, _ = hoisted(body_with_drag(rep))
+    system, _ = hoist_constants(body_with_drag(rep))
     fast = FastSystem(system)
     assert len(fast.shared) == 3
     for shared in fast.shared:
@@ -166,7 +166,7 @@ def test_against_the_reference(scheme, stages):
 
 def test_cost_of_damping_grows_with_the_length():
     """Twice the chain has the same forms, and a band as wide."""
-    short, long = (Structure(hoisted(beads(links))[0]) for links in (3, 6))
+    short, long = (Structure(hoist_constants(beads(links))[0]) for links in (3, 6))
     assert len(short.force_templates) == len(long.force_templates)
     assert [len(form.expressions) for form in short.force_templates] == [
         len(form.expressions) for form in long.force_templates]

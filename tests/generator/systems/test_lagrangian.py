@@ -28,7 +28,7 @@ from gyrospark.generator.schemes.lagrangian_kernels import (
     newton_kernels,
     state_kernels,
 )
-from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.schemes.step_equations import hoist_constants
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.symbolic.shared_subexpressions import Shared, share
 from gyrospark.runtime.compilation.object_files import objects_of
@@ -113,7 +113,7 @@ def test_motion_is_that_of_the_hamiltonian_written_out():
 @pytest.mark.parametrize("make", [double, bead])
 def test_derivatives_along_directions_are_those_of_the_complex_step(make):
     system, parameters, q, v = case(make)
-    reduced, constants = hoisted(system)
+    reduced, constants = hoist_constants(system)
     kernels = {k.name: k for made in (state_kernels, motion_kernels, newton_kernels)
                for k in made(reduced)}
 

@@ -13,10 +13,10 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.schemes.step_equations import hoist_constants
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.elimination_order import (
-    connected,
+    connected_components,
     eliminate,
     reverse_cuthill_mckee,
 )
@@ -63,7 +63,7 @@ def compare(loops, dense, start, parameters, t0):
 
 
 def test_structured_code_computes_what_dense_code_does():
-    assert Structure(hoisted(beads(4))[0]).is_worthwhile
+    assert Structure(hoist_constants(beads(4))[0]).is_worthwhile
     loops, dense = (made_beads("G-L", 2, kind) for kind in (True, False))
     compare(loops, dense, start_of_beads(dense, 0.4), BEADS, 0.4)
 
@@ -74,9 +74,9 @@ def test_what_dampers_couple_lies_close_together():
     pulls = [p[i + 1] - p[i] for i in range(7)]
     forces = [after - before for after, before in zip([*pulls, 0], [0, *pulls], strict=True)]
     H = sum(y**2 for y in p) / 2 + sum(x**4 for x in q) / 4
-    structure = Structure(hoisted(System(q, p, (), H, forces=forces, name="dampers"))[0])
+    structure = Structure(hoist_constants(System(q, p, (), H, forces=forces, name="dampers"))[0])
     for pair in ({("q", i), ("q", i + 1)} for i in range(7)):
-        assert any(pair <= nodes for nodes in structure.coupled)
+        assert any(pair <= nodes for nodes in structure.coupled_sets)
     place = {node: i for i, node in enumerate(structure.band_order)}
     assert max(abs(place["q", i + 1] - place["q", i]) for i in range(7)) == 1
 
@@ -114,7 +114,7 @@ def test_ensemble_of_a_structured_system():
 @pytest.mark.parametrize("links", [2, 5])
 def test_forms_of_a_chain(links):
     """Rotation, translation across and along gravity; norm, first, inner joint: at any length."""
-    structure = Structure(hoisted(chain(links))[0])
+    structure = Structure(hoist_constants(chain(links))[0])
     assert [len(form.instances) for form in structure.templates] == [
         links, 2 * links, links]
     assert sorted(len(form.instances) for form in structure.constraint_templates) == sorted(
@@ -126,7 +126,8 @@ def test_factors_of_a_chain_grow_linearly():
     """Half-bandwidth 7 and no fill: 22 entries and some 60 products for a further body."""
     entries, products = zip(*(
         (s.elimination.entries, s.elimination.products)
-        for s in (Structure(hoisted(chain(links))[0]) for links in (3, 4, 5, 8))), strict=True)
+        for s in (Structure(hoist_constants(chain(links))[0]) for links in (3, 4, 5, 8))),
+                            strict=True)
     assert entries[1] - entries[0] == entries[2] - entries[1]
     assert products[1] - products[0] == products[2] - products[1]
     assert entries[3] - entries[2] == 3 * (entries[1] - entries[0])
@@ -230,7 +231,7 @@ def test_a_path_has_bandwidth_one_and_no_fill():
 
 @given(sets=st.lists(st.frozensets(st.integers(0, 20), min_size=1, max_size=4), max_size=8))
 def test_connected_sets_are_disjoint_unions(sets):
-    unions = connected(sets)
+    unions = connected_components(sets)
     assert all(any(s <= u for u in unions) for s in sets)
     assert sum(map(len, unions)) == len(frozenset().union(*sets, frozenset()))
 
@@ -243,14 +244,15 @@ def test_names_do_not_matter():
     renamed = replace(system, H=system.H.xreplace(letters),
                       constraints=[g.xreplace(letters) for g in system.constraints],
                       parameters=[letters[s] for s in system.parameters])
-    ours, theirs = (Structure(hoisted(s)[0]) for s in (system, renamed))
+    ours, theirs = (Structure(hoist_constants(s)[0]) for s in (system, renamed))
     assert [f.expressions for f in ours.templates] == [f.expressions for f in theirs.templates]
 
 
 def test_a_constant_in_H_is_no_body():
     """It depends on nothing, and once ended the generation."""
     system = beads(3)
-    plain, more = (Structure(hoisted(replace(system, H=system.H + value))[0]) for value in (0, 3))
-    assert more.coupled == plain.coupled
+    plain, more = (Structure(hoist_constants(replace(system, H=system.H + value))[0])
+                   for value in (0, 3))
+    assert more.coupled_sets == plain.coupled_sets
     assert generate(Spec.checked("G-L", 1), system=replace(system, H=system.H + 3),
                     structured=True).source

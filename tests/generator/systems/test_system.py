@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 from gyrospark.core.errors import InputError
 from gyrospark.generator.kernels.kernel import Constants
 from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
-from gyrospark.generator.schemes.step_equations import common_kernels, hoisted
+from gyrospark.generator.schemes.step_equations import common_kernels, hoist_constants
 from gyrospark.generator.systems.jacobians import gradient, jacobian, shortest, symmetric_jacobian
 from gyrospark.generator.systems.system import System
 
@@ -254,7 +254,7 @@ def is_fully_hoisted(e, constants):
 @pytest.mark.parametrize("make", [heavy_top, free_body])
 def test_hoisted_systems_are_the_original_ones(make, rep):
     original = make(rep)
-    reduced, constants = hoisted(original)
+    reduced, constants = hoist_constants(original)
     assert back(reduced.H, constants) == original.H
     assert tuple(back(g, constants) for g in reduced.constraints) == original.constraints
     assert is_fully_hoisted(reduced.H, constants)
@@ -265,11 +265,11 @@ def test_hoisted_systems_are_the_original_ones(make, rep):
 
 
 def test_hoisted_constants_keep_whether_they_can_vanish():
-    _, constants = hoisted(heavy_top("alpha"))
+    _, constants = hoist_constants(heavy_top("alpha"))
     by_definition = constants.definitions
     alpha = sp.Symbol("alpha", real=True, nonzero=True)
     assert by_definition[1 / alpha].is_nonzero
-    _, constants = hoisted(heavy_top("gamma"))
+    _, constants = hoist_constants(heavy_top("gamma"))
     differences = [s for e, s in constants.definitions.items() if e.is_Add]
     assert len(differences) == 3
     assert all(s.is_nonzero is None for s in differences)
@@ -315,5 +315,5 @@ def test_constants_are_numbered_in_order_of_appearance_and_parameters_keep_their
 def test_parameter_may_be_called_like_a_constant():
     k0 = sp.Symbol("k0", real=True)
     made = system(H=sp.sqrt(m) * px**2 + k0 * x**2, parameters=(m, k0))
-    reduced, constants = hoisted(made)
+    reduced, constants = hoist_constants(made)
     assert back(reduced.H, constants) == made.H

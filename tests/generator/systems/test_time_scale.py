@@ -14,7 +14,7 @@ from gyrospark.generator.normal_forms.canonical_system import canonical
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system_digest import system_digest
-from gyrospark.generator.systems.time_scale import scaled
+from gyrospark.generator.systems.time_scale import scale_time
 
 x, y, u, v, t = sp.symbols("x y u v t", real=True)
 r = sp.sqrt(x**2 + y**2)
@@ -44,7 +44,7 @@ def numbers(system, seed):
 def test_rates_are_scaled_rates_where_energy_and_its_momentum_cancel(name):
     declared = systems.case(name).system
     scale = scale_of(declared)
-    system, n = scaled(canonical(declared.with_time_scale(scale))), declared.n
+    system, n = scale_time(canonical(declared.with_time_scale(scale))), declared.n
     point = numbers(system, name)
     sigma = scale.xreplace(point)
     forces = [*system.forces] or [sp.Integer(0)] * (n + 1)
@@ -62,7 +62,7 @@ def test_rates_are_scaled_rates_where_energy_and_its_momentum_cancel(name):
 @pytest.mark.parametrize("name", ["pendulum", "ellipse", "breathing", "relativistic", "two_rods"])
 def test_constraint_on_the_momenta_is_that_of_the_declared_system(name):
     declared = systems.case(name).system
-    system = scaled(canonical(declared.with_time_scale(scale_of(declared))))
+    system = scale_time(canonical(declared.with_time_scale(scale_of(declared))))
     point = numbers(system, name)
     full = [sum(a * b for a, b in zip(row, declared.H_p, strict=True)) + rate
             for row, rate in zip(declared.G, declared.g_t, strict=True)]
@@ -74,8 +74,8 @@ def test_constraint_on_the_momenta_is_that_of_the_declared_system(name):
 
 
 def test_momentum_of_the_time_is_constant_without_forces_and_time():
-    assert scaled(kepler(time_scale=r)).forces == ()
-    assert scaled(kepler(time_scale=r * (2 + sp.cos(t)), time=t)).forces == (0, 0, 0)
+    assert scale_time(kepler(time_scale=r)).forces == ()
+    assert scale_time(kepler(time_scale=r * (2 + sp.cos(t)), time=t)).forces == (0, 0, 0)
 
 
 def test_manifest_hides_the_time_and_names_the_scale():
@@ -91,7 +91,7 @@ def test_names_that_are_taken_are_left_alone():
     p_t = sp.Symbol("p_t", real=True)
     system = gs.System([x, t], [u, p_t], (), (u**2 + p_t**2) / 2 + x**2, name="s", time_scale=x**2,
                        quantities={"time_scale": x})
-    made = scaled(system)
+    made = scale_time(system)
     assert [str(s) for s in (*made.q, *made.p)] == ["x", "t", "t_", "u", "p_t", "p_t_"]
     assert made.quantities["time_scale"] == x
     assert made.quantities[made.scale_name] == x**2
@@ -157,7 +157,7 @@ def test_a_model_file_has_a_time_scale(kind, tmp_path):
     assert "w" in map(str, scale.free_symbols)
     assert len(scale.free_symbols) > 1
     assert float(model.parameters["w"]) == 2.0
-    assert scaled(canonical(model.system)).n == model.system.n + 1
+    assert scale_time(canonical(model.system)).n == model.system.n + 1
     path.write_text((head + text).replace("w**2", "wide**2"), encoding="utf-8")
     with pytest.raises(gs.InputError, match="wide"):
         gs.load_model(path)

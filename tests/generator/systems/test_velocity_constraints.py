@@ -10,7 +10,7 @@ import gyrospark as gs
 from gyrospark.core.errors import InputError
 from gyrospark.generator.models.model_file import load_model
 from gyrospark.generator.normal_forms.canonical_system import canonical
-from gyrospark.generator.schemes.step_equations import hoisted
+from gyrospark.generator.schemes.step_equations import hoist_constants
 from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
 from gyrospark.generator.systems.smoothness import refuse_kinks
 
@@ -46,7 +46,7 @@ def test_copies_hash_and_normal_form_carry_them():
     assert hash(system) == hash(replace(system, quantities={"spin": th}))
     assert hash(system) != hash(sleigh(2 * SKATE))
     assert canonical(other).velocity_constraints == canonical(system).velocity_constraints
-    reduced, constants = hoisted(canonical(sleigh(m * d * SKATE)))
+    reduced, constants = hoist_constants(canonical(sleigh(m * d * SKATE)))
     assert m not in set().union(*(e.free_symbols for e in reduced.A[0]))
     assert [sp.expand(constants.expand_shared(e) - m * d * own)
             for e, own in zip(reduced.A[0], system.A[0], strict=True)] == [0, 0, 0]
