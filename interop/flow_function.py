@@ -83,8 +83,8 @@ class FlowFunction(ABC):
         InputError
             For names, shapes and number types that do not fit the stepper.
         """
-        z = self._evaluate(self._parts(q, p, parameters, self._dt if dt is None else dt, t0,
-                                       inputs))
+        z = self._evaluate(self._components_of(q, p, parameters, self._dt if dt is None else dt, t0,
+                                               inputs))
         return z[: self._flow.n], z[self._flow.n :]
 
     @abstractmethod
@@ -114,7 +114,7 @@ class FlowFunction(ABC):
         """Return the shape of an argument, as NumPy has shapes."""
         return np.shape(value)
 
-    def _parts(
+    def _components_of(
         self, q: Any, p: Any, parameters: Any, dt: Any, t0: Any, inputs: Any
     ) -> list[tuple[Any, tuple[int, ...]]]:
         """Return the components of x in their order, each with its full shape; refuse other shapes.

@@ -103,7 +103,7 @@ def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> Non
         """Evaluate the primitive on arrays in Python."""
         return call(flow, *map(np.asarray, arrays))
 
-    def lowered(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
+    def call_back(*arrays: Any, flow: DiscreteFlow, has_second: bool) -> Any:
         """Return the operation of a compiled program that calls ``compute`` back."""
         return jax.pure_callback(
             partial(compute, flow=flow, has_second=has_second),
@@ -119,7 +119,7 @@ def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> Non
 
     primitive.def_impl(implement)
     primitive.def_abstract_eval(abstract)
-    mlir.register_lowering(primitive, mlir.lower_fun(lowered, multiple_results=False))
+    mlir.register_lowering(primitive, mlir.lower_fun(call_back, multiple_results=False))
     batching.primitive_batchers[primitive] = partial(_batch, primitive)
 
 

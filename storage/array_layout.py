@@ -118,7 +118,7 @@ def fields_of(manifest: Manifest) -> list[StoredField]:
         for name in names_in_files(output, manifest):
             fields.append(StoredField(
                 name, output.inner(manifest) or (), description_of(output, manifest, name),
-                output.dtype or real.stored, wide=real.wide and not output.whole))
+                output.dtype or real.stored, wide=real.wide and not output.is_integer))
     return fields
 
 
@@ -133,7 +133,7 @@ def fields_of_events(
     state = (("coordinate", len(manifest.system.coordinates)),)
     shape_of_column = {"q": state, "p": state, "p_after": state}  # other columns have one number
 
-    def stored(name: str, column: str) -> StoredField:
+    def event_field(name: str, column: str) -> StoredField:
         """Return the field of one array of an event, with its shape, unit and type."""
         kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
         return StoredField(f"event_{name}_{column}", shape_of_column.get(column, ()),
@@ -143,7 +143,7 @@ def fields_of_events(
     fields = {}
     for name, attributes in events.items():
         kind = Impacts if "restitution" in attributes else Crossings
-        fields[name] = [stored(name, column) for column in kind._column_names()]
+        fields[name] = [event_field(name, column) for column in kind._column_names()]
     return fields
 
 

@@ -424,7 +424,7 @@ class Recorder:
         run = state.run
         report = Report.read(run.record, run.q, run.p, self.binding)
         if self.observer is not None:
-            report = self.observer.reported(report, int(self.counts.sum()))
+            report = self.observer.add_impacts(report, int(self.counts.sum()))
         if self.last_part is None:
             return report
         to_end = report_to_end(report, self.last_part, report.work + float(self.last_part.work[-1]))

@@ -123,7 +123,8 @@ class _ClusterRun:
     def _share(self) -> Any:
         """Submit the study once for all tiles; return its future."""
         # A task, not scattered data: the scheduler repeats it when its workers have died.
-        return self.client.submit(_shared, self.study, self.fields, self.remote_sink, pure=False)
+        return self.client.submit(_study_fields_sink, self.study, self.fields, self.remote_sink,
+                                  pure=False)
 
     def _submit(self, tile: Tile) -> None:
         """Submit a tile; its future comes into ``ended`` when it is done."""
@@ -203,7 +204,8 @@ class _ClusterCapacity:
                 "begun. Start workers, and repeat the sweep with --resume.")
 
 
-def _shared(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any, ...]:
+def _study_fields_sink(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any,
+                                                                                            ...]:
     """Return study, fields and sink as the result of a task, from which ``_compute`` takes them."""
     return study, fields, sink
 

@@ -40,9 +40,9 @@ def compute(study: Study, fields: list[StoredField], tile: Tile) -> dict[str, Ar
     arrays: dict[str, Array] = {f.name: np.full((len(cells), *f.shape), f.fill, dtype=f.dtype)
                                 for f in fields}
     # cells of equal scheme and number of steps are integrated together; one number for the pair
-    scheme_and_steps = cells.scheme.astype(np.int64) * (study.most_steps + 1) + cells.steps
+    scheme_and_steps = cells.scheme.astype(np.int64) * (study.max_steps + 1) + cells.steps
     for group_key in np.unique(scheme_and_steps):
-        scheme, steps = divmod(int(group_key), study.most_steps + 1)
+        scheme, steps = divmod(int(group_key), study.max_steps + 1)
         group = np.flatnonzero(scheme_and_steps == group_key)
         # Neighbouring lanes iterate together: similar dt need similar numbers of iterations.
         group = group[np.argsort(cells.dt[group], kind="stable")]
@@ -68,7 +68,7 @@ def _run(
         q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # appends t and e = −H
         equal_constraints = _groups_of_constraints(study, stepper, cells, group)
         # starts of an axis are taken as they are, but wide numbers need digits beyond doubles
-        if not study.varied("q") or REALS[stepper.manifest.real].wide:
+        if not study.has_axis("q") or REALS[stepper.manifest.real].wide:
             _project_starts(study, stepper, equal_constraints, structs, q0, p0)
             q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # e of the projected start
         ends = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
@@ -216,7 +216,7 @@ def _project_starts(
     """
     for group_rows in equal_constraints:
         # one projection for all cells of a group, unless their starts differ
-        for rows in group_rows[:, None] if study.varied("q") else [group_rows]:
+        for rows in group_rows[:, None] if study.has_axis("q") else [group_rows]:
             first_row = rows[0]
             try:
                 projected_start = stepper._project(q[first_row], p[first_row],
@@ -248,7 +248,7 @@ def _consistent(
 
     for group_rows in equal_constraints:
         # one check serves cells with one start
-        consistent[group_rows] = check(group_rows if study.varied("q") else group_rows[:1], True)
+        consistent[group_rows] = check(group_rows if study.has_axis("q") else group_rows[:1], True)
     if not stepper.manifest.scheme.keeps_momentum_constraint:
         for i in np.flatnonzero(~consistent):
             consistent[i] = check(np.array([i]), False)[0]
@@ -265,7 +265,7 @@ def _groups_of_constraints(
     if not stepper.binding.conditions:
         return []
     columns = [cells.parameters[name][group]
-               for name in stepper.manifest.system.start_parameters if study.varied(name)]
+               for name in stepper.manifest.system.start_parameters if study.has_axis(name)]
     if not columns:
         return [np.arange(len(group))]
     group_index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)

@@ -143,7 +143,7 @@ def _refuse_impossible_inertias(study: Study, inertias: Mapping[str, Any]) -> No
     names_by_body = own_inertias(inertias, stepper.parameter_domains) | stepper._inertias
     # other inertias are equal in all cells, and were checked with the parameters
     varied = {body: names for body, names in names_by_body.items()
-              if any(map(study.varied, names))}
+              if any(map(study.has_axis, names))}
     for tile in tiles_of(study) if varied else ():
         refuse_impossible_inertias(varied, cells_of(study, tile).parameters)
 
@@ -168,7 +168,7 @@ def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
 
     Cells move it onto the constraints of their parameters. States of an axis are the caller's.
     """
-    if study.varied("q"):
+    if study.has_axis("q"):
         return
     stepper = study.steppers[0]
     # where a parameter varies and the model has none of its own: its first value

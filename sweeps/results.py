@@ -157,7 +157,7 @@ def _sample_fields(
     """
     if study.every is None:
         return []
-    samples = (("sample", study.most_steps // study.every + 1), *state)
+    samples = (("sample", study.max_steps // study.every + 1), *state)
     fields = [StoredField("q_samples", samples, {"long_name": "coordinates on the way"}),
               StoredField("p_samples", samples, {"long_name": "momenta on the way", **momentum})]
     if study.steppers[0].binding.clocked:

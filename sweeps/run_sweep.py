@@ -332,12 +332,12 @@ def _attributes(study: Study, fields: list[StoredField]) -> dict[str, Any]:
             "shape": list(study.shape),
             "tile": list(tile_shape(study)),
             "parameters": {name: number for name, number in study.parameters.items()
-                           if not study.varied(name)},
+                           if not study.has_axis(name)},
             **({"means": {name: rule.name for name, rule in study.means.items()}}
                if study.means else {}),
-            "q": None if study.varied("q") else [digits_of(x) for x in study.q],
-            "p": None if study.varied("p") else [digits_of(x) for x in study.p],
-            study.step_name: None if study.varied(study.step_name) else study.dt,
+            "q": None if study.has_axis("q") else [digits_of(x) for x in study.q],
+            "p": None if study.has_axis("p") else [digits_of(x) for x in study.p],
+            study.step_name: None if study.has_axis(study.step_name) else study.dt,
             "steps": study.steps, "t_end": study.t_end, "every": study.every,
             "t0": study.t0, "solver": study.solver, "tolerance": study.tolerance,
             "max_iterations": study.max_iterations, "results": [f.name for f in fields],

@@ -105,7 +105,7 @@ class Study:
         """Name of the step: "dt", in scaled time "dtau"."""
         return "dtau" if self.steppers[0].binding.clocked else "dt"
 
-    def varied(self, name: str) -> bool:
+    def has_axis(self, name: str) -> bool:
         """Whether an axis varies this quantity."""
         return any(name in axis.columns for axis in self.axes)
 
@@ -123,7 +123,7 @@ class Study:
         return np.array(column, dtype=float)
 
     @property
-    def most_steps(self) -> int:
+    def max_steps(self) -> int:
         """Most steps of a cell."""
         return int(self.steps_of(self.time_steps).max())
 
@@ -152,7 +152,7 @@ def checked_study(study: Study) -> Study:
     name = study.step_name
     refuse_together(sweep="a sweep", open_end=name == "dtau" and study.t_end is not None
                     and "t_end in scaled time")
-    dt = None if study.varied(name) else as_step(study.dt, name=name)
+    dt = None if study.has_axis(name) else as_step(study.dt, name=name)
     t_end = _checked_end(replace(study, dt=dt))
     choose("solver for sweeps:", study.solver, SOLVERS)
     for stepper_of_scheme in study.steppers:
@@ -186,7 +186,7 @@ def _checked_parameters(study: Study) -> dict[str, float]:
     """Return the parameters that all cells share as doubles, by name; refuse unusable ones."""
     stepper = study.steppers[0]
     domains = stepper.parameter_domains
-    fixed = {name: number for name, number in study.parameters.items() if not study.varied(name)}
+    fixed = {name: number for name, number in study.parameters.items() if not study.has_axis(name)}
     # the first cell stands for all: the columns of axes have been checked
     first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
                           for name in axis.columns if name in domains}
@@ -231,7 +231,7 @@ def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
     for symmetry in study.steppers[0].symmetries:
         if not symmetry.condition:
             continue
-        names = {symmetry.name, *symmetry.mentioned}
+        names = {symmetry.name, *symmetry.condition_parameters}
         # of each axis that varies one of them, its points: name → value
         axes = []
         for axis in study.axes:

@@ -88,11 +88,11 @@ def tile_shape(study: Study, is_stored: bool = True) -> tuple[int, ...]:
 def _cells_of_a_tile(study: Study, is_stored: bool) -> int:
     """Return how many cells one task takes: enough work for a call, little enough to lose."""
     # a splitting has no unknowns: its flows move q and p
-    work = study.most_steps * max(s.unknowns or 2 * s.n for s in study.steppers)
+    work = study.max_steps * max(s.unknowns or 2 * s.n for s in study.steppers)
     least_work = _LEAST_STORED if is_stored else _LEAST_KEPT
     cells = min(max(study.size // _TILES, least_work // work), _MOST_WORK // work, _MOST_CELLS)
     if study.every is not None:
-        numbers_per_cell = 2 * study.steppers[0].n * (study.most_steps // study.every + 1)
+        numbers_per_cell = 2 * study.steppers[0].n * (study.max_steps // study.every + 1)
         cells = min(cells, _MOST_NUMBERS // numbers_per_cell)
     return max(cells, 16)  # the lanes of a register of any width
 

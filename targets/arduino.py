@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.manifest import Manifest
-from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, refuse_names, template_values
 from .cpp import KEYWORDS
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
@@ -50,8 +50,8 @@ def files(
     return {**{f"src/{file}": text for file, text in sources.items() if not file.endswith("json")},
             f"extras/{name}.json": sources[f"{name}.json"],
             "library.json": json.dumps(library_json, indent=2) + "\n",
-            "library.properties": filled("library.properties", **template_fields),
-            f"examples/{name}/{name}.ino": filled("sketch.ino", **template_fields)}
+            "library.properties": fill_template("library.properties", **template_fields),
+            f"examples/{name}/{name}.ino": fill_template("sketch.ino", **template_fields)}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
@@ -72,7 +72,7 @@ def check(built: Built) -> str:
     c, cpp = (require(tool, "Checking target arduino") for tool in ("cc", "c++"))
     with tempfile.TemporaryDirectory() as folder_name:
         folder = Path(folder_name)
-        (folder / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
+        (folder / "Arduino.h").write_text(fill_template("Arduino.h"), encoding="utf-8")
         sketch = artefact / "examples" / name / f"{name}.ino"
         (folder / "main.cpp").write_text(program_of(sketch, EXAMPLE_STEPS), encoding="utf-8")
         run_tool([*c, *C_FLAGS, "-c", str(artefact / "src" / f"{name}.c"), "-o", "stepper.o"],

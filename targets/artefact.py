@@ -28,9 +28,8 @@ if TYPE_CHECKING:
 
     from . import Target
 
-__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Options", "Written", "check_out",
-           "filled", "literal", "parameter_fields", "place", "refuse_names", "staging",
-           "template_values"]
+__all__ = ["EXAMPLE_STEPS", "MARKER", "Built", "Options", "Written", "check_out", "fill_template",
+           "literal", "parameter_fields", "place", "refuse_names", "staging", "template_values"]
 
 #: The marker file of an artefact: only folders that have it are written over.
 MARKER = "gyrospark.json"
@@ -168,7 +167,7 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True, keep_trailing_newline=True, autoescape=False)
 
 
-def filled(template: str, **values: Any) -> str:
+def fill_template(template: str, **values: Any) -> str:
     """Return a template of ``texts/`` with values in it; a file without placeholders unchanged."""
     if not values:
         return _TEXTS.joinpath(template).read_text(encoding="utf-8")

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.manifest import Manifest
-from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, refuse_names, template_values
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
 
@@ -30,9 +30,9 @@ def files(
     refuse_names(manifest, KEYWORDS, "C++")
     template_fields = template_values(manifest, sources, options)
     template_fields["klass"] = class_name(manifest.system.name)
-    return {**sources, f"{manifest.name}.hpp": filled("stepper.hpp", **template_fields),
-            "main.cpp": filled("main.cpp", **template_fields),
-            "CMakeLists.txt": filled("CMakeLists.txt", **template_fields)}
+    return {**sources, f"{manifest.name}.hpp": fill_template("stepper.hpp", **template_fields),
+            "main.cpp": fill_template("main.cpp", **template_fields),
+            "CMakeLists.txt": fill_template("CMakeLists.txt", **template_fields)}
 
 
 def class_name(name: str) -> str:

@@ -14,7 +14,7 @@ from ..core.errors import GyrosparkError
 from ..core.manifest import Manifest
 from ..runtime.devices.cuda_text import THREADS, cuda_text
 from ..runtime.devices.host_device import HostDevice
-from .artefact import EXAMPLE_STEPS, Built, Options, filled, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
 
@@ -30,9 +30,9 @@ def files(
     """Return the CUDA text, its header for programs on the host, an example and the manifest."""
     name = manifest.name
     template_fields = template_values(manifest, sources, options) | {"threads": THREADS}
-    return {f"{name}.cu": cuda_text(name, sources) + filled("launch.cu", **template_fields),
-            f"{name}_cuda.h": filled("trajectories.h", **template_fields),
-            "main.cu": filled("main.cu", **template_fields),
+    return {f"{name}.cu": cuda_text(name, sources) + fill_template("launch.cu", **template_fields),
+            f"{name}_cuda.h": fill_template("trajectories.h", **template_fields),
+            "main.cu": fill_template("main.cu", **template_fields),
             f"{name}.json": sources[f"{name}.json"]}
 
 
@@ -68,7 +68,7 @@ def _bits(built: Built) -> str:
     program = device.load(name, (built.path / f"{name}.cu").read_text(encoding="ascii"))
     count, n, step_total = 3, len(options.q), EXAMPLE_STEPS
 
-    def repeated(numbers: Any) -> Any:
+    def rows_on_device(numbers: Any) -> Any:
         """Return numbers on the device as rows, with an equal column for each trajectory."""
         return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
 
@@ -76,11 +76,11 @@ def _bits(built: Built) -> str:
     device.launch(program, "measure", 1, sizes)
     # "measure" writes the words of memory that one trajectory needs
     words = device.zeros((int(device.get(sizes)[0]), count), np.uint32)
-    state, status = repeated((*options.q, *options.p)), device.zeros((count,), np.intc)
+    state, status = rows_on_device((*options.q, *options.p)), device.zeros((count,), np.intc)
     steps, iterations = (device.zeros((count,), np.int64) for _ in range(2))
     device.launch(program, "begin_trajectories", count, np.int64(count),
-                  repeated(options.parameters.values()), repeated([options.dt]), real(0),
-                  np.intc(options.max_iterations), state, words, status, steps, iterations)
+                  rows_on_device(options.parameters.values()), rows_on_device([options.dt]),
+                  real(0), np.intc(options.max_iterations), state, words, status, steps, iterations)
     states = [device.zeros((2, n, count), real) for _ in range(2)]
     most_iterations = device.zeros((2, count), np.intc)
     # storing every step_total-th state keeps the start and the end alone; rows count from 0

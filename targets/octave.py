@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.manifest import Manifest
-from .artefact import EXAMPLE_STEPS, Built, Options, filled, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
 
@@ -24,8 +24,8 @@ def files(
     # inputs are members of the parameters' struct, which the mex file fills by position
     template_fields["places"] = [names.index(name) for name in template_fields["inputs"]]
     name = manifest.name
-    return {**sources, f"{name}_mex.c": filled("mex.c", **template_fields),
-            f"{name}.m": filled("stepper.m", **template_fields)}
+    return {**sources, f"{name}_mex.c": fill_template("mex.c", **template_fields),
+            f"{name}.m": fill_template("stepper.m", **template_fields)}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:

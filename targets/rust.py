@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.manifest import Manifest
-from .artefact import EXAMPLE_STEPS, Built, Options, filled, refuse_names, template_values
+from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, refuse_names, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
 
@@ -35,9 +35,10 @@ def files(
     template_fields |= {"f": "f32" if template_fields["real"] == "float" else "f64",
                         "words": math.ceil(template_fields["work_size"] / 8)}
     return {**{f"c/{name}": text for name, text in sources.items()},
-            "Cargo.toml": filled("Cargo.toml", **template_fields), "build.rs": filled("build.rs"),
-            "src/lib.rs": filled("lib.rs", **template_fields),
-            "examples/steps.rs": filled("steps.rs", **template_fields)}
+            "Cargo.toml": fill_template("Cargo.toml", **template_fields),
+            "build.rs": fill_template("build.rs"),
+            "src/lib.rs": fill_template("lib.rs", **template_fields),
+            "examples/steps.rs": fill_template("steps.rs", **template_fields)}
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from ..core.errors import CompilerError, GyrosparkError, InputError
 from ..core.progress import log_task
-from ..runtime.compilation.compiler import find_compiler, how_ended
+from ..runtime.compilation.compiler import exit_reason, find_compiler
 
 __all__ = ["TOOLS", "Tool", "require", "run_tool"]
 
@@ -110,6 +110,6 @@ def run_tool(command: Sequence[str], folder: Path, purpose: str) -> str:
         raise GyrosparkError(f"{purpose} failed: {shlex.join(command)}: {error}.") from error
     if process.returncode != 0:
         output = process.stderr.strip() or process.stdout.strip()
-        raise GyrosparkError(f"{purpose} {how_ended(process.returncode)}: "
+        raise GyrosparkError(f"{purpose} {exit_reason(process.returncode)}: "
                              f"{shlex.join(command)}\n{output}")
     return process.stdout

@@ -299,9 +299,9 @@ class Fitting:
         count = len(self.free)
         J = np.concatenate([J[:, :, :count] @ self.coordinates.jacobian(point.parameters),
                             J[:, :, count:]], axis=2)
-        return self.scaled(point, r, J, self.coordinates.units(point.parameters))
+        return self.scale_residuals(point, r, J, self.coordinates.units(point.parameters))
 
-    def scaled(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
+    def scale_residuals(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
         """Return residuals in standard deviations, with the units of parameters and of the start.
 
         r/σ and J/σ, with a unit for each column of J: ``units`` for the parameters; the unit
@@ -451,7 +451,7 @@ def fit(
     times = as_numbers("t", t)
     if times.ndim != 1 or not len(times):
         raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
-    samples = observation.checked(data, len(times))
+    samples = observation.check_data(data, len(times))
     times = np.array(times, dtype=float)
     _refuse_unordered(times, float(t0))
     clocked = stepper.binding.clocked
@@ -657,7 +657,7 @@ def _result(
     scaled_truncation = np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))
     noise_with_truncation = float(np.hypot(noise, scaled_truncation))
     # by the parameters themselves, not by the coordinates that steps move
-    linear = fitting.scaled(point, r, J, coordinates.scales(point.parameters))
+    linear = fitting.scale_residuals(point, r, J, coordinates.scales(point.parameters))
     identified = identify(linear, noise_with_truncation)
     covariance = identified.covariance * noise**2
     names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]

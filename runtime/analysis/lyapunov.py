@@ -328,7 +328,7 @@ class Benettin:
     def _directions(self) -> Array:
         """Return the orthonormal directions (δq, δp) of now, shape (2 n, count)."""
         directions: Array = np.ascontiguousarray(
-            self.binding.own.converted(self.frame.directions(self.unit)))
+            self.binding.own.to_real(self.frame.directions(self.unit)))
         return directions
 
     def _log_volume(self) -> float:

@@ -70,7 +70,7 @@ class Observation:
     function: Observe | None
     names: list[str]
 
-    def checked(self, data: ArrayLike, rows: int) -> Array:
+    def check_data(self, data: ArrayLike, rows: int) -> Array:
         """Return the data as rows of numbers, attitudes with length 1.
 
         Raises

@@ -363,7 +363,7 @@ class OrbitSearch:
             parameters[self.free] += binding.number(Fraction(further_increments.pop(0)))
         if not float(dt) * float(guess.dt) > 0:
             return None
-        z = guess.z + binding.converted(B @ increment[:dim])
+        z = guess.z + binding.to_real(B @ increment[:dim])
         n = self.stepper.n
         try:
             q, p = self.stepper.project(z[:n], z[n:], parameters=parameters, t=self.t0)
@@ -423,7 +423,7 @@ class OrbitSearch:
         # central differences: each unknown moves the state by the same length
         sizes = scale / np.maximum(np.linalg.norm(D, axis=0), 1e-300)
         sizes[np.linalg.norm(D, axis=0) == 0] = 0
-        z = self.stepper.binding.converted((D * sizes).T)
+        z = self.stepper.binding.to_real((D * sizes).T)
         states = np.concatenate([guess.z + z, guess.z - z])
         H = self.stepper.energy(states[:, :n], states[:, n:], parameters=guess.parameters,
                                 t=self.t0)

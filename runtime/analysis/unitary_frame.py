@@ -184,7 +184,7 @@ def _second_differences(
     momentum_changes = [np.zeros(n), *np.eye(n)]
     index_pairs = [(i, j) for i in range(n) for j in range(i + 1)]
     momentum_changes += [momentum_changes[i + 1] + momentum_changes[j + 1] for i, j in index_pairs]
-    momenta = primal.converted(np.array(momentum_changes) * scale) + p
+    momenta = primal.to_real(np.array(momentum_changes) * scale) + p
     H = primal.hamiltonian(primal.parameters(parameters, t),
                            np.repeat(q[None], len(momenta), axis=0), momenta)
     differences = (H - H[0]).astype(float)  # in the stepper's own type: the digits cancel here

@@ -23,7 +23,7 @@ from ...core.exact_numbers import exact as exact_number
 from .array_checks import as_numbers
 
 __all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
-           "quad", "rounded", "to_bytes", "unpack"]
+           "quad", "round_to_quad", "to_bytes", "unpack"]
 
 BITS = 113
 BYTES = 16
@@ -50,10 +50,10 @@ def quad(value: Any) -> Any:
     number = exact_number(value)
     if number is None:
         raise TypeError(f"{value!r} is no real number")
-    return rounded(number) if isinstance(number, Fraction) else _CONTEXT.mpf(number)
+    return round_to_quad(number) if isinstance(number, Fraction) else _CONTEXT.mpf(number)
 
 
-def rounded(value: Fraction) -> Any:
+def round_to_quad(value: Fraction) -> Any:
     """Return the number of binary128 next to a value; infinity beyond their range."""
     result = _number(*nearest(value, BITS, _LEAST))
     if abs(result) >= _CONTEXT.ldexp(1, _BIAS + 1):

@@ -18,7 +18,7 @@ from ...core.arrays import Array
 from ..compilation.quad_wrapper import PREFIX
 from . import binary128
 from .binding import SOLVERS, Binding, SolverName
-from .real_numbers import aligned
+from .real_numbers import aligned_zeros
 from .run_memory import (
     BatchMemory,
     BatchState,
@@ -86,7 +86,7 @@ class QuadBinding(Binding):
         """Return a checked copy of a caller's array as mpf."""
         return binary128.as_quads(name, value, shape)
 
-    def converted(self, array: Array) -> Array:
+    def to_real(self, array: Array) -> Array:
         """Return a copy of a caller's numbers as mpf, infinite where they are beyond the type."""
         quads = binary128.full(array.shape)
         quads.flat[:] = [binary128.quad(x) for x in array.flat]
@@ -211,7 +211,7 @@ class _Box:
         """Copy an array of mpmath numbers, or one number, to memory that C can read."""
         self.array = value if isinstance(value, np.ndarray) else np.array([value], dtype=object)
         self.before = binary128.pack(self.array.flat)
-        self.memory = aligned(len(self.before))
+        self.memory = aligned_zeros(len(self.before))
         self.memory[:] = np.frombuffer(self.before, dtype=np.uint8)
         self.pointer = ffi.cast("quad *", ffi.from_buffer(self.memory))
 
@@ -232,7 +232,7 @@ class _Block:
     def __init__(self, ffi: Any, struct: str, count: int = 1) -> None:
         """Allocate ``count`` structs of the type named ``struct`` in one block."""
         self.size = ffi.sizeof(struct)
-        self.memory = aligned(self.size * count)
+        self.memory = aligned_zeros(self.size * count)
         self.pointer = ffi.cast(f"{struct} *", ffi.from_buffer(self.memory))
 
     def write(self, start: int, data: bytes) -> None:

@@ -147,7 +147,7 @@ class Binding(Compiled):
             return q, p
         # H needs t in its place before e = −H can be computed
         full_q, full_p = (np.concatenate([x, self.new(len(q), 1)], axis=1) for x in (q, p))
-        full_q[:, -1] = self.converted(t)
+        full_q[:, -1] = self.to_real(t)
         full_p[:, -1] = -self.hamiltonian(parameters, full_q, full_p)
         return full_q, full_p
 

@@ -19,10 +19,10 @@ from ...core.manifest import Manifest
 from ...core.real_types import REALS
 from ...core.solver import SolverName
 from ..compilation.call_stack import on_large_stack
-from ..compilation.newton_library import checked
+from ..compilation.newton_library import raise_library_errors
 from .array_checks import as_array, as_numbers, converted_to
 from .inputs import InputRows
-from .real_numbers import aligned, rounding
+from .real_numbers import aligned_zeros, rounding
 from .run_memory import (
     BatchMemory,
     BatchState,
@@ -157,7 +157,7 @@ class Compiled:
         if function is None:
             compiled = self._function(name)
             # Newton's method may be a module of its own, loaded when a call asks for it
-            compiled = checked(compiled) if self._newton_apart else compiled
+            compiled = raise_library_errors(compiled) if self._newton_apart else compiled
             # looked up once for all calls
             function = self._functions[name] = on_large_stack(compiled, self.frames)
         return function
@@ -208,14 +208,14 @@ class Compiled:
         """
         struct = f"{self.name}_work"
         return WorkMemory(
-            self.ffi.from_buffer(f"{struct} *", aligned(self.ffi.sizeof(struct))))
+            self.ffi.from_buffer(f"{struct} *", aligned_zeros(self.ffi.sizeof(struct))))
 
     def bytes_at(self, size: int) -> tuple[Any, Any]:
         """Return the address of aligned memory of ``size`` bytes, and the array that owns it.
 
         The array must outlive a call with the address.
         """
-        array = aligned(size)
+        array = aligned_zeros(size)
         return self.ffi.cast("void *", self.ffi.from_buffer(array)), array
 
     def options(
@@ -258,7 +258,7 @@ class Compiled:
         """Return a caller's numbers, of whatever shape and real type, as an array."""
         return as_numbers(name, value)
 
-    def converted(self, array: Array) -> Array:
+    def to_real(self, array: Array) -> Array:
         """Return a copy of a caller's numbers in the stepper's type, infinite beyond its range."""
         return converted_to(self.dtype, array)
 

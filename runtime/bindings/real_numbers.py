@@ -13,15 +13,15 @@ from ...core.arrays import Array
 from ...core.exact_numbers import as_double, decimal, exact, nearest
 from ...core.real_types import REALS, RealName
 
-__all__ = ["ALIGNMENT", "WIDE_BYTES", "aligned", "as_bytes", "as_float", "from_bytes", "from_text",
-           "rounding", "without_padding"]
+__all__ = ["ALIGNMENT", "WIDE_BYTES", "aligned_zeros", "as_bytes", "as_float", "from_bytes",
+           "from_text", "rounding", "without_padding"]
 
 def rounding(real: RealName) -> Callable[[Fraction], Any]:
     """Return the rounding function of a type: to NumPy's long double, to mpf, else to double."""
     if REALS[real].in_mpmath:
-        from .binary128 import rounded  # mpmath costs time, and only float128 needs it
+        from .binary128 import round_to_quad  # mpmath costs time, and only float128 needs it
 
-        return rounded
+        return round_to_quad
     return _as_long_double if REALS[real].dtype is np.longdouble else as_double
 
 
@@ -68,7 +68,7 @@ ALIGNMENT = 64
 _X87_BYTES = 10
 
 
-def aligned(size: int) -> NDArray[Any]:
+def aligned_zeros(size: int) -> NDArray[Any]:
     """Return ``size`` zeroed bytes whose address is a multiple of ``ALIGNMENT``."""
     # NumPy aligns to 16 bytes only: the bytes begin at the next multiple inside a larger array
     room = np.zeros(size + ALIGNMENT, dtype=np.uint8)

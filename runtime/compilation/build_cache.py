@@ -5,7 +5,7 @@ folder), so a killed build leaves nothing that a later one could trip over, and 
 processes may build the same stepper at once without a lock: the last one wins with equal bytes.
 
 Modules are loaded and sources compiled, so what is read here is code. It is read only where no
-other user can have written it (``distrusted``), and only folders that carry our own mark are
+other user can have written it (``untrusted_writers``), and only folders that carry our own mark are
 removed (``_remove_stale``).
 """
 
@@ -38,8 +38,17 @@ from . import call_stack, kernel_check, kernel_text, newton_library, object_file
 from .compiler import SPEED_FLAGS, STRICT_FLAGS, WRAPPER_FLAGS, Compiler, extension_suffix
 from .object_files import ModuleKind
 
-__all__ = ["CacheError", "binary_key", "build_folder", "cache_folder", "distrusted", "is_trusted",
-           "publish", "read_cache", "write_cache"]
+__all__ = [
+    "CacheError",
+    "binary_key",
+    "build_folder",
+    "cache_folder",
+    "is_trusted",
+    "publish",
+    "read_cache",
+    "untrusted_writers",
+    "write_cache",
+]
 
 _STALE_SECONDS = 24 * 3600
 #: No build takes so long; ``clear`` takes it for ended.
@@ -76,7 +85,7 @@ def _usable(folder: Path) -> Path:
         if not folder.is_dir():
             folder.parent.mkdir(parents=True, exist_ok=True)
             folder.mkdir(mode=0o700, exist_ok=True)
-        why = distrusted(folder)
+        why = untrusted_writers(folder)
         cure = (f"a folder that only you can write to, or chown and chmod go-w "
                 f"{shlex.quote(str(folder))}")
         if not why:
@@ -139,7 +148,7 @@ def cpu_description() -> str:
     return f"{platform.machine()} {platform.processor()}"
 
 
-def distrusted(path: Path) -> str:
+def untrusted_writers(path: Path) -> str:
     """Return the other users who could write or replace a file or folder; "" for none.
 
     As for keys of ssh: it belongs to this user or to root, and neither group nor others may write
@@ -172,7 +181,7 @@ def distrusted(path: Path) -> str:
 
 def is_trusted(path: Path) -> bool:
     """Whether no other user can have written a file of the cache, or its folder."""
-    return not (distrusted(path.parent) or distrusted(path))
+    return not (untrusted_writers(path.parent) or untrusted_writers(path))
 
 
 @contextlib.contextmanager

@@ -36,8 +36,13 @@ from .object_files import (
 )
 from .quad_wrapper import is_quad, wrap_declarations
 
-__all__ = ["Compiler", "compile_module", "find_compiler", "how_ended",
-           "read_declarations"]
+__all__ = [
+    "Compiler",
+    "compile_module",
+    "exit_reason",
+    "find_compiler",
+    "read_declarations",
+]
 
 #: For the generated kernel: it must be clean under all of these.
 STRICT_FLAGS = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
@@ -137,7 +142,7 @@ def find_compiler() -> Compiler:
     """
     command = os.environ.get("CC")
     if command and command.strip():
-        return _probe(_split(command), f"The compiler CC={command!r}")
+        return _probe(_split_command(command), f"The compiler CC={command!r}")
     for name in ("cc", "gcc", "clang"):
         path = shutil.which(name)
         if path:
@@ -147,7 +152,7 @@ def find_compiler() -> Compiler:
     raise CompilerError(f"No C compiler was found (CC, cc, gcc, clang, ziglang). {_CURE}")
 
 
-def _split(chosen: str) -> tuple[str, ...]:
+def _split_command(chosen: str) -> tuple[str, ...]:
     """Return the words of CC, or raise CompilerError for quotes without an end."""
     try:
         return tuple(shlex.split(chosen))
@@ -253,7 +258,7 @@ def _start_objects(
     the module, but in a library.
     """
     source = files[f"{name}.c"]
-    extended = _extended(read_declarations(files[f"{name}.h"]))
+    extended = _optional_type(read_declarations(files[f"{name}.h"]))
     compile_ = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
                 *(EXTENDED_FLAGS if extended else STRICT_FLAGS)]
     running, checks, kernels = list[_Running](), list[CheckFunction](), kernels_of(source)
@@ -320,7 +325,7 @@ def _write_cffi_wrapper(
     declarations, functions, renamed = read_declarations(header), "", ""
     if is_quad(declarations):
         declarations, functions = wrap_declarations(declarations)
-    elif real := _extended(declarations):  # cffi knows the standard type with the same numbers
+    elif real := _optional_type(declarations):  # cffi knows the standard type with the same numbers
         standard = _STANDARD[real.dtype]
         declarations = f"typedef {standard} {real.c_type};\n{declarations}"
         renamed = f"#define {real.c_type} {standard}\n"
@@ -350,7 +355,7 @@ def _as_pointers(declarations: str) -> tuple[str, str]:
     return _FUNCTION.sub(r"\1(*const \2)(", declarations), pointers
 
 
-def _extended(declarations: str) -> Real | None:
+def _optional_type(declarations: str) -> Real | None:
     """Return the type of numbers of these declarations if not every C compiler has it, or None."""
     return next((real for real in REALS.values() if not real.standard
                  and re.search(rf"\b{real.c_type}\b", declarations)), None)
@@ -392,7 +397,7 @@ def _start(command: list[str], folder: Path) -> _Running:
         raise CompilerError(f"The compiler does not start: {error.strerror}. {_CURE}") from error
 
 
-def how_ended(code: int) -> str:
+def exit_reason(code: int) -> str:
     """Return how a process failed: with an exit code, or by a signal, which subprocess negates."""
     return f"failed with exit code {code}" if code > 0 else f"was ended by signal {-code}"
 
@@ -406,7 +411,7 @@ def _end(running: list[_Running]) -> None:
     for (command, process), (_, stderr) in zip(running, outputs, strict=True):
         if process.returncode != 0:
             raise CompilerError(
-                f"The C compiler {how_ended(process.returncode)}: "
+                f"The C compiler {exit_reason(process.returncode)}: "
                 f"{shlex.join(command)}\n{stderr.strip()}",
                 command=command,
                 stderr=stderr,

@@ -277,12 +277,13 @@ def _worst_mismatch(
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
     missing, worst, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
     for lowest, highest in RANGES:
-        points = {name: _drawn(random, *(POSITIVE if "->" in name else (lowest, highest)), count)
+        points = {name: _random_numbers(random, *(POSITIVE if "->" in name else (lowest, highest)),
+                                        count)
                   for name in inputs_of(kernel)}
         expected, in_working = (
             evaluate(kernel, by, {name: by.array(x) for name, x in points.items()})
             for by in (wide, working))
-        values = _compiled(module, function, number, points, count, wide)
+        values = _evaluate_kernel(module, function, number, points, count, wide)
         bounds: dict[str, Any] = {}
         for output in list(missing):
             exact, rounded = (
@@ -324,14 +325,14 @@ def _bounds(
     return {output: x.error for output, x in results.items()}
 
 
-def _drawn(
+def _random_numbers(
     random: np.random.Generator, lowest: float, highest: float, count: int
 ) -> NDArray[np.float64]:
     """Return random odd multiples of 2^-20, which every type holds exactly."""
     return (2 * np.round(random.uniform(lowest, highest, count) * 2.0**19) + 1) * 2.0**-20
 
 
-def _compiled(
+def _evaluate_kernel(
     module: Any, function: CheckFunction, number: int,
     points: Mapping[str, NDArray[np.float64]], count: int, wide: Arithmetic,
 ) -> dict[str, Any]:

@@ -28,7 +28,7 @@ def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
     try:
         manifest = parse_manifest(json.loads(files[f"{name}.json"]))
         is_full = manifest.profile == "full"
-        declared = _declared(name, files[f"{name}.h"]) if is_full else {}
+        declared = _sizes_in_header(name, files[f"{name}.h"]) if is_full else {}
     except (KeyError, ValueError, RecursionError) as error:
         reason = f": {error}" if isinstance(error, UnfitError) else ""
         raise InputError(f"The manifest {name}.json is damaged{reason}; generate the stepper "
@@ -81,7 +81,7 @@ def sizes_of(manifest: Manifest) -> dict[str, Any]:
     }
 
 
-def _declared(name: str, header: str) -> dict[str, Any]:
+def _sizes_in_header(name: str, header: str) -> dict[str, Any]:
     """Return the sizes that a header declares, by the keys of ``sizes_of``.
 
     Raises ValueError for a header that is none of gyrospark's.

@@ -25,8 +25,15 @@ import cffi
 
 from .object_files import NEWTON_CALLS, newton_functions
 
-__all__ = ["CHECK", "checked", "connect", "declarations", "open_library", "table_text",
-           "trampolines"]
+__all__ = [
+    "CHECK",
+    "connect",
+    "declarations",
+    "open_library",
+    "raise_library_errors",
+    "table_text",
+    "trampolines",
+]
 
 #: The place of the check function in the table, behind the functions that objects call.
 CHECK = len(NEWTON_CALLS)
@@ -64,7 +71,7 @@ static const newton_function *newton_table(void)
     return {name}_newton_table;
 }}
 """]
-    declarations = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
+    declarations = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
     for index, (function, declaration) in enumerate(_in_table(declarations)):
         # the check is called from Python alone; modules of lanes have no public functions of Newton
         if function == "" or (declaration and not public):
@@ -81,7 +88,7 @@ static const newton_function *newton_table(void)
 
 def table_text(name: str, header: str, check: str) -> str:
     """Return the C of the table, compiled beside the library's object; ``check`` is declared."""
-    declarations = dict.fromkeys(NEWTON_CALLS, "") | _declared(name, header)
+    declarations = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
     lines, entries = [], []
     for function, declaration in _in_table(declarations):
         if function and not declaration:
@@ -132,7 +139,7 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
     return module
 
 
-def checked(function: Callable[..., Any]) -> Callable[..., Any]:
+def raise_library_errors(function: Callable[..., Any]) -> Callable[..., Any]:
     """Return a compiled function that raises the error of a library that could not be loaded."""
     def call(*arguments: Any) -> Any:
         """Call the function, and raise the error of a library that could not be loaded meanwhile.
@@ -158,7 +165,7 @@ def _in_table(declarations: dict[str, str]) -> list[tuple[str, str]]:
     return [*calls, ("", ""), *sorted(public)]
 
 
-def _declared(name: str, header: str) -> dict[str, str]:
+def _public_declarations(name: str, header: str) -> dict[str, str]:
     """Return the public functions of the library and their declarations without semicolon."""
     names = newton_functions(name, header)
     return {match[1]: match[0][:-1] for match in re.finditer(

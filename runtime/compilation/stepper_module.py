@@ -24,7 +24,7 @@ from .compiler import Compiler, extension_suffix, find_compiler, is_whole
 from .newton_library import connect
 from .object_files import ModuleKind
 from .prebuilt import prebuilt_module, prebuilt_provenance
-from .verified_build import compile_verified, import_module, loaded
+from .verified_build import compile_verified, import_module, load_built
 
 __all__ = ["load_module", "provenance"]
 
@@ -73,7 +73,7 @@ def _load_compiled(
         proof.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
         path = publish(built, path.name)  # elsewhere, if the folder cannot be used
         publish(proof, _record_of(path).name)
-    return _with_frames(loaded(name, path, compiler, module_kind), record)
+    return _with_frames(load_built(name, path, compiler, module_kind), record)
 
 
 def _with_frames(module: Any, record: dict[str, Any]) -> Any:

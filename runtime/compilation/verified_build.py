@@ -21,7 +21,7 @@ from .kernel_check import KernelMismatch, differences
 from .newton_library import open_library
 from .object_files import ModuleKind
 
-__all__ = ["compile_verified", "import_module", "loaded"]
+__all__ = ["compile_verified", "import_module", "load_built"]
 
 #: Flags behind all others, in turn, until compiled kernels agree with their statements.
 SAFER_FLAGS: tuple[tuple[str, ...], ...] = (
@@ -61,11 +61,11 @@ def compile_verified(
         built, checks = compile_module(name, files, compiler, build_folder, module_kind, flags)
         # the module is loaded from its build folder, before it is published
         mismatches, compared, unchecked = differences(
-            loaded(name, built, compiler, module_kind), checks, real)
+            load_built(name, built, compiler, module_kind), checks, real)
         if not mismatches:
             if usual_mismatches:
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
-                     f"{_listed(usual_mismatches)}. It was compiled again with {' '.join(flags)}, "
+                     f"{_summary(usual_mismatches)}. It was compiled again with {' '.join(flags)}, "
                      "and agrees. Another version of the compiler may need no such flags.")
             # a kernel may be in the text on lanes alone
             listed = {*compared, *unchecked}
@@ -80,17 +80,17 @@ def compile_verified(
         usual_mismatches = usual_mismatches or mismatches
     raise CompilerError(
         f"The compiler {shlex.join(compiler.command)!r} makes wrong code of {name} with "
-        f"{' '.join(SAFER_FLAGS[-1])} too: {_listed(usual_mismatches)}. Set CC to another "
+        f"{' '.join(SAFER_FLAGS[-1])} too: {_summary(usual_mismatches)}. Set CC to another "
         "compiler, or to another version of this one.", command=list(compiler.command))
 
 
-def _listed(mismatches: list[KernelMismatch]) -> str:
+def _summary(mismatches: list[KernelMismatch]) -> str:
     """Return the first three mismatches and the number of the others, for a message."""
     suffix = f" and {len(mismatches) - 3} more kernels" if len(mismatches) > 3 else ""
     return "; ".join(map(str, mismatches[:3])) + suffix
 
 
-def loaded(name: str, path: Path, compiler: Compiler, module_kind: ModuleKind) -> Any:
+def load_built(name: str, path: Path, compiler: Compiler, module_kind: ModuleKind) -> Any:
     """Return a module that was just compiled; raise ``CompilerError`` if it does not load."""
     try:
         return import_module(name, path, module_kind)

@@ -176,7 +176,7 @@ class Objective:
     def _state_slope(self, variables: Array, k: int, name: str) -> Array:
         """Return ∂(q, p)/∂x_k of the state at x, (2 n,), by differences of fourth order."""
         # integers, which a difference would round, become the stepper's numbers
-        x = self._stepper.binding.converted(variables)
+        x = self._stepper.binding.to_real(variables)
         if name == "t0":
             # steps resolve the motion of the constraints, of which the size of t0 says nothing
             h = abs(float(self._varied_arguments(variables).times["dt"])) / 8

@@ -160,7 +160,7 @@ def shared_ensemble(
     """
     runs, device, windows = trajectories.runs, trajectories.device, list[Window]()
     step_count = trajectories.integrate(runs.first.rows + 1, windows.append, stop)
-    states, (window,) = runs.first.stored(step_count) + 1, windows
+    states, (window,) = runs.first.rows_after(step_count) + 1, windows
     count, n = len(runs), stepper.n
 
     def as_array(memory: Any, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:

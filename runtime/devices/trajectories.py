@@ -20,7 +20,7 @@ from ..integration.step_loop import ChunkSize
 from ..results.outputs import defect_sizes
 from .device import Device, Memory, View
 
-__all__ = ["DeviceStates", "Trajectories", "gathered"]
+__all__ = ["DeviceStates", "Trajectories", "gather_states"]
 
 #: Bytes of stored states that lie on the device before they are copied to the host.
 _WINDOW = 2**28
@@ -168,7 +168,7 @@ class Trajectories:
                            *arguments)
 
 
-def gathered(device: Device, name: str, text: str, q: View, p: View) -> Memory:
+def gather_states(device: Device, name: str, text: str, q: View, p: View) -> Memory:
     """Return q and p of all trajectories, (2 n, trajectories), from arrays with any strides."""
     count, n = q.memory.shape
     state = device.zeros((2 * n, count), q.memory.dtype)
@@ -189,9 +189,9 @@ class DeviceStates(EnsembleStates):
     iterations: Array = field(kw_only=True)
 
     @property
-    def stored(self) -> list[int]:
+    def row_counts(self) -> list[int]:
         """The stored states of each trajectory, its start among them."""
-        return [self.runs.first.stored(step_count) + 1 for step_count in self.steps.tolist()]
+        return [self.runs.first.rows_after(step_count) + 1 for step_count in self.steps.tolist()]
 
     def report(self, i: int) -> RunRecord:
         """Return the running record of a trajectory, with errors at stored states alone.
@@ -200,7 +200,7 @@ class DeviceStates(EnsembleStates):
         errors of the energy are NaN.
         """
         binding, run, step_count = self.binding, self.runs[i], int(self.steps[i])
-        rows = run.stored(step_count) + 1
+        rows = run.rows_after(step_count) + 1
         parameters = binding.parameters(run.parameters, run.t0)
         t = binding.times(run.t0, run.dt, run.steps_of_rows(step_count)).astype(binding.dtype)
         q, p = self.rows.q[i, :rows], self.rows.p[i, :rows]

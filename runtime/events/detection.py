@@ -74,7 +74,7 @@ class Levels:
         """Return x − level of each event at each state, shape (states, events).
 
         An event happens where its difference changes its sign. ``t`` has the times of the states;
-        it is needed only if quantities depend on t, as ``timed`` says.
+        it is needed only if quantities depend on t, as ``is_time_dependent`` says.
         """
         quantities = (self.binding.quantities(parameters, self._times(t), q, p)
                       if self._of_quantities else q)
@@ -100,10 +100,10 @@ class Levels:
     @property
     def no_past(self) -> Array:
         """Values for ``near`` before the first state: NaN."""
-        return self.binding.converted(np.full(2 * len(self.events), np.nan))
+        return self.binding.to_real(np.full(2 * len(self.events), np.nan))
 
     @property
-    def timed(self) -> bool:
+    def is_time_dependent(self) -> bool:
         """Whether the values depend on the times of the states."""
         return self._of_quantities and self.binding.quantities_take_time
 
@@ -230,7 +230,7 @@ class EventDetector:
 
         None if no value depends on the time.
         """
-        if not self._levels.timed:
+        if not self._levels.is_time_dependent:
             return None
         steps = np.arange(first_step, first_step + len(q))
         return self._levels.binding.times(self._t0, self._dt, steps)

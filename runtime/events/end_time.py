@@ -47,7 +47,7 @@ class EndTimeObserver:
         self.events = (event,)
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
-        self._t = stepper.binding.converted(
+        self._t = stepper.binding.to_real(
             np.array([as_real("t_end", event.level, stepper.binding.number)],
                      stepper.binding.number_type))[0]
         self._ahead = 1 if run.dt > 0 else -1

@@ -19,7 +19,7 @@ from ...core.incompatibilities import LARGEST, refuse_together
 from ...core.records import replace_fields
 from ...core.warnings import warn
 from ..bindings.array_checks import as_real
-from ..bindings.real_numbers import aligned
+from ..bindings.real_numbers import aligned_zeros
 from ..bindings.run_memory import Rows, RunConstants, RunState
 from ..integration.run_arguments import RunArguments
 from ..results.crossings import Crossings, Impacts
@@ -64,7 +64,7 @@ class ImpactObserver:
         self.end: TerminalEvent | None = None
         self._stepper, self._run = stepper, run
         binding = self._own = stepper._impact_binding()
-        self._memory = aligned(int(binding.function("impact_size")()))
+        self._memory = aligned_zeros(int(binding.function("impact_size")()))
         self._constants = run.constants(binding)
         names = list(stepper.manifest.system.quantities)
         self._gaps = np.array([names.index(impact.quantity) for impact in events], np.intc)
@@ -73,7 +73,7 @@ class ImpactObserver:
             stepper.manifest.system.coordinates,
             _WORD.findall(stepper.manifest.system.quantities[impact.quantity]))
             for impact in events], np.intc)
-        self._restitution = binding.converted(np.array([
+        self._restitution = binding.to_real(np.array([
             as_real("restitution", impact.restitution, binding.number)
             for impact in with_restitutions(events, run.parameters)]))
         self._ends = np.array([impact.terminal for impact in events], np.intc)
@@ -142,14 +142,14 @@ class ImpactObserver:
                 impulse, lost, work)
         return impacts
 
-    def reported(self, report: Report, count: int) -> Report:
+    def add_impacts(self, report: Report, count: int) -> Report:
         """Return the report with ``count`` impacts, whose losses are no error of the energy."""
         return replace(report, energy_start=self._start_energy, impacts=count)
 
     def results(self, trajectory: Trajectory, impacts: dict[str, Impacts]) -> Trajectory:
         """Return a trajectory with its impacts."""
         count = sum(map(len, impacts.values()))
-        return replace_fields(trajectory, report=self.reported(trajectory.report, count),
+        return replace_fields(trajectory, report=self.add_impacts(trajectory.report, count),
                               impacts=impacts, _laws=self.events,
                               events={name: hits.crossings for name, hits in impacts.items()})
 

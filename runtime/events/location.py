@@ -346,7 +346,7 @@ def _sign_changes(work: _Work, indices: Array) -> _SignChanges:
     sign_changes: list[_SignChanges] = []
     for iteration in range(_MOST_PLACES):
         sign_changes.append(search.below_level())
-        search = search.selected(search.is_open)
+        search = search.subset(search.is_open)
         if not len(search.indices):
             break
         # each second place keeps a distance from the last: parabolas alone may creep
@@ -422,7 +422,7 @@ class _TurningSearch:
         is_open: Array = ~(self.y[1] < 0) & may_fall_below & (wider_part > self.tolerance)
         return is_open
 
-    def selected(self, mask: Array) -> _TurningSearch:
+    def subset(self, mask: Array) -> _TurningSearch:
         """Return the search in the steps of a mask."""
         x0, x1, x2 = (column[mask] for column in self.x)
         y0, y1, y2 = (column[mask] for column in self.y)

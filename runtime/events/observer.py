@@ -240,7 +240,7 @@ class Observer:
         return {name: event_crossings.until(self.end.at, self._run.dt)
                 for name, event_crossings in crossings.items()}
 
-    def reported(self, report: Report, _count: int) -> Report:
+    def add_impacts(self, report: Report, _count: int) -> Report:
         """Return the report of the run unchanged."""
         return report
 

@@ -71,7 +71,7 @@ def defects_of_starts(
     If all rows are within lower bounds, which take O(n) numbers, the bounds are these; otherwise
     sums over all coordinates, which take O(n²) numbers and are left out for thousands of them.
     """
-    for moves_of in (_draws, _each):
+    for moves_of in (_draws, _single_moves):
         defects = _defects_and_bounds(binding, keeps_f, parameters, q, p, dt, moves_of(binding.n))
         within = (defects.g <= defects.g_bound) & (defects.f <= defects.f_bound)
         if within.all() or binding.n > _MOST_COORDINATES:
@@ -246,7 +246,7 @@ class _Moves:
     euler: float
 
 
-def _sum_all(values: Array) -> Array:
+def _sum_changes(values: Array) -> Array:
     """Return Σₖ |d(xₖ) − d(x₀)| over the moves, shape (rows, m), of d with (rows, moves, m)."""
     sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
     return sums
@@ -262,11 +262,12 @@ def _forth_and_back(values: Array) -> Array:
 
 
 @lru_cache(maxsize=8)
-def _each(n: int) -> _Moves:
+def _single_moves(n: int) -> _Moves:
     """Return moves of each q and each p by itself, whose changes are added up."""
     unit, zeros = np.eye(n), np.zeros((n + 1, n))
     # 2 n + 1 moves: none, each q, each p
-    return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _sum_all, 1.0)
+    return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _sum_changes,
+                  1.0)
 
 
 @lru_cache(maxsize=8)

@@ -94,7 +94,7 @@ def _states_at(
               places_of(stepper, trajectory.t[0], known_states.elapsed, dt, t))
     targets = _targets_at(trajectory, known_states, places.rows)
     _finish_impact_steps(stepper, trajectory, t, known_states, places, targets, fill)
-    for limit, group in _parts(trajectory, places):
+    for limit, group in _groups_of_times(trajectory, places):
         _advance(stepper, trajectory, fill, targets, group, np.full(len(group), dt),
                  steps=places.steps[group], step_limit=limit)
     targets.t[:] = stepper.binding.times(targets.t, dt, places.steps)
@@ -327,7 +327,7 @@ def partial_steps(
     return q, p
 
 
-def _parts(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
+def _groups_of_times(trajectory: Trajectory, places: Places) -> list[tuple[int, Array]]:
     """Return groups of the times that whole steps lead to: (most steps in the group, its indices).
 
     All members of a group store the most steps of the group: members of similar length, the longest

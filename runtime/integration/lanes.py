@@ -99,10 +99,10 @@ class EnsembleStates:
         return self.binding.copy_of(report) if self.in_lanes else report
 
     @property
-    def stored(self) -> list[int]:
+    def row_counts(self) -> list[int]:
         """Number of stored states of each trajectory, with its start; once all are done."""
         step_counts = [int(self.report(i).steps) for i in range(len(self.runs))]
-        rows = {steps: self.runs.first.stored(steps) + 1 for steps in set(step_counts)}
+        rows = {steps: self.runs.first.rows_after(steps) + 1 for steps in set(step_counts)}
         return [rows[steps] for steps in step_counts]
 
     @property
@@ -117,14 +117,14 @@ class EnsembleStates:
         """
         if not self.in_lanes:
             for i in batches:
-                self._fill_one(i, stop)
+                self._fill_run(i, stop)
             return
         memory = self.binding.batches.take()
         for batch in batches:
             self._fill_lanes(batch, memory, stop)
         self.binding.batches.give_back(memory)
 
-    def _fill_one(self, i: int, stop: Callable[[], bool]) -> None:
+    def _fill_run(self, i: int, stop: Callable[[], bool]) -> None:
         """Integrate run i alone, on plain numbers."""
         binding, run = self.binding, self.runs[i]
         state = RunState(self.q[i], self.p[i], self.report(i), binding.works.take())

@@ -70,7 +70,7 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     sizes = [np.abs(start[half]).max() + np.abs(change[half]).max() / _PART
              for half in (slice(0, n), slice(n, 2 * n))]
     scale = np.repeat([size or 1.0 for size in sizes], n)
-    basis = _tangent_basis(short_step.projected, start, scale)
+    basis = _tangent_basis(short_step.project_state, start, scale)
     if basis is None:
         return None
     M = short_step.derivative(start, scale, basis)
@@ -107,7 +107,7 @@ class _ShortStep:
                                           z[n:].copy(), self._work)
         return np.concatenate([q, p]) if status == 0 else np.full(2 * n, math.nan)
 
-    def projected(self, z: Array) -> Array:
+    def project_state(self, z: Array) -> Array:
         """Return the state moved onto the constraints; NaN where that fails."""
         n = self._binding.n
         q, p = z[:n].copy(), z[n:].copy()  # projected in place
@@ -122,8 +122,8 @@ class _ShortStep:
         columns = []
         for e in basis.T:
             move = _NUDGE * scale * e
-            forth = self.end(self.projected(start + move))
-            back = self.end(self.projected(start - move))
+            forth = self.end(self.project_state(start + move))
+            back = self.end(self.project_state(start - move))
             columns.append(basis.T @ ((forth - back) / scale / (2 * _NUDGE)))
         return np.array(columns).T
 

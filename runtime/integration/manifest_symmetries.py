@@ -95,7 +95,7 @@ class Symmetry:
         return True
 
     @property
-    def mentioned(self) -> list[str]:
+    def condition_parameters(self) -> list[str]:
         """The parameters in the condition."""
         return sorted({name for terms in self.vanishing for _, powers in terms for name in powers})
 
@@ -114,7 +114,8 @@ def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any])
     """
     for symmetry in symmetries:
         if parameters[symmetry.name] != 0 and not symmetry.holds(parameters):
-            values = ", ".join(f"{name} = {parameters[name]!r}" for name in symmetry.mentioned)
+            values = ", ".join(f"{name} = {parameters[name]!r}"
+                               for name in symmetry.condition_parameters)
             raise InputError(
                 f"Parameter {symmetry.name} = {parameters[symmetry.name]} moves along a symmetry "
                 f"that this system has only where {symmetry.condition} exactly, but {values}; "

@@ -157,7 +157,7 @@ class RunArguments:
         return replace(self, steps=steps, stored_steps=stored_steps[stored_steps > 0],
                        open_end=False)
 
-    def stored(self, step_count: int) -> int:
+    def rows_after(self, step_count: int) -> int:
         """Return how many states after the first are stored once ``step_count`` steps are taken."""
         if self.stored_steps is not None:
             return int(np.searchsorted(self.stored_steps, step_count, side="right"))
@@ -165,7 +165,7 @@ class RunArguments:
 
     def steps_of_rows(self, step_count: int) -> Array:
         """Return the steps before the start (0) and each state stored in ``step_count`` steps."""
-        row_count = self.stored(step_count)
+        row_count = self.rows_after(step_count)
         if self.stored_steps is not None:
             return np.concatenate([[0], self.stored_steps[:row_count]])
         rows = np.arange(row_count + 1)
@@ -404,7 +404,7 @@ def _plain(
     has_objects = {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}
     if number is object or has_objects:
         return None
-    q, p = binding.converted(arguments.q), binding.converted(arguments.p)
+    q, p = binding.to_real(arguments.q), binding.to_real(arguments.p)
     dt, t0 = _numbers(arguments.dt, number), _numbers(arguments.t0, number)
     parameters = _parameters(stepper, arguments, first_run, size)
     if dt is None or t0 is None or parameters is None or not dt.all():
@@ -592,7 +592,7 @@ class ParameterCheck:
         names, values, checked = self._last
         if (type(parameters) is dict and checked and len(parameters) == len(names)
                 and (all(map(operator.is_, parameters.values(), values))
-                     or all(map(_is_same, parameters.values(), values)))
+                     or all(map(_is_unchanged, parameters.values(), values)))
                 and [*parameters] == names):
             return checked.copy()
         checked = as_parameters(parameters, *self._checks)
@@ -603,7 +603,7 @@ class ParameterCheck:
         return checked
 
 
-def _is_same(value: Any, last: Any) -> bool:
+def _is_unchanged(value: Any, last: Any) -> bool:
     """Return whether two values are one object, or one rule for an inertia that is one object."""
     return value is last or (type(value) is type(last) is Rule and value.name == last.name
                              and value.inertia is last.inertia)
@@ -619,7 +619,7 @@ def _as_plain_parameters(
     if number is not as_double or parameters.keys() != domains.keys():
         return None
     values = [*map(parameters.__getitem__, domains)]
-    positive, nonzero = _constrained(tuple(domains.values()))
+    positive, nonzero = _domain_flags(tuple(domains.values()))
     if ({*map(type, values)} <= {float, np.float64, Rounded} and all(map(math.isfinite, values))
             and min(itertools.compress(values, positive), default=1.0) > 0
             and all(itertools.compress(values, nonzero))):
@@ -628,7 +628,7 @@ def _as_plain_parameters(
 
 
 @lru_cache(maxsize=16)
-def _constrained(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
+def _domain_flags(domains: tuple[str, ...]) -> tuple[list[bool], list[bool]]:
     """Return two flags a parameter: whether it must be positive, and whether it must not be 0."""
     return [x == "positive" for x in domains], [x == "nonzero" for x in domains]
 

@@ -192,7 +192,7 @@ def fill(
     step_on = step_on or binding.integrate
     while state.steps < run.steps and status == 0 and not stop():
         step_count = state.steps
-        row = run.stored(step_count) + 1
+        row = run.rows_after(step_count) + 1
         count, every = next_chunk(run, step_count, pace.begin(run.steps - step_count))
         if row + count // every > len(rows.iterations):
             # doubled, so that all copies together cost no more than the rows themselves
@@ -260,7 +260,7 @@ def next_chunk(
     remaining = run.steps - step_count
     to_row = min(run.every - step_count % run.every, remaining)
     if run.stored_steps is not None:
-        piece_steps = min(int(run.stored_steps[run.stored(step_count)]) - step_count, limit)
+        piece_steps = min(int(run.stored_steps[run.rows_after(step_count)]) - step_count, limit)
         return piece_steps, piece_steps
     # within a row, or a row longer than a chunk: on to the next stored state, in pieces
     if to_row < run.every or run.every > limit:
@@ -285,7 +285,7 @@ def trajectory_of(
         """Return the rows filled so far, computed at the first call."""
         rows = read_rows()
         step_count = int(record.steps)
-        row_count = run.stored(step_count)
+        row_count = run.rows_after(step_count)
         elapsed = binding.times(0 * run.t0, run.dt, run.steps_of_rows(step_count))
         return States(
             binding, manifest, binding.parameters(own_parameters, run.t0), run.t0 + elapsed,

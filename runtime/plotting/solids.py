@@ -218,7 +218,7 @@ def _revolve(profile: Profile, sectors: int, around: int) -> Mesh:
     circle = np.stack([np.cos(angles), np.sin(angles)])
     lighter = (np.arange(around) * sectors // around % 2).astype(float)
 
-    def revolved(profile_ends: Array) -> Array:
+    def surface_ring(profile_ends: Array) -> Array:
         """Return (r, z) of two ends, (2, 2), turned about the axis: (2, around + 1, 3)."""
         ring = profile_ends[:, None, 0, None] * circle.T
         heights = np.broadcast_to(profile_ends[:, None, 1, None], (*ring.shape[:2], 1))
@@ -228,7 +228,7 @@ def _revolve(profile: Profile, sectors: int, around: int) -> Mesh:
     for k in range(len(step)):
         n = np.stack([starts[k], ends[k]])
         n /= np.linalg.norm(n, axis=1, keepdims=True)
-        rings.append(_grid(revolved(line[k:k + 2]), revolved(n), lighter))
+        rings.append(_grid(surface_ring(line[k:k + 2]), surface_ring(n), lighter))
     return join_meshes(rings)
 
 

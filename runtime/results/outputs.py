@@ -197,7 +197,7 @@ class Output:
     panel: str = ""
 
     @property
-    def whole(self) -> bool:
+    def is_integer(self) -> bool:
         """Whether its entries are whole numbers."""
         return self.dtype.startswith("i")
 
@@ -242,7 +242,7 @@ def value_of(output: Output, states: States) -> Array:
     if output.inner(states.manifest) is None:
         return binding.new(max(len(states.q) - output.of_steps, 0), *output.absent)
     array = output.compute(states)
-    return array if output.dtype or array.dtype == binding.dtype else binding.converted(array)
+    return array if output.dtype or array.dtype == binding.dtype else binding.to_real(array)
 
 
 def names_in_files(output: Output, manifest: Manifest) -> list[str]:

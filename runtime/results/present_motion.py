@@ -102,7 +102,8 @@ class PresentBody(_SingleState, BodyMotion):
             For another frame.
         """
         in_body = frame == "body" or choose("frame", frame, FRAMES) == "body"
-        return np.array(self._rates() if in_body else rotated(self._quaternion(), self._rates()))
+        return np.array(self._rates() if in_body
+                        else rotate_vector(self._quaternion(), self._rates()))
 
     def _quaternion(self) -> list[float]:
         """Return the attitude as floats."""
@@ -120,7 +121,7 @@ class PresentBody(_SingleState, BodyMotion):
 
     def _in_space(self, vectors: Array) -> Array:
         """Return R(q) v of a vector in body axes, shape (3,)."""
-        return np.array(rotated(self._quaternion(), vectors.tolist()))
+        return np.array(rotate_vector(self._quaternion(), vectors.tolist()))
 
 
 @explain_arguments
@@ -160,8 +161,9 @@ class PresentJoint(_SingleState, JointMotion):
             w, *v = quaternion_product(conjugate_a, quaternion_product(q_b, zero[:4]))
             return (zero[4] + 2 * math.atan2(dot(v, axis), w)) * unit
         # the angle of b's image of n₁ in the plane of n₁ and n₂, which a carries
-        image = rotated(q_b, n1_in_b)
-        return math.atan2(dot(rotated(q_a, n2), image), dot(rotated(q_a, n1), image)) * unit
+        image = rotate_vector(q_b, n1_in_b)
+        return math.atan2(dot(rotate_vector(q_a, n2), image),
+                          dot(rotate_vector(q_a, n1), image)) * unit
 
     def rate(self) -> Any:
         """Return the angular velocity of b against a about their axis, in rad/s.
@@ -171,11 +173,11 @@ class PresentJoint(_SingleState, JointMotion):
         if self._is_measured("rate"):
             return self._run.quantity(f"{self.name}_rate")
         # (ω_b − ω_a)·e with the axis e in space; the ground, "", does not turn
-        axis, rate = rotated(self._quaternion_of(self.bodies[0]), self._vectors()[0]), 0.0
+        axis, rate = rotate_vector(self._quaternion_of(self.bodies[0]), self._vectors()[0]), 0.0
         for name, sign in zip(self.bodies, (-1, 1), strict=True):
             if name:
                 body = self._run.body(name)
-                rate += sign * dot(axis, rotated(body._quaternion(), body._rates()))
+                rate += sign * dot(axis, rotate_vector(body._quaternion(), body._rates()))
         return rate
 
     def _reaction(self) -> tuple[Array, Array]:
@@ -230,7 +232,7 @@ def _inverse(inertia: Any) -> list[list[float]]:
     return inverse
 
 
-def rotated(q: Floats, v: Floats) -> list[float]:
+def rotate_vector(q: Floats, v: Floats) -> list[float]:
     """Return R(q) v = (q₀² − u·u) v + 2 (u·v) u + 2 q₀ u × v with q = (q₀, u)."""
     (q0, q1, q2, q3), (x, y, z) = q, v
     scale, along = q0 * q0 - q1 * q1 - q2 * q2 - q3 * q3, 2 * (q1 * x + q2 * y + q3 * z)

@@ -158,7 +158,7 @@ class Rotations:
         if not bodies:
             return _NO_ROTATION
         if len(q) == 1:
-            return self._largest_of_one(parameters, _only(dt), q[0], p[0])
+            return self._largest_from_state(parameters, _only(dt), q[0], p[0])
         columns = (q.T.astype(float, copy=False), p.T.astype(float, copy=False))
         as_number = partial(np.asarray, dtype=float)
         # rotations along a frame that moves need not be resolved
@@ -179,7 +179,7 @@ class Rotations:
                     step = float(np.broadcast_to(dt, len(q))[row])
         return _Rotation(fastest, largest, step)
 
-    def _largest_of_one(
+    def _largest_from_state(
         self, parameters: Mapping[str, Any], dt: float, q: Array, p: Array
     ) -> _Rotation:
         """Return the largest rotation in a step from one state, q and p of shape (n,).

@@ -30,12 +30,12 @@ if TYPE_CHECKING:
 __all__ = [
     "event_headings",
     "events_path",
+    "file_rows",
     "headings",
     "places_of",
     "spreadsheet_text",
     "states_of",
     "write_csv",
-    "written",
 ]
 
 #: Rows that are in memory as Python's numbers.
@@ -54,7 +54,7 @@ def states_of(trajectory: Trajectory) -> dict[str, Array]:
         array = getattr(trajectory, output.attribute)
         if output.of_steps and len(trajectory):
             # NaN in the stepper's own number type: 0 q + NaN.
-            missing_value = 0 if output.whole else 0 * trajectory.q[0, 0] + np.nan
+            missing_value = 0 if output.is_integer else 0 * trajectory.q[0, 0] + np.nan
             start = np.full((1, *array.shape[1:]), missing_value, dtype=array.dtype)
             array = np.concatenate([start, array])
         arrays |= arrays_in_files(output, trajectory.manifest, array)
@@ -155,13 +155,14 @@ def write_csv(path: Path, titles: list[str], blocks: Iterable[list[Array]]) -> N
             groups = [[array.reshape(len(array), math.prod(array.shape[1:])) for array in group]
                       for _, group in groupby(arrays, key=lambda array: array.dtype)]
             for start in range(0, len(arrays[0]), _ROWS):
-                tables = [written(np.concatenate([x[start : start + _ROWS] for x in group], axis=1))
+                tables = [file_rows(np.concatenate([x[start : start + _ROWS] for x in group],
+                                                   axis=1))
                           for group in groups]
                 lines.writerows([number for group_row in row for number in group_row]
                                 for row in zip(*tables, strict=True))
 
 
-def written(array: Array, *, flat: bool = False) -> list[Any]:
+def file_rows(array: Array, *, flat: bool = False) -> list[Any]:
     """Return rows of numbers for a file: numbers wider than doubles as text with all their digits.
 
     ``flat`` returns the rows joined to one list.

@@ -44,7 +44,7 @@ from .state_columns import (
     spreadsheet_text,
     states_of,
     write_csv,
-    written,
+    file_rows,
 )
 
 if TYPE_CHECKING:
@@ -101,7 +101,7 @@ class Table:
     titles: dict[str, list[str]] = field(default_factory=dict)
     parts: list[Table] = field(default_factory=list)
 
-    def whole(self) -> dict[str, Array]:
+    def in_memory(self) -> dict[str, Array]:
         """Return the arrays in memory, NaN (0 of whole numbers) where no block has rows."""
         filled: dict[str, Array] = {}
         for index, arrays in self.read():
@@ -343,7 +343,7 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
     for part_table in (table, *table.parts):
         # numbers that a trajectory has once select trajectories, as its index does
         single = [*part_table.along] == ["trajectory"]
-        for name, array in part_table.whole().items():
+        for name, array in part_table.in_memory().items():
             target = coordinates if name == "time" or single else variables
             target[name] = ([*part_table.along, *part_table.inner[name]], array,
                             part_table.descriptions[name])
@@ -414,7 +414,7 @@ def _event_columns(event: Table) -> tuple[str, dict[str, Array]]:
     """Return the name of an event, and its columns under their names."""
     along, = event.along
     return along.removeprefix("event_"), {
-        column.removeprefix(f"{along}_"): array for column, array in event.whole().items()}
+        column.removeprefix(f"{along}_"): array for column, array in event.in_memory().items()}
 
 
 def _flat(columns: list[Array]) -> list[Array]:
@@ -433,7 +433,7 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
     try:
         for titles, columns in blocks:
             record_table = pyarrow.table([pyarrow.array(
-                [*map(str, written(column[:, None], flat=True))] if _is_wide(column) else column)
+                [*map(str, file_rows(column[:, None], flat=True))] if _is_wide(column) else column)
                 for column in columns], names=titles)
             writer = writer or ParquetWriter(path, record_table.schema)
             writer.write_table(record_table)
@@ -459,7 +459,7 @@ def _write_netcdf(table: Table, path: Path) -> None:
                 # trajectories end after different numbers of states: the whole arrays have NaN
                 # there
                 blocks = part_table.read() if len(part_table.along) == 1 else iter([
-                    ((slice(None),) * 2, part_table.whole())])
+                    ((slice(None),) * 2, part_table.in_memory())])
                 for index, arrays in blocks:
                     for variable in _netcdf_variables(part_table, arrays):
                         _write_rows(file, part_table, index, *variable)

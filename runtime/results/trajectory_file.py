@@ -91,7 +91,7 @@ def save_ensemble(ensemble: Ensemble, target: Path) -> Path:
     """Write all arrays of an ensemble with all their digits, under the names of its table."""
     table = table_of_ensemble(ensemble)
     arrays = {name: storable(array) for part_table in (table, *table.parts)
-              for name, array in part_table.whole().items()}
+              for name, array in part_table.in_memory().items()}
     with result_file(target, "The ensemble") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(file, allow_pickle=False, about=np.array(json.dumps(table.attributes)),
                             **arrays)
@@ -230,7 +230,7 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
     if REALS[real].in_mpmath:
         in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
         arrays |= {output.attribute: _from_bytes(arrays[output.attribute]) for output in OUTPUTS
-                   if output.attribute in arrays and not output.whole
+                   if output.attribute in arrays and not output.is_integer
                    and output.attribute not in in_double}
     # a file of an earlier version lacks outputs that the version did not know; ``load_npz`` has
     # checked that this system does not have them
@@ -317,7 +317,7 @@ def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None
         array, shape = arrays[output.attribute], _shape(output, manifest, state_count)
         if array.shape != shape:
             raise ValueError(f"{output.attribute} has another shape than {shape}")
-        if array.dtype.kind not in ("iu" if output.whole else "fO"):
+        if array.dtype.kind not in ("iu" if output.is_integer else "fO"):
             raise ValueError(f"{output.attribute} has entries of another type")
     # anybody may have written the file: its JSON may have texts, or huge integers, for numbers
     report_numbers = [*report.pop("q"), *report.pop("p"), *report.values()]

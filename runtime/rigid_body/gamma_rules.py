@@ -178,6 +178,6 @@ def _mean(
         return Rounded(mean)
     if all(isinstance(moment, (Fraction, float, int)) for moment in inertia):
         return mean  # type: ignore[no-any-return]
-    from ..bindings.binary128 import rounded  # mpmath costs time
+    from ..bindings.binary128 import round_to_quad  # mpmath costs time
 
-    return rounded(mean)  # type: ignore[no-any-return]
+    return round_to_quad(mean)  # type: ignore[no-any-return]

@@ -94,7 +94,7 @@ class Differentiation(Evaluation):
         with self._deriving:
             if not self._derivative_bindings:
                 module = load_module(self.name, self._derivative_files(), "derivatives")
-                binding = self._bound(module)
+                binding = self._bind(module)
                 quad = self.manifest.real == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
                 self._derivative_bindings.append(kind(
@@ -140,7 +140,7 @@ class Differentiation(Evaluation):
                 refuse_together(second=f"second derivatives of {self.name}",
                                 frame=bool(self.symmetries) and "its co-moving frame")
                 files = self._more_files("its second derivatives were", second=True)
-                binding = self._bound(load_module(self.name, files, "second"))
+                binding = self._bind(load_module(self.name, files, "second"))
                 self._second_bindings.append(SecondBinding(binding, first_order))
         return self._second_bindings[0]
 
@@ -153,7 +153,7 @@ class Differentiation(Evaluation):
             if self._jumps is None:
                 # n differentiates φ_q and g_q again: its C is written with second derivatives
                 files = self._more_files("derivatives of its impacts were", second=True)
-                binding = self._bound(load_module(self.name, files, "jumps"))
+                binding = self._bind(load_module(self.name, files, "jumps"))
                 if not hasattr(binding.lib, f"{self.name}_impacts_by_state"):
                     raise InputError(
                         f"The gaps of {self.name} are too long for derivatives; use differences of "

@@ -295,7 +295,7 @@ class Dynamics(Differentiation):
         with self._deriving:
             if self._motion is None:
                 module = load_module(self.name, self._derivative_files(), "motion")
-                self._motion = MotionBinding(self._bound(module), self.manifest)
+                self._motion = MotionBinding(self._bind(module), self.manifest)
         return self._motion
 
 

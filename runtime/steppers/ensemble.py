@@ -44,7 +44,7 @@ from ..devices.ensemble import (
     shared_ensemble,
     views_of,
 )
-from ..devices.trajectories import Trajectories, gathered
+from ..devices.trajectories import Trajectories, gather_states
 from ..events.detection import Levels
 from ..events.impact_observer import refuse_unusable
 from ..events.last_step import joined_with_part
@@ -267,12 +267,12 @@ def integrate_members(
         # runs backwards take elastic impacts alone: the smallest dt decides for all
         refuse_unusable(stepper, runs[int(np.argmin(runs.dt))], impacts,
                         tangents=tangents is not None and "tangents of an ensemble")
-        return _each_alone(stepper, runs, impacts, threads_of(workers), progress)
+        return _integrate_separately(stepper, runs, impacts, threads_of(workers), progress)
     if end.open_end is not None:
         observed_events = as_events(events, stepper.manifest.system.event_quantities)
         refuse_together(ensemble="an ensemble", terminal=terminal_of(observed_events))
-        ensemble = _each_alone(stepper, runs, observed_events, threads_of(workers), progress,
-                               end.open_end)
+        ensemble = _integrate_separately(stepper, runs, observed_events, threads_of(workers),
+                                         progress, end.open_end)
         return ensemble if tangents is None else _with_tangents(
             stepper, ensemble, tangents, threads_of(workers), lambda: False)
     return _side_by_side(stepper, runs, events, tangents, threads_of(workers), progress,
@@ -315,7 +315,7 @@ def _side_by_side(
             ensemble = _with_tangents(stepper, ensemble, tangents, threads,
                                       lambda: interrupts.requested)
     if interrupts.requested:
-        raise _stop_exception(interrupts, sum(computed.stored), ensemble, ensemble.t.size)
+        raise _stop_exception(interrupts, sum(computed.row_counts), ensemble, ensemble.t.size)
     return ensemble
 
 
@@ -414,10 +414,11 @@ def _check_arguments(
                          f"(trajectories, {stepper.n}) for both.")
     size = len(q)
     arguments = RawArguments(
-        q, p, np.broadcast_to(_each("dt", dt, size), size),
-        np.broadcast_to(_each("t", starts.t, size), size), np.broadcast_to(starts.excess, size),
-        _each_parameters(stepper._parameters_with_inputs(starts.parameters, inputs), size,
-                         stepper.parameter_domains), options)
+        q, p, np.broadcast_to(_number_of_each_run("dt", dt, size), size),
+        np.broadcast_to(_number_of_each_run("t", starts.t, size), size),
+        np.broadcast_to(starts.excess, size),
+        _parameters_of_runs(stepper._parameters_with_inputs(starts.parameters, inputs), size,
+                            stepper.parameter_domains), options)
     # the last part of a step has a row of inputs of its own
     count = as_positive_count("steps", options["steps"]) + (last_part is not None)
     input_rows = as_inputs(inputs, stepper.binding, count, runs=size)
@@ -461,7 +462,7 @@ def _integrate_on(
     state, like = None, starts.q
     if is_on_card(starts.q):
         # the checks read a copy on the host; trajectories begin from what lies on the card
-        state = gathered(device, name, text, *views_of(device, stepper, starts.q, starts.p))
+        state = gather_states(device, name, text, *views_of(device, stepper, starts.q, starts.p))
         q, p = np.split(device.get(state).T, 2, axis=1)
         starts = replace(starts, q=q, p=p)
     runs, _ = _check_arguments(stepper, starts, dt, options)
@@ -478,7 +479,7 @@ def _integrate_on(
         if report is not None:
             report(int(trajectories.steps_done.sum()))
     if interrupts.requested:
-        stored_rows = int(sum(runs.first.stored(step_count) + 1
+        stored_rows = int(sum(runs.first.rows_after(step_count) + 1
                               for step_count in trajectories.steps_done.tolist()))
         raise _stop_exception(interrupts, stored_rows, ensemble, len(runs) * (runs.first.rows + 1))
     return ensemble
@@ -539,7 +540,7 @@ def _stored_arrays(
     # the last columns are reactions of velocity constraints; ensembles leave these to their members
     multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
     iterations = rows.iterations[:, 1:].copy()
-    for i, row_count in enumerate(computed.stored):
+    for i, row_count in enumerate(computed.row_counts):
         if row_count < states:
             t[i, row_count:] = no_number if t.dtype == object else np.nan
             q[i, row_count:] = p[i, row_count:] = multipliers[i, row_count - 1 :] = no_number
@@ -549,7 +550,7 @@ def _stored_arrays(
     return t, q, p, multipliers, iterations
 
 
-def _each_alone(
+def _integrate_separately(
     stepper: Stepper, runs: EnsembleArguments, events: tuple[Any, ...], threads: int,
     progress: Progress, t_end: Any = None,
 ) -> Ensemble:
@@ -576,7 +577,7 @@ def _each_alone(
         for warn_of_one in (stepper.rotations.warn_of, warn_of_missed_rate):
             next(filter(warn_of_one, members), None)
     else:  # the row at which an impact ends a run is in its member alone
-        lengths = [min(runs.first.stored(member.report.steps) + 1, len(member))
+        lengths = [min(runs.first.rows_after(member.report.steps) + 1, len(member))
                    for member in members]
         states = runs.first.rows + 1
         if not interrupts.requested:
@@ -712,7 +713,7 @@ def _with_tangents(
     return replace(ensemble, tangents=tangents, _make=member)
 
 
-def _each(name: str, value: Any, size: int) -> Array:
+def _number_of_each_run(name: str, value: Any, size: int) -> Array:
     """Return one number, or one for each of ``size`` trajectories; refuse other shapes."""
     array = as_numbers(name, value)
     if array.shape not in ((), (size,)):
@@ -728,7 +729,7 @@ def _rows(stepper: Stepper, name: str, value: Any) -> Array:
     return array
 
 
-def _each_parameters(
+def _parameters_of_runs(
     parameters: Any, size: int, domains: Mapping[str, str]
 ) -> list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]:
     """Return the parameters of ``size`` trajectories.
@@ -741,7 +742,7 @@ def _each_parameters(
         refuse_texts(parameters, domains)
         # rules are evaluated later, with the inertia of each run
         rules = {name: rule for name, rule in parameters.items() if isinstance(rule, Rule)}
-        columns = {name: _each(f"Parameter {name}", number_or_rule, size)
+        columns = {name: _number_of_each_run(f"Parameter {name}", number_or_rule, size)
                    for name, number_or_rule in parameters.items() if name not in rules}
         common_values = {name: column[()] for name, column in columns.items() if not column.shape}
         return rules | common_values, {name: column for name, column in columns.items()

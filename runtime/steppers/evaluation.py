@@ -41,7 +41,7 @@ class Evaluation:
         self.name = name
         self.files = complete(files)
         self.manifest = read_manifest(name, self.files)
-        self.binding = self._bound(load_module(name, self.files))
+        self.binding = self._bind(load_module(name, self.files))
         self._lanes_binding: list[Binding] = []
         self.n, self.m = self.binding.shown, self.binding.m
         self.unknowns = self.binding.unknowns
@@ -64,10 +64,10 @@ class Evaluation:
             return self.binding
         if not self._lanes_binding:  # two threads may both load it; the first one's stays
             self._lanes_binding.append(
-                self._bound(load_module(self.name, self.files, "lanes")))
+                self._bind(load_module(self.name, self.files, "lanes")))
         return self._lanes_binding[0]
 
-    def _bound(self, module: Any) -> Binding:
+    def _bind(self, module: Any) -> Binding:
         """Return the calls of a loaded module on arrays of this stepper's numbers."""
         return _binding_type(self.manifest.real)(module, self.name, self.manifest)
 
@@ -319,7 +319,7 @@ class Evaluation:
 
     def _cast(self, numbers: Array) -> Array:
         """Return a copy in the stepper's number type; numbers beyond its range become infinite."""
-        return self.binding.converted(numbers)
+        return self.binding.to_real(numbers)
 
     def _step_of(self, dt: Number | None, dtau: Number | None) -> Any:
         """Return the checked step: dt, or dtau in scaled time."""

@@ -145,8 +145,8 @@ class ContinuedStep(AdvancingRun):
             and q.dtype == self.q.dtype and p.dtype == self.p.dtype
             and np.array_equal(q, self.q) and np.array_equal(p, self.p)
             and (self.binding.time is None or t0 == run.t0 + self.steps * run.dt)
-            and all(map(_same, arguments[:-1], self._arguments))
-            and _same_numbers(arguments[-1], self._parameters)
+            and all(map(_equal, arguments[:-1], self._arguments))
+            and _equal_numbers(arguments[-1], self._parameters)
         )
 
     def run_from(self, q: Any, p: Any, t0: Any) -> RunArguments:
@@ -195,9 +195,9 @@ class RecordingRun(AdvancingRun):
     def _make_room(self, steps: int) -> None:
         """Enlarge the memory for rows to ``steps`` steps, at least to twice its size."""
         if steps > len(self._inputs):
-            self._put(max(steps, 2 * len(self._inputs)), self._rows, self._inputs)
+            self._move_rows(max(steps, 2 * len(self._inputs)), self._rows, self._inputs)
 
-    def _put(self, room: int, rows: Rows, inputs: Array) -> None:
+    def _move_rows(self, room: int, rows: Rows, inputs: Array) -> None:
         """Move the rows of all steps so far into memory for ``room`` steps."""
         step_count = self.steps
         self._rows, self._inputs = (Rows.allocate(self.binding, room + 1),
@@ -228,7 +228,7 @@ class RecordingRun(AdvancingRun):
         AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
         report, rows, inputs, self._has_inputs, self._failed = image[3:]
         self.binding.image(self.record)[:] = np.frombuffer(report, dtype=np.uint8)
-        self._put(max(self.steps, FIRST_STEPS), rows, inputs)
+        self._move_rows(max(self.steps, FIRST_STEPS), rows, inputs)
 
     def trajectory(self, manifest: Manifest) -> Trajectory:
         """Return all states, and the inputs of each step."""
@@ -572,8 +572,8 @@ class Simulation:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Pickle by the stepper's sources and the bytes of the memory."""
-        return _unpickled, (self._stepper, self._stepper._provenance, self._run.run, self._image(),
-                            self._records)
+        return _unpickle, (self._stepper, self._stepper._provenance, self._run.run, self._image(),
+                           self._records)
 
     @property
     def _records(self) -> bool:
@@ -682,7 +682,7 @@ def _simulation(
     return simulation
 
 
-def _unpickled(
+def _unpickle(
     stepper: Stepper, provenance: dict[str, str], run: RunArguments, image: tuple[Any, ...],
     record: bool = False,
 ) -> Simulation:
@@ -701,11 +701,11 @@ def _unpickled(
     return _simulation(stepper, run, image, record)
 
 
-def _same(a: Any, b: Any) -> bool:
+def _equal(a: Any, b: Any) -> bool:
     """Whether two arguments are equal and of one type; arrays, whose == is an array, never are."""
     return type(a) is type(b) and not isinstance(a, np.ndarray) and bool(a == b)
 
 
-def _same_numbers(a: Any, b: Mapping[str, Any]) -> bool:
+def _equal_numbers(a: Any, b: Mapping[str, Any]) -> bool:
     """Whether ``a`` is a dict with the keys of ``b`` and equal numbers of equal types."""
-    return isinstance(a, dict) and a.keys() == b.keys() and all(_same(a[k], b[k]) for k in b)
+    return isinstance(a, dict) and a.keys() == b.keys() and all(_equal(a[k], b[k]) for k in b)

@@ -622,7 +622,7 @@ class Stepper(Dynamics):
         with self._deriving:
             if self._impacts is None:
                 module = load_module(self.name, self._derivative_files(), "impacts")
-                self._impacts = self._bound(module)
+                self._impacts = self._bind(module)
         return self._impacts
 
     def _at(

@@ -107,7 +107,8 @@ def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
         run_tool([*compiler, *_WITH_LIBRARY, *flags, *definitions(manifest), "-c", "glue.c", "-o",
                   f"{manifest.name}.o"], folder, "Compiling WebAssembly")
     objects = [f"{manifest.name}.o" for manifest in manifests]
-    exports = [f"-Wl,--export={function}" for manifest in manifests for function in exported(
+    exports = [f"-Wl,--export={function}" for manifest in manifests
+               for function in exported_functions(
         manifest.name, (folder / f"{manifest.name}.h").read_text(encoding="utf-8"))]
     # without the C library, unless a function of mathematics is missing then
     for target in (_WITHOUT_LIBRARY, _WITH_LIBRARY):
@@ -130,7 +131,7 @@ def definitions(manifest: Manifest) -> list[str]:
             f"-DCONSTRAINTS={len(manifest.system.constraints)}"]
 
 
-def exported(name: str, header: str) -> list[str]:
+def exported_functions(name: str, header: str) -> list[str]:
     """Return the functions of a stepper in the module: those of its header, and of glue.c."""
     declared = re.findall(rf"^[\w ]*?\b{name}_(\w+)\(", header, re.MULTILINE)
     return [f"{name}_{function}" for function in (*dict.fromkeys(declared), *_OWN)]

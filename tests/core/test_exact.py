@@ -121,7 +121,7 @@ def test_the_nearest_number_of_a_type(value):
             assert all(error <= abs(whole(x) - value) for x in near)
     assert as_float(value, np.float64) == as_double(value)
     mantissa, exponent = nearest(value, 113, -16494)
-    assert binary128.exact(binary128.rounded(value)) == mantissa * Fraction(2) ** exponent
+    assert binary128.exact(binary128.round_to_quad(value)) == mantissa * Fraction(2) ** exponent
 
 
 @pytest.mark.parametrize("x", [LONG.max, LONG.tiny, LONG.smallest_subnormal, LONG.tiny * 3 / 7])
@@ -153,7 +153,7 @@ def test_digits_give_the_number_back(value):
 
 
 def test_short_decimals_stay_short():
-    assert digits_of(binary128.rounded(Fraction(1, 10))) == "0.1"
+    assert digits_of(binary128.round_to_quad(Fraction(1, 10))) == "0.1"
     assert digits_of(rounding("long-double")(Fraction(1, 10))) == "0.1"
     assert digits_of(binary128.quad(0.1)) == 0.1
     assert from_text(0.1, "float128") == binary128.quad(0.1)
@@ -175,4 +175,4 @@ def test_a_double_that_knows_its_digits():
     for again in (copy.deepcopy(tenth), copy.copy(tenth), pickle.loads(pickle.dumps(tenth))):
         assert again.whole == Fraction(1, 10)
     assert Rounded(Fraction(10) ** 400) == math.inf
-    assert binary128.quad(tenth) == binary128.rounded(Fraction(1, 10)) != binary128.quad(0.1)
+    assert binary128.quad(tenth) == binary128.round_to_quad(Fraction(1, 10)) != binary128.quad(0.1)

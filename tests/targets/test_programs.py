@@ -13,7 +13,7 @@ import gyrospark as gs
 from c_programs import run
 from compilers import COMPILERS_OF_CPLUSPLUS, MAIN, compiler
 from gyrospark.targets.arduino import program_of
-from gyrospark.targets.artefact import filled
+from gyrospark.targets.artefact import fill_template
 from gyrospark.targets.native import C_FLAGS, native_bits
 from gyrospark.targets.tools import TOOLS
 from processes import ROOT, call
@@ -152,7 +152,7 @@ def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):
     m4 = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
     sketch = built.path / "examples" / name / f"{name}.ino"
     (tmp_path / "main.cpp").write_text(program_of(sketch, 100), encoding="utf-8")
-    (tmp_path / "Arduino.h").write_text(filled("Arduino.h"), encoding="utf-8")
+    (tmp_path / "Arduino.h").write_text(fill_template("Arduino.h"), encoding="utf-8")
     start = run(["arm-none-eabi-gcc", *m4, "-print-file-name=rdimon-crt0.o"], tmp_path).strip()
     run(["arm-none-eabi-gcc", *m4, "-Os", "-std=c11", "-ffp-contract=off", "-c",
          built.path / "src" / f"{name}.c", "-o", "stepper.o"], tmp_path)

@@ -184,7 +184,7 @@ def _run(stepper, library, options, steps):
 def test_functions_of_the_header_are_exported(glued):
     made, libraries = glued
     for stepper, library in zip(made.options.steppers, libraries, strict=True):
-        names = webassembly.exported(stepper.name, stepper.sources[f"{stepper.name}.h"])
+        names = webassembly.exported_functions(stepper.name, stepper.sources[f"{stepper.name}.h"])
         assert {f"{stepper.name}_{what}" for what in (
             "begin", "advance", "energy", "start", "velocity", "repeat")} <= {*names}
         assert all(hasattr(library, name) for name in names)

@@ -608,7 +608,7 @@ def test_what_is_published_is_written_by_nobody_else(own_cache, quick, monkeypat
         os.umask(before)
     for path in (own_cache, built, text):
         assert not path.stat().st_mode & 0o022
-        assert build_cache.distrusted(path) == ""
+        assert build_cache.untrusted_writers(path) == ""
     assert stepper_module._record(built)
     assert build_cache.read_cache(text.name) == ["text"]
 
@@ -628,7 +628,7 @@ def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_
             os.chown(path, 12345, 12345)
         else:
             path.chmod(0o764 if planted == "group writes" else 0o746)
-        assert build_cache.distrusted(path) != ""
+        assert build_cache.untrusted_writers(path) != ""
         assert not stepper_module._record(path)
     assert build_cache.read_cache("text.source.json") is None
     monkeypatch.setattr(stepper_module, "compile_verified", lambda *_: pytest.fail("built anew"))
@@ -661,7 +661,7 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
     with pytest.warns(gs.errors.InputWarning, match="GYROSPARK_CACHE"):
         folder = build_cache._usable(own_cache)
     assert folder == build_cache.cache_folder() != own_cache
-    assert not build_cache.distrusted(folder)
+    assert not build_cache.untrusted_writers(folder)
 
 
 def test_empty_or_missing_cache_is_no_error(own_cache):

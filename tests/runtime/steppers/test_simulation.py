@@ -112,7 +112,7 @@ def test_copies_go_their_own_way(gl3):
 def test_a_pickle_of_other_code_is_refused(gl3):
     sim = begun(gl3)
     make, (step, provenance, *rest) = sim.__reduce__()
-    assert make is simulation._unpickled
+    assert make is simulation._unpickle
     with refused("pickled.*cpu"):
         make(step, provenance | {"cpu": "another"}, *rest)
 
