@@ -144,7 +144,7 @@ def stepper(
                              "stages.")
         spec = Spec.of_tableau(rep, system_name, real)
     else:
-        spec = Spec.checked(scheme, stages, rep, system_name, real, file, order, composition)
+        spec = Spec.from_arguments(scheme, stages, rep, system_name, real, file, order, composition)
     spec = spec.with_frame(frame).with_energy(energy)
     if system_name is None and system is not None and rep is not None:
         raise InputError("rep belongs to the named systems; a System brings its own H.")
@@ -293,7 +293,7 @@ def load_model(
     """
     from .generator.models.model_file import load_model as load
 
-    number = rounding(Spec.checked("EMS", real=real).real)  # or says what may be chosen
+    number = rounding(Spec.from_arguments("EMS", real=real).real)  # or says what may be chosen
     options = {
         "set": set, "angles": angles, "rates": rates, "ignore": ignore, "gravity": gravity,
         "limits": limits, "loops": loops, "keyframe": keyframe, "base": base, "position": position,
@@ -372,9 +372,9 @@ def tableau(
     if isinstance(scheme, Path) or str(scheme).endswith(".json"):
         if stages is not None:
             raise InputError("A tableau file fixes its stages; leave out stages.")
-        result = tableau_of(Spec.checked(tableau=Path(scheme)))
+        result = tableau_of(Spec.from_arguments(tableau=Path(scheme)))
     else:
-        result = tableau_of(Spec.checked(scheme, stages))
+        result = tableau_of(Spec.from_arguments(scheme, stages))
     if result is None:
         names = [scheme.name for scheme in SCHEMES.values() if scheme.tableau is not None]
         raise InputError(f"{scheme} has no SPARK tableau; choose {join_or(names)}.")

@@ -275,7 +275,7 @@ class SparkGuarantees:
     @property
     def _digits(self) -> str:
         """The end of a sentence on a tableau that is given in decimals; empty for an exact one."""
-        digits = self.tableau.digits_given
+        digits = self.tableau.decimal_digits
         return "" if digits is None else f", to the {digits} digits of the tableau"
 
 

@@ -68,7 +68,7 @@ class LoopDrift:
     epsilon: float
 
     @property
-    def resolved(self) -> bool:
+    def is_resolved(self) -> bool:
         """Whether the spectral derivative is converged to round-off.
 
         The aliasing error of I, relative to the loop, is the product of mode k of p and its mirror
@@ -172,7 +172,7 @@ def loop_drift(
                 break  # too large a loop: no step or no projection from some of its states
             if best is None or drift.tail < best.tail:
                 best = drift
-            if drift.resolved:
+            if drift.is_resolved:
                 return drift
             if drift.tail > 1e-3:
                 break  # more points would not be enough

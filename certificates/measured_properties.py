@@ -208,7 +208,7 @@ class Examination:
                           (rounded.q_sizes, rounded.p_sizes), dt=self.run.dt, steps=self.steps,
                           parameters=self.parameters)
         # without a number only algebra can refute the invariant
-        if loop is None or not loop.resolved:
+        if loop is None or not loop.is_resolved:
             why = f"refuted in exact algebra: {guarantee.refuted}; " if guarantee.refuted else ""
             return CertificateLine(quantity, "no loop could be followed", "-",
                                    False if guarantee.refuted else None,

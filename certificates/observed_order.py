@@ -54,8 +54,8 @@ def observed_order(tableau: Tableau) -> float:
         order = slope
         if abs(order - round(order)) < _NEAR and round(order) <= tableau.order:
             break
-    if tableau.digits_given is not None and not abs(order - mp.nint(order)) < _NEAR:
-        order = _order_of_longer_steps(tableau, h, tableau.digits_given)
+    if tableau.decimal_digits is not None and not abs(order - mp.nint(order)) < _NEAR:
+        order = _order_of_longer_steps(tableau, h, tableau.decimal_digits)
     return float(order)
 
 
@@ -78,8 +78,8 @@ def _slope(tableau: Tableau, h: Any) -> float | None:
         y = exact.start()
         half = method.step(y, h / 2)
         error = _largest_difference(half, exact.step(y, h / 2))
-        if tableau.digits_given is not None:
-            differently_rounded = _Spark(_rounded_differently(method.tab, tableau.digits_given),
+        if tableau.decimal_digits is not None:
+            differently_rounded = _Spark(_rounded_differently(method.tab, tableau.decimal_digits),
                                          tableau.s, tableau.p)
             if not error > _CLEAR * _largest_difference(half, differently_rounded.step(y, h / 2)):
                 return None

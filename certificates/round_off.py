@@ -99,7 +99,7 @@ class RoundOff:
     def energy(self) -> float:
         """Round-off of H, in scaled time of H + e: of the states and of the arithmetic, in ε."""
         system = self.system
-        H = system.conserved if isinstance(system, ScaledSystem) else system.H
+        H = system.conserved_function if isinstance(system, ScaledSystem) else system.H
         errors = self._errors(system.q, self.q_sizes) | self._errors(system.p, self.p_sizes)
         return float(self._largest([H], errors)[0])
 

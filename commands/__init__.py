@@ -136,7 +136,7 @@ def exit_code_of(trouble: BaseException | None, interrupts: Interrupts, subject:
     ``Stopped`` is printed, not raised: click takes it for any KeyboardInterrupt. ``subject``,
     "run" or "sweep", is complete where a signal came during the report.
     """
-    if trouble is None and interrupts.requested:
+    if trouble is None and interrupts.is_requested:
         trouble = Stopped(f"Stopped while the report was made: the {subject} is complete.",
                           interrupts.signal)
     if isinstance(trouble, Stopped):

@@ -28,9 +28,8 @@ from ..generator.spec import Spec
 from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
-           "check_writable", "completing", "frame_option", "json_option",
-           "method_options", "real_number", "solver_from", "spec_from",
-           "stepper_options", "whole_number"]
+           "check_writable", "completing", "frame_option", "json_option", "method_options",
+           "real_number", "solver_from", "spec_from", "stepper_options", "whole_number"]
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -53,7 +52,8 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
                      help=f"{join_or(SCHEMES)} (default: {DEFAULT})."),
         click.option("--stages", metavar="S", help="Stages of " + " or ".join(
-            f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values() if scheme.counted)
+            f"{scheme.name} ({scheme.fewest}..)" for scheme in SCHEMES.values()
+            if scheme.takes_stages)
             + f" (default: {DEFAULT_STAGES})."),
         click.option("--order", metavar="N", help="Order of splitting: 2, 4, 6, 8 or 10."),
         click.option("--composition", metavar="NAME", shell_complete=completing(COMPOSITIONS),
@@ -128,7 +128,7 @@ def spec_from(
     """Return the checked spec that the options of a command describe."""
     count = None if stages is None else whole_number("--stages", stages)
     degree = None if order is None else whole_number("--order", order)
-    spec = Spec.checked(scheme, count, rep, system, real, tableau, degree, composition)
+    spec = Spec.from_arguments(scheme, count, rep, system, real, tableau, degree, composition)
     return spec.with_frame(frame).with_energy(energy)
 
 

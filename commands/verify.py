@@ -144,8 +144,8 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
                              "give one.")
     # a file is a tableau, anything else the name of a stepper
     if target.endswith(".json") or Path(target).is_file():
-        return [Spec.checked(None, None, choice["rep"], choice["system"], choice["real"],
-                             Path(target))]
+        return [Spec.from_arguments(None, None, choice["rep"], choice["system"], choice["real"],
+                                    Path(target))]
     for key in ("rep", "system", "real"):
         if choice[key]:
             raise InputError(f"--{key} {choice[key]!r} is given besides {target!r}, which says it "
@@ -171,8 +171,8 @@ def spec_of_name(name: str) -> Spec:
     system, method, stages, rep, real = match.groups()
     number = int(stages) if stages else None
     composed = SCHEMES[methods[method]].composed
-    return Spec.checked(methods[method], None if composed else number, rep, system,
-                        reals[real] if real else None, order=number if composed else None)
+    return Spec.from_arguments(methods[method], None if composed else number, rep, system,
+                               reals[real] if real else None, order=number if composed else None)
 
 
 # ---------------------------------------------------------------- a model

@@ -25,13 +25,13 @@ class Interrupts:
         self.signal = 0
 
     @property
-    def requested(self) -> bool:
+    def is_requested(self) -> bool:
         """Whether a signal has come."""
         return self.signal != 0
 
     def handle(self, number: int, frame: FrameType | None) -> None:
         """Record a signal; the second one ends the process at once."""
-        if self.requested:
+        if self.is_requested:
             raise KeyboardInterrupt
         self.signal = number
 

@@ -36,7 +36,7 @@ class Spec:
     ``tableau`` names a JSON file; scheme and stages are then the file's. ``model`` names a TOML
     file; the system is then the file's, and so is the representation unless ``rep`` says
     otherwise; likewise where ``system`` names one of ``gyrospark.models``. Construct with
-    ``Spec.checked`` or ``Spec.of_tableau``, which raise one-sentence errors.
+    ``Spec.from_arguments`` or ``Spec.of_tableau``, which raise one-sentence errors.
     """
 
     scheme: str
@@ -82,7 +82,7 @@ class Spec:
         return replace(self, profile=chosen)
 
     @classmethod
-    def checked(
+    def from_arguments(
         cls,
         scheme: Any = None,
         stages: Any = None,
@@ -135,7 +135,7 @@ class Spec:
             return f"{scheme.key}_{self.composition}" if self.composition else \
                 f"{scheme.key}{self.order}"
         exact = "_energy" if self.energy else ""
-        return f"{scheme.key}{self.stages}{exact}" if scheme.counted else scheme.key
+        return f"{scheme.key}{self.stages}{exact}" if scheme.takes_stages else scheme.key
 
     @property
     def title(self) -> str:
@@ -143,7 +143,7 @@ class Spec:
         if self.order is not None:
             return f"splitting of order {self.order}" + (
                 f", {self.composition}" if self.composition else "")
-        counted = self.scheme != OWN and scheme_named(self.scheme).counted
+        counted = self.scheme != OWN and scheme_named(self.scheme).takes_stages
         exact = " with exact energy" if self.energy else ""
         return f"{self.stages}-{self.scheme}{exact}" if counted else self.scheme
 
@@ -192,9 +192,9 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
             )
         return None
     allowed = f"{scheme.name} takes {scheme.fewest}" + (
-        f" to {scheme.most}" if scheme.counted else " and no other number")
+        f" to {scheme.most}" if scheme.takes_stages else " and no other number")
     if stages is None:
-        return DEFAULT_STAGES if scheme.counted else scheme.fewest
+        return DEFAULT_STAGES if scheme.takes_stages else scheme.fewest
     count = as_integer(stages)
     if count is None:
         raise InputError(f"Stages {shown(stages)} is not a whole number; {allowed}.")

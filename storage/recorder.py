@@ -244,9 +244,9 @@ class Recorder:
             self._commit(writer)
             # the last part of a step, to a t_end between two steps, is no step of the grid
             if (self.run.rest and self.state.steps == self.run.steps and not self._has_ended()
-                    and not interrupts.requested):
+                    and not interrupts.is_requested):
                 self._take_last_part(writer)
-        if interrupts.requested and self.state.status <= 0:
+        if interrupts.is_requested and self.state.status <= 0:
             raise self._stop_exception(interrupts)
 
     def _stop_exception(self, interrupts: Interrupts) -> Stopped:
@@ -267,7 +267,7 @@ class Recorder:
         ``interrupts`` end it after a chunk; ``progress`` is called with the steps done.
         """
         run, committed = self.run, time.monotonic()
-        while self.state.steps < run.steps and not self._has_ended() and not interrupts.requested:
+        while not (self.state.steps >= run.steps or self._has_ended() or interrupts.is_requested):
             row = self.state.steps // run.every + 1 - self.first_row  # the next row in the block
             if row == self.block:
                 self._commit(writer, reusable=True)

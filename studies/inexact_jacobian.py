@@ -65,7 +65,7 @@ def inexact_stepper(scheme: str, stages: int, rep: str) -> Stepper:
     Its residual is the product's, so that a converged step is the same step. ``rep`` is "gamma"
     or "alpha".
     """
-    spec = Spec.checked(scheme, stages, rep)
+    spec = Spec.from_arguments(scheme, stages, rep)
     tableau = tableau_of(spec)
     assert tableau is not None, "the option is for SPARK methods"
     model = heavy_top("gamma" if rep == "gamma" else "alpha")

@@ -134,18 +134,18 @@ class _ClusterRun:
 
     def _fill(self) -> None:
         """Submit new tiles up to the capacity, and the blamed ones alone at the end."""
-        while len(self.submitted) < self.capacity.tiles and not self.interrupts.requested:
+        while len(self.submitted) < self.capacity.tiles and not self.interrupts.is_requested:
             tile = next(self.tiles, None)
             if tile is None:
                 break
             self._submit(tile)
-        if not self.submitted and self.blamed and not self.interrupts.requested:
+        if not self.submitted and self.blamed and not self.interrupts.is_requested:
             self.retried_alone.add(self.blamed[-1].place)
             self._submit(self.blamed.pop())
 
     def _withdraw(self) -> None:
         """After a signal, cancel the tiles that no worker has begun."""
-        if self.interrupts.requested:
+        if self.interrupts.is_requested:
             self.client.cancel([future for future, _ in self.submitted.values()
                                 if future.status == "pending"])
 
@@ -159,7 +159,7 @@ class _ClusterRun:
                 self.sink.write(tile, future.result())
             self.advance(tile)
         elif future.status == "cancelled":
-            if not self.interrupts.requested:
+            if not self.interrupts.is_requested:
                 self._submit(tile)
         elif isinstance(future.exception(), KilledWorker):
             # once more alone, at the end: another tile on the worker may have used up its memory

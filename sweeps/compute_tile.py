@@ -290,12 +290,12 @@ def run_tiles(
     pool = ThreadPoolExecutor(workers, thread_name_prefix="gyrospark-sweep")
     try:
         while True:
-            while len(submitted) < 2 * workers and not interrupts.requested:
+            while len(submitted) < 2 * workers and not interrupts.is_requested:
                 tile = next(tiles, None)
                 if tile is None:
                     break
                 submitted[pool.submit(compute, study, fields, tile)] = tile
-            if interrupts.requested:
+            if interrupts.is_requested:
                 submitted = {future: tile for future, tile in submitted.items()
                              if not future.cancel()}
             if not submitted:

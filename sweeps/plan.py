@@ -130,9 +130,10 @@ def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any, order: An
     if isinstance(scheme, str) and " " in scheme and stages is None and order is None:
         return [scheme]
     method = DEFAULT_SCHEME if scheme is None and order is None else scheme
-    if stages is None and isinstance(method, str) and method in SCHEMES and SCHEMES[method].counted:
+    if stages is None and isinstance(method,
+                                     str) and method in SCHEMES and SCHEMES[method].takes_stages:
         stages = DEFAULT_STAGES
-    spec = Spec.checked(method, stages, order=order)
+    spec = Spec.from_arguments(method, stages, order=order)
     number = stages if spec.order is None else spec.order
     return [spec.scheme if number is None else f"{spec.scheme} {number}"]
 

@@ -280,7 +280,7 @@ def _compute(
         else:
             cluster.run_tiles(study, fields, remaining_tiles, sink, client, interrupts,
                               progress_count.add)
-    if interrupts.requested:
+    if interrupts.is_requested:
         raise Stopped(_interruption_text(progress_count, path), interrupts.signal)
 
 

@@ -85,10 +85,12 @@ def _stepper(
 
     scheme = _scheme(label)
     if isinstance(model, (str, Path)):
-        spec = Spec.checked(**scheme, rep=rep, system=str(model), real=real).with_frame(frame)
+        spec = Spec.from_arguments(**scheme, rep=rep, system=str(model),
+                                   real=real).with_frame(frame)
         return model_stepper(spec)
     if isinstance(model, Problem):
-        spec = Spec.checked(**scheme, rep=rep, system=model.system, real=real).with_frame(frame)
+        spec = Spec.from_arguments(**scheme, rep=rep, system=model.system,
+                                   real=real).with_frame(frame)
         stepper = stepper_of(spec)
         return stepper, RunDefaults.of_problem(model)
     if not hasattr(model, "system") or not hasattr(model, "q0"):
@@ -97,7 +99,7 @@ def _stepper(
     if rep is not None:
         raise InputError(f"rep = {rep!r} belongs to names and files; a Model brings its own H.")
     # a Model has its frame, unless the caller names another
-    spec = Spec.checked(**scheme, real=real).with_frame(frame or model.frame or None)
+    spec = Spec.from_arguments(**scheme, real=real).with_frame(frame or model.frame or None)
     return stepper_of(spec, model.system), RunDefaults.of(model)
 
 

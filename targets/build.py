@@ -209,7 +209,7 @@ def _schemes(
         stage_prefix = re.match(r"(\d+)-", text)
         name = text if stage_prefix is None else text[stage_prefix.end():]
         scheme = SCHEMES[choose("scheme", name, SCHEMES)]
-        count = stages if scheme.counted else None
+        count = stages if scheme.takes_stages else None
         if stage_prefix is not None:
             count = int(stage_prefix[1])
         orders = (order, composition) if scheme.composed else (None, None)
@@ -223,8 +223,8 @@ def _spec(
     """Return the checked spec of one stepper, of profile control."""
     named = system.system if isinstance(system, Problem) else (
         system if isinstance(system, str) else None)
-    return Spec.checked(scheme, stages, rep, named, real, None, order, composition
-                        ).with_profile("control")
+    return Spec.from_arguments(scheme, stages, rep, named, real, None, order, composition
+                               ).with_profile("control")
 
 
 def _resolve_system(system: Any, rep: Any) -> Any:

@@ -92,7 +92,7 @@ def _of_kernels(derived: Derived) -> LaneIteration:
         constant_schur=is_constant,
         scalar_schur=m > 0 and system.correction is not None,
         separable=system.is_separable,
-        shared=len(system.shared),
+        shared=len(system.shared_sums),
         affine=system.is_affine,
         history=_history(derived),
         memory=_memory(derived, constant_count, m * m, single=True),

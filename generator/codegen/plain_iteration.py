@@ -61,7 +61,7 @@ def plain_iteration(derived: Derived) -> PlainIteration:
         constant_schur=bool(m) and is_constant,
         scalar_schur=bool(m) and system.correction is not None,
         separable=system.is_separable,
-        shared=len(system.shared),
+        shared=len(system.shared_sums),
         affine=system.is_affine,
         orders=_ORDERS,
         unknowns=2 * s * scheme.system.n + p * m,
@@ -79,7 +79,7 @@ def _emit_kernels(derived: Derived, system: FastSystem) -> dict[str, EmittedKern
              for symbol in system.folds.definitions.values()}
     target = Target("real", "constants", "", folds, derived.profile == "control")
     # kernels that share subexpressions w are called as a pair, under names of their own
-    names = {"velocity": "first_rates", "force": "second_rates"} if system.shared else {}
+    names = {"velocity": "first_rates", "force": "second_rates"} if system.shared_sums else {}
     return {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), derived.constants,
                                 derived.real, target) for k in kernels}
 

@@ -144,11 +144,11 @@ class _Formulas:
         """Return the decimal digits · 10^exponent, exactly."""
         return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
-    def named(self, name: str) -> Value:
+    def value_of(self, name: str) -> Value:
         """Return the value of a name: exact if it is a number, else one term of a formula."""
         expression = self.names[name]
         if expression.is_number:
-            return numbers.named(expression)
+            return numbers.value_of(expression)
         return Value(expression, None, 1, terms=len(sp.Add.make_args(expression)))
 
     def add(self, terms: Sequence[Value]) -> Value:
@@ -193,7 +193,7 @@ class _Formulas:
                     "base above 0, or an integer exponent"
                 )
             if exponent.is_number:
-                return self.evaluated(sp.Pow, mp.power, [base, exponent])
+                return self.constant_value(sp.Pow, mp.power, [base, exponent])
         # bounds of the expansion: a root counts as one level, any other power as two
         size = math.floor(abs(_number(exponent))) if exponent.is_number else 1
         terms = math.comb(base.terms + size - 1, size)
@@ -237,7 +237,7 @@ class _Formulas:
             return _formula(arguments, 1, sum(a.terms for a in arguments), make)
         if function in numbers.FUNCTIONS:
             return numbers.FUNCTIONS[function](*constants)
-        return self.evaluated(make, getattr(mp, function), constants)
+        return self.constant_value(make, getattr(mp, function), constants)
 
     # ------------------------------------------------------------ conditions
 
@@ -274,7 +274,7 @@ class _Formulas:
         return _formula(parts, 0, sum(a.terms for a in parts),
                         lambda *expressions: condition.chooser(*expressions[-2:]))
 
-    def evaluated(
+    def constant_value(
         self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
     ) -> Value:
         """Return a function of constants, which must be a real number of at most 10^50.
@@ -357,7 +357,7 @@ def _formula(
                 f"which is not within ±{MAX_EXPONENT}; lower it"
             )
     if expression.is_number:
-        return numbers.named(expression)
+        return numbers.value_of(expression)
     return Value(expression, None, bits, level, terms)
 
 

@@ -154,17 +154,17 @@ class Body(Frame):
         """Return a body with quaternion and position: 7 coordinates."""
         x = tuple(sp.Symbol(f"{name}_{axis}", real=True) for axis in _AXES)
         p_x = tuple(sp.Symbol(f"{name}_p{axis}", real=True) for axis in _AXES)
-        return cls._named(name, rep, x, p_x, _vector(x), _vector([sp.Integer(0)] * 3), tensor)
+        return cls._with_name(name, rep, x, p_x, _vector(x), _vector([sp.Integer(0)] * 3), tensor)
 
     @classmethod
-    def held(
+    def with_fixed_point(
         cls, name: str, rep: Rep, origin: Vector, centre: Vector, *, tensor: bool = False
     ) -> Body:
         """Return a body one of whose points is fixed in space: 4 coordinates."""
-        return cls._named(name, rep, (), (), origin, centre, tensor)
+        return cls._with_name(name, rep, (), (), origin, centre, tensor)
 
     @classmethod
-    def _named(
+    def _with_name(
         cls, name: str, rep: Rep, x: tuple[sp.Symbol, ...], p_x: tuple[sp.Symbol, ...],
         origin: Vector, centre: Vector, tensor: bool,
     ) -> Body:
@@ -309,7 +309,7 @@ class Particle(Body):
         return f"<Particle {self.name}>"
 
     @classmethod
-    def named(cls, name: str) -> Particle:
+    def with_name(cls, name: str) -> Particle:
         """Return the point with the symbols of a name."""
         x, p_x = (sp.symbols([f"{name}_{prefix}{axis}" for axis in _AXES], real=True)
                   for prefix in ("", "p"))

@@ -288,7 +288,7 @@ class Multibody:
         checked_inertia = as_inertia(inertia, f"inertia of {name!r}")
         origin = vector(f"fixed point of {name!r}", at)
         middle = vector(f"centre of {name!r}", centre)
-        body = Body.held(
+        body = Body.with_fixed_point(
             name, rep, named_vector(f"{name}_at", origin.tolist(), self._components.values),
             named_vector(f"{name}_centre", middle.tolist(), self._components.values),
             tensor=is_tensor(checked_inertia),
@@ -378,7 +378,7 @@ class Multibody:
         ``position`` and ``velocity`` are in space; by default as ball joints require, else 0.
         """
         self._components.claim(name, "body")
-        point = Particle.named(name)
+        point = Particle.with_name(name)
         self._components.values[str(point.mass)] = positive(f"mass of {name!r}", mass)
         self._components.bodies[point] = initial_state(
             name, None, None, position, velocity, (0, 0, 0))

@@ -18,8 +18,18 @@ from mpmath.libmp import mpf_floor, to_int
 from ...core.records import dataclass
 from .tokens import RefusedError, shorten
 
-__all__ = ["FUNCTIONS", "ROOTS", "Value", "add", "multiply", "named", "order", "power", "rational",
-           "reciprocal"]
+__all__ = [
+    "FUNCTIONS",
+    "ROOTS",
+    "Value",
+    "add",
+    "multiply",
+    "order",
+    "power",
+    "rational",
+    "reciprocal",
+    "value_of",
+]
 
 MAX_EXPONENT = 64
 #: Largest number of bits of numerator and denominator: of a rational, of a radicand, and of an
@@ -243,7 +253,7 @@ def _square_root(value: Value) -> Value:
     return power(value, rational(HALF))
 
 
-def named(expression: sp.Expr) -> Value:
+def value_of(expression: sp.Expr) -> Value:
     """Return the value of a name: a number, or an expression with free symbols."""
     if expression.is_Rational:
         return rational(expression)

@@ -64,9 +64,9 @@ class _ExactNumbers:
         """Return digits · 10^exponent."""
         return rational(sp.Integer(digits) * sp.Integer(10) ** exponent)
 
-    def named(self, name: str) -> Value:
+    def value_of(self, name: str) -> Value:
         """Return the value of a name."""
-        return self.count_radicals(numbers.named(self.names[name]))
+        return self.count_radicals(numbers.value_of(self.names[name]))
 
     def add(self, terms: Sequence[Value]) -> Value:
         """Return the sum."""

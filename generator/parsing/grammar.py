@@ -67,12 +67,12 @@ class ParserArithmetic(Protocol[V]):
 
     @property
     def names(self) -> Mapping[str, Any]:
-        """The permitted names, for which ``named`` returns a value."""
+        """The permitted names, for which ``value_of`` returns a value."""
 
     def literal(self, digits: int, exponent: int) -> V:
         """Return digits · 10^exponent."""
 
-    def named(self, name: str) -> V:
+    def value_of(self, name: str) -> V:
         """Return the value of a name."""
 
     def add(self, terms: Sequence[V]) -> V:
@@ -369,7 +369,7 @@ class _Parser(Generic[V]):
             raise self.error(f"The name {shorten(token.text)} is unknown",
                              f"use one of {shorten(allowed, 600)}"
                              f"{proposal(token.text, self.arithmetic.names)}")
-        return self.apply(token, self.arithmetic.named, token.text)
+        return self.apply(token, self.arithmetic.value_of, token.text)
 
     def close(self, opening: Token) -> None:
         """Consume the closing parenthesis of an opening one."""

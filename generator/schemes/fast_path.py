@@ -127,7 +127,7 @@ class FastSystem:
         return c if all(self.reduce_modulo_g(e) == 0 for e in differences) else None
 
     @cached_property
-    def shared(self) -> list[sp.Expr]:
+    def shared_sums(self) -> list[sp.Expr]:
         """Sums u in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
         if self.system.m and self.correction is None:
             return []  # H_p is evaluated again with H_q
@@ -182,7 +182,7 @@ class FastSystem:
         H_p, H_q = ([self.folds(e) for e in gradient]
                     for gradient in (self.system.H_p, self.system.minus_p_rate))
         w = []
-        for index, u in enumerate(map(self.folds, self.shared)):
+        for index, u in enumerate(map(self.folds, self.shared_sums)):
             factor = self._common_constant(u, H_p + H_q)
             symbol = sp.Symbol(f"_w{index}", real=True)
             w.append(factor * u)
@@ -345,7 +345,7 @@ class FastLagrangian(FastSystem):
     is_separable = False
 
     @property
-    def shared(self) -> list[sp.Expr]:
+    def shared_sums(self) -> list[sp.Expr]:
         """Empty: the engine shares the factors of M between H_p and H_q."""
         return []
 

@@ -54,7 +54,7 @@ class FastTableau:
         """Tolerance of x + y = 1 for decimals: a digit less than given, over the least weight²."""
         # decimals satisfy a_ij/b_j + â_ji/b̂_i = 1 to their last digit over the weights they are
         # divided by
-        digits = self.tableau.digits_given
+        digits = self.tableau.decimal_digits
         if digits is None:
             return Fraction(0)
         weights = [*self.centres["b"], *self.centres["b_tilde"]]

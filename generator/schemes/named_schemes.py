@@ -67,7 +67,7 @@ class Scheme:
         return self.name.lower().replace("-", "")
 
     @property
-    def counted(self) -> bool:
+    def takes_stages(self) -> bool:
         """Whether it is a family, for which users give the number of stages."""
         return 0 < self.fewest < self.most
 

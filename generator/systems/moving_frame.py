@@ -36,17 +36,17 @@ class TransformedSystem(System):
         return {**super().defining, "energy": self.energy}
 
     @property
-    def conserved(self) -> sp.Expr:
+    def conserved_function(self) -> sp.Expr:
         """The function on g = 0 whose gradient by p is the velocity, up to a factor."""
         return self.energy
 
     @cached_property
     def hidden(self) -> list[sp.Expr]:
-        """The constraint on the momenta, m entries: g_q ∂c/∂p with c = ``conserved``.
+        """The constraint on the momenta, m entries: g_q ∂c/∂p with c = ``conserved_function``.
 
         On g = 0 it is g_q H̃_p up to a factor; c is shorter than H̃.
         """
-        velocity = gradient(self.conserved, self.p)
+        velocity = gradient(self.conserved_function, self.p)
         rates = [sum((a * v for a, v in zip(row, velocity, strict=True)), sp.Integer(0))
                  for row in self.G]
         return [self._without_units(shortest(rate)) for rate in rates]

@@ -49,7 +49,7 @@ class ScaledSystem(TransformedSystem):
         return {**super().defining, "scale": self.scale}
 
     @property
-    def conserved(self) -> sp.Expr:
+    def conserved_function(self) -> sp.Expr:
         """H + e, which is 0 along the motion."""
         return self.energy + self.p[-1]
 

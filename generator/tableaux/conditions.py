@@ -224,9 +224,9 @@ def _check(tableau: Tableau) -> tuple[Condition, ...]:
         _stability(tableau),
         _order(tableau),
     )
-    if tableau.digits_given is None:
+    if tableau.decimal_digits is None:
         return lines
-    size = f"0 to {tableau.digits_given} digits"  # rounded numbers prove no more
+    size = f"0 to {tableau.decimal_digits} digits"  # rounded numbers prove no more
     return tuple(replace(line, residual=size) if line.residual == "0" else line for line in lines)
 
 

@@ -118,7 +118,7 @@ def stability(tableau: Tableau) -> Stability | None:
     ends = _rational(nodes.one) * _rational(basis["b"]).transpose() * _rational(nodes.trace)
     rounding = sp.Integer(0)
     if tableau.given:
-        digits = tableau.digits_given
+        digits = tableau.decimal_digits
         rounding = sp.Rational(1, 2**BITS if digits is None else 10 ** (digits - 2))
     constrained = tableau.p == tableau.s and multiplier_inverse(tableau) is not None
     return Stability(_drop_round_off(_determinant(stages - ends), rounding),

@@ -107,7 +107,7 @@ class Tableau:
     rounding: Rounding | None = None
 
     @property
-    def digits_given(self) -> int | None:
+    def decimal_digits(self) -> int | None:
         """Digits after the point of the least precise decimal entry; None for an exact tableau."""
         return None if self.rounding is None else self.rounding.digits
 

@@ -66,10 +66,10 @@ def integrate_observed(
         trouble, trajectory = error, error.trajectory
     with catch_ctrl_c() as interrupts:
         # a signal that has ended the run does not end the location of its events
-        had_signal = interrupts.requested
+        had_signal = interrupts.is_requested
         crossings_by_name = observer.take_crossings(
-            lambda: interrupts.requested and not had_signal)
-    if interrupts.requested and not had_signal:
+            lambda: interrupts.is_requested and not had_signal)
+    if interrupts.is_requested and not had_signal:
         raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)

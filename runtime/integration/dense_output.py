@@ -62,8 +62,8 @@ def between(
     threads = threads_of(workers)
     with catch_ctrl_c() as interrupts:
         states = _states_at(stepper, trajectory, times, lambda ensemble: fill_ensemble(
-            ensemble, threads, lambda: interrupts.requested))
-    if interrupts.requested:
+            ensemble, threads, lambda: interrupts.is_requested))
+    if interrupts.is_requested:
         raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
                       interrupts.signal, trajectory=trajectory)
     return states

@@ -103,7 +103,7 @@ def integrate(
         After Ctrl-C, with everything computed until then.
     """
     with catch_ctrl_c() if run.steps > 1 else _WITHOUT_INTERRUPTS as interrupts:
-        trajectory, status, state = march(binding, manifest, run, lambda: interrupts.requested,
+        trajectory, status, state = march(binding, manifest, run, lambda: interrupts.is_requested,
                                           progress, observer, constants, pace)
     return require_end(binding, manifest, run, trajectory, status, state, interrupts)
 
@@ -121,7 +121,7 @@ def require_end(
         diagnosis = diagnose(binding, manifest, run.at_step(report.steps), status, state.q, state.p,
                              run.t0 + report.steps * run.dt)
         raise failure_of(binding, run, trajectory, diagnosis, state.q)
-    if interrupts.requested:
+    if interrupts.is_requested:
         raise Stopped(f"{ended_at(trajectory.report.steps, run.steps)} The states are in "
                       ".trajectory.", interrupts.signal, trajectory=trajectory)
     return trajectory

@@ -293,13 +293,13 @@ def _side_by_side(
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
             """Integrate the runs of ``states`` and store their states in it."""
-            fill_ensemble(states, threads, lambda: interrupts.requested, report)
+            fill_ensemble(states, threads, lambda: interrupts.is_requested, report)
 
         fill(computed, report)
         crossings = _crossings(stepper, levels, computed, fill)
         event_tuple = () if levels is None else levels.events
         ensemble = _ensemble(stepper, computed, crossings, event_tuple)
-        if runs.rests is not None and not interrupts.requested:
+        if runs.rests is not None and not interrupts.is_requested:
             last_runs = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
             parts = EnsembleStates.of(stepper, last_runs,
                                       detectors_for(stepper, levels, last_runs))
@@ -313,8 +313,8 @@ def _side_by_side(
             stepper.rotations.warn_of_many(runs.parameters, dt, ensemble.q, ensemble.p)
         if tangents is not None:
             ensemble = _with_tangents(stepper, ensemble, tangents, threads,
-                                      lambda: interrupts.requested)
-    if interrupts.requested:
+                                      lambda: interrupts.is_requested)
+    if interrupts.is_requested:
         raise _stop_exception(interrupts, sum(computed.row_counts), ensemble, ensemble.t.size)
     return ensemble
 
@@ -472,13 +472,13 @@ def _integrate_on(
             """Report the steps so far; return whether Ctrl-C asks for an end."""
             if report is not None:
                 report(int(trajectories.steps_done.sum()))
-            return interrupts.requested
+            return interrupts.is_requested
 
         ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop), [], ())
                     if state is None else shared_ensemble(stepper, trajectories, like, stop))
         if report is not None:
             report(int(trajectories.steps_done.sum()))
-    if interrupts.requested:
+    if interrupts.is_requested:
         stored_rows = int(sum(runs.first.rows_after(step_count) + 1
                               for step_count in trajectories.steps_done.tolist()))
         raise _stop_exception(interrupts, stored_rows, ensemble, len(runs) * (runs.first.rows + 1))
@@ -568,7 +568,7 @@ def _integrate_separately(
     with (_progress_of(stepper, runs, progress, OPEN if to_end else None) as report,
           catch_ctrl_c() as interrupts):
         finished_runs = _run_on_threads(stepper, runs, events, t_end, threads, report,
-                                        lambda: interrupts.requested)
+                                        lambda: interrupts.is_requested)
     members = [finished.trajectory for finished in finished_runs]
     if to_end:
         lengths = [*map(len, members)]
@@ -580,7 +580,7 @@ def _integrate_separately(
         lengths = [min(runs.first.rows_after(member.report.steps) + 1, len(member))
                    for member in members]
         states = runs.first.rows + 1
-        if not interrupts.requested:
+        if not interrupts.is_requested:
             _warn_of_early_ends(finished_runs, runs.first.steps)
     failures = {i: failure_of(stepper.binding, runs[i], finished.trajectory,
                               Diagnosis.bare(finished.status), finished.q)
@@ -589,7 +589,7 @@ def _integrate_separately(
                  for event in events}
     ensemble = Ensemble(**_padded_arrays(members, lengths, states), failures=failures,
                         _name=stepper.name, _make=members.__getitem__, events=crossings)
-    if interrupts.requested:
+    if interrupts.is_requested:
         raise _stop_exception(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)
     return ensemble
 

@@ -350,12 +350,12 @@ class Simulation:
         """
         pace, status, steps_done = ChunkSize(), 0, 0
         with catch_ctrl_c() as interrupts:
-            while steps_done < steps and not status and not interrupts.requested:
+            while steps_done < steps and not status and not interrupts.is_requested:
                 count = min(pace.begin(), steps - steps_done)
                 status = self._run.advance(count)
                 pace.end(count)
                 steps_done += count
-        if interrupts.requested and not status:
+        if interrupts.is_requested and not status:
             raise Stopped(f"{ended_at(steps_done, steps)} The simulation is there.",
                           interrupts.signal)
         return status

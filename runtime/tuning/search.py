@@ -138,7 +138,7 @@ class Search:
                               [direction.A for direction in pilots.directions])
         order = pilots.stepper.order
         # an error of order r grows with a frequency about like ω^(r+1): two powers are tried
-        for k in {order // 2 + 1, order + 1} if lines.resolved else ():
+        for k in {order // 2 + 1, order + 1} if lines.is_resolved else ():
             yield f"frequencies, power {2 * k}", self._with_rates(lines.minimise(k, mean))
         for factor in (0.6, 0.8, 0.9, 1.1):
             yield (f"{factor} of the least squares",

@@ -70,7 +70,7 @@ class SpectralLines:
         self._band = float(np.abs(frequencies).max())
         # power close to the highest frequency is that of a faster motion, folded by the rows
         outer_band = np.abs(self._nu) > 0.875 * self._band
-        self.resolved = bool(self._power[outer_band].sum() <= _FOLDED * self._power.sum())
+        self.is_resolved = bool(self._power[outer_band].sum() <= _FOLDED * self._power.sum())
         strong = self._power > _FAINT * self._power.max(initial=0)
         self._power, self._nu, self._alpha = (
             x[strong] for x in (self._power, self._nu, self._alpha))

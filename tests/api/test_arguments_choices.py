@@ -37,7 +37,7 @@ def test_whole_numbers_of_any_type_count_stages():
 
 
 def test_problems_of_a_sweep_have_the_stepper_of_the_process():
-    assert stepper_of(Spec.checked("G-L", 2)) is stepper_of(Spec.checked("G-L", 2))
+    assert stepper_of(Spec.from_arguments("G-L", 2)) is stepper_of(Spec.from_arguments("G-L", 2))
 
 
 def test_unusable_system_and_tableau_are_refused():

@@ -45,7 +45,7 @@ def test_a_cached_model_has_the_numbers_and_the_system_of_a_new_one(pair, monkey
 
 def test_a_stepper_of_a_cached_model_does_not_make_its_system(pair, monkeypatch):
     new, _ = pair
-    spec = Spec.checked("IMS")
+    spec = Spec.from_arguments("IMS")
     files, _ = text_of(spec, new)
     cached = gs.models.chain(1)
     again, _ = text_of(spec, cached)

@@ -19,7 +19,7 @@ def test_the_constraint_on_the_momenta_is_derived_once(scheme, monkeypatch):
     derive, of = System.hidden.func, {}
     monkeypatch.setattr(System, "hidden", property(
         lambda system: of[system] if system in of else of.setdefault(system, derive(system))))
-    made = generate(Spec.checked(*scheme, "gamma"))
+    made = generate(Spec.from_arguments(*scheme, "gamma"))
     assert list(of) == [made.scheme.system]
 
 

@@ -303,7 +303,7 @@ def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
     run = SimpleNamespace(q=[0], p=[0], dt=0.1)
     measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={},
                                round_off=SimpleNamespace(sizes_of_steps=None),
-                               switching=SimpleNamespace(named=""), decay=0.0)
+                               switching=SimpleNamespace(description=""), decay=0.0)
     line = measured_properties.Examination._order(measured)
     assert line.found == found
     assert line.holds in (None, True)

@@ -81,7 +81,7 @@ def test_drift_of_schemes(scheme, stages, kept):
     """1e-13 of ∮|p dq| over 400 steps for SPARK; EMS and IMS stray by a million times that."""
     loop = loop_drift(gs.stepper(scheme, stages), TOP.q0, TOP.p0, SIZES, dt=1e-3, steps=400,
                       parameters=PARAMETERS)
-    assert loop.resolved
+    assert loop.is_resolved
     assert abs(loop.start) > 1e-4 * loop.scale
     assert loop.halfway <= loop.drift
     assert loop.drift <= 1e-13 * loop.scale if kept else loop.drift > 1e-8 * loop.scale
@@ -94,8 +94,8 @@ def test_a_smaller_loop_where_a_large_one_tears():
     upright = np.array([1.0, 0, 0, 0]), np.array([0, 1e-3, 0, 0])
     step = gs.stepper("G-L", 3)
     short = loop_drift(step, *upright, SIZES, dt=0.02, steps=100, parameters=parameters)
-    assert short.resolved
+    assert short.is_resolved
     assert short.drift <= 1e-13 * short.scale
     no_room = loop_drift(step, *upright, (1e9 * SIZES[0], SIZES[1]), dt=0.02, steps=300,
                          parameters=parameters)
-    assert no_room is None or not no_room.resolved or no_room.drift <= 1e-12 * no_room.scale
+    assert no_room is None or not no_room.is_resolved or no_room.drift <= 1e-12 * no_room.scale

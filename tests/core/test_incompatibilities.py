@@ -25,7 +25,7 @@ from gyrospark.runtime.results.joint_motion import cotangents_of_multipliers
 from processes import ROOT
 
 LIMITS = ROOT / "docs" / "limits.md"
-SPEC = Spec.checked("G-L", 2)
+SPEC = Spec.from_arguments("G-L", 2)
 
 
 def derived(spec=SPEC, name=None, **options):
@@ -178,7 +178,7 @@ CHANGING = {"push": [0.1, 0.2, 0.3], "pull": 0.1}
 TERMINAL = gs.Event("q1", terminal=True)
 #: Pair → a call that has both.
 CALLS = {
-    ("splitting", "frame"): derived(Spec.checked("splitting", order=2).with_frame("symmetries")),
+    ("splitting", "frame"): derived(Spec.from_arguments("splitting", order=2).with_frame("symmetries")),
     ("splitting", "solver"): split(solver=gs.Solver(tolerance=1e-9)),
     ("profile", "frame"): derived(SPEC.with_profile("run").with_frame("symmetries")),
     ("profile", "lagrangian"): derived(SPEC.with_profile("run"), "heavy_bob"),
@@ -187,11 +187,11 @@ CALLS = {
     ("profile", "time"): derived(SPEC.with_profile("control"), "breathing"),
     ("profile", "newton_only"): without_iteration,
     ("control", "long_numbers"): derived(
-        Spec.checked("G-L", 2, real="long-double").with_profile("control")),
+        Spec.from_arguments("G-L", 2, real="long-double").with_profile("control")),
     ("energy", "frame"): derived(SPEC.with_energy(True).with_frame("symmetries")),
     ("energy", "profile"): derived(SPEC.with_energy(True).with_profile("run")),
     ("energy", "derivatives"): derived(SPEC.with_energy(True), derivatives=True),
-    ("other_scheme", "velocity_constraints"): derived(Spec.checked("EMS"), "sleigh"),
+    ("other_scheme", "velocity_constraints"): derived(Spec.from_arguments("EMS"), "sleigh"),
     ("profile", "velocity_constraints"): derived(SPEC.with_profile("run"), "sleigh"),
     ("frame", "velocity_constraints"): derived(SPEC.with_frame("symmetries"), "sleigh"),
     ("energy", "velocity_constraints"): derived(SPEC.with_energy(True), "sleigh"),
@@ -207,7 +207,7 @@ CALLS = {
     ("reversed", "inputs"): gradient("pushed_pendulum", "none", inputs=CHANGING),
     ("reversed", "frame"): gradient("heavy_top_in_frame", "none"),
     ("multiplier_derivatives", "turning_frame"): turned,
-    ("splitting", "scaled"): derived(Spec.checked("splitting", order=2), "scaled_pendulum"),
+    ("splitting", "scaled"): derived(Spec.from_arguments("splitting", order=2), "scaled_pendulum"),
     ("frame", "scaled"): derived(SPEC.with_frame("symmetries"), "scaled_pendulum"),
     ("profile", "scaled"): derived(SPEC.with_profile("run"), "scaled_pendulum"),
     ("scaled", "velocity_constraints"): lambda: systems.case("sleigh").system.with_time_scale(2),

@@ -39,14 +39,14 @@ def test_a_scheme_of_one_number_of_stages_is_called_by_its_name(monkeypatch):
     """Its stages need not be said, and are in no name; a family's have to."""
     made = replace(SCHEMES["LIIIA-B"], name="RATTLE", most=2)
     monkeypatch.setitem(SCHEMES, "RATTLE", made)
-    spec = Spec.checked("RATTLE")
+    spec = Spec.from_arguments("RATTLE")
     assert (spec.stages, spec.method, spec.title) == (2, "rattle", "RATTLE")
-    assert spec == Spec.checked("RATTLE", 2)
+    assert spec == Spec.from_arguments("RATTLE", 2)
     assert spec_of_name("heavy_top_rattle_gamma") == spec
     with pytest.raises(gs.InputError, match=r"RATTLE.* 2 "):
-        Spec.checked("RATTLE", 3)
-    assert tableau_of(spec).A == tableau_of(Spec.checked("LIIIA-B", 2)).A
-    assert Spec.checked("LIIIA-B", 2).title == "2-LIIIA-B"
+        Spec.from_arguments("RATTLE", 3)
+    assert tableau_of(spec).A == tableau_of(Spec.from_arguments("LIIIA-B", 2)).A
+    assert Spec.from_arguments("LIIIA-B", 2).title == "2-LIIIA-B"
 
 
 def test_what_lists_names_lists_all_of_them(gyrospark):

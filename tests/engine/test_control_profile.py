@@ -121,7 +121,8 @@ def small(tmp_path_factory):
 @pytest.fixture(scope="module")
 def composition(tmp_path_factory):
     """Order 4 of flows."""
-    return Control(made(Spec.checked("splitting", order=4)), tmp_path_factory.mktemp("flows"))
+    return Control(made(Spec.from_arguments("splitting", order=4)),
+                   tmp_path_factory.mktemp("flows"))
 
 
 # ---------------------------------------------------------------- the same numbers

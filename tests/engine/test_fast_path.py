@@ -44,7 +44,7 @@ def test_the_schur_matrix_of_a_body_is_one_over_its_parameter(name):
     assert fast.correction == 1 / (4 * parameter)
     assert fast.is_affine
     assert not fast.is_separable
-    assert len(fast.shared) == 3  # the components of L(q) p
+    assert len(fast.shared_sums) == 3  # the components of L(q) p
 
 
 @pytest.mark.parametrize("name", BODIES)
@@ -59,7 +59,7 @@ def test_identities_hold_at_states_on_the_constraint(name):
     G = sp.Matrix(system.G).subs(state)
     assert G * H_pp * G.T == sp.Matrix(fast.schur).subs(state)
     assert H_pp * G.T == fast.correction.subs(state) * G.T
-    for u in fast.shared:
+    for u in fast.shared_sums:
         moved = u.subs({y: y + 5 * x for x, y in zip(system.q, system.p, strict=True)})
         assert sp.expand(moved - u) == 0
 
@@ -160,7 +160,7 @@ def test_tables_are_halved_where_that_is_less_work_and_time_can_be_reversed():
         "mu", "mu_hat", "nu", "nu_tilde"}
     fast = FastTableau(gs.tableau("G-L", 8))
     uneven = [[Fraction(i + 1, j + 9) for j in range(8)] for i in range(8)]
-    vars(fast)["scaled"] = fast.scaled | {"mu": uneven}
+    vars(fast)["scaled_coefficients"] = fast.scaled_coefficients | {"mu": uneven}
     assert fast.even_odd_tables(double) == {}
 
 

@@ -61,7 +61,7 @@ def height(q):
 
 def names_of(system):
     """Return name → condition of the symmetries that are derived for a system."""
-    made = generate(Spec.checked("G-L", 1).with_frame("symmetries"), system=system)
+    made = generate(Spec.from_arguments("G-L", 1).with_frame("symmetries"), system=system)
     return {s["name"]: s["conditions"] for s in json.loads(made.source.manifest)["frame"][
         "symmetries"]}
 
@@ -90,7 +90,7 @@ def test_a_top_has_its_own_axis_and_the_vertical():
 
 
 def test_a_free_body_turns_about_any_axis_of_space():
-    found = generate(Spec.checked("G-L", 1, "gamma", "free_body").with_frame("symmetries"))
+    found = generate(Spec.from_arguments("G-L", 1, "gamma", "free_body").with_frame("symmetries"))
     said = json.loads(found.source.manifest)["frame"]["symmetries"]
     assert [s["name"] for s in said] == ["omega_body", "omega_space_1", "omega_space_2",
                                          "omega_space_3"]
@@ -107,7 +107,7 @@ def test_several_bodies_have_an_axis_each_and_the_vertical_together():
 def test_a_bodys_own_axis_costs_one_addition():
     """u₃(a u₃ − ω/2) has the derivative (2 a u₃ − ω/2) u₃′: the vertical alone costs terms."""
     def operations(*, frame):
-        spec = Spec.checked("G-L", 2, "gamma", system="heavy_top")
+        spec = Spec.from_arguments("G-L", 2, "gamma", system="heavy_top")
         made = generate(spec.with_frame("symmetries") if frame else spec)
         found = re.findall(r"/\* H_[pq].* w.* (\d+) add, (\d+) mul", made.source.source)
         return np.array(found, dtype=int)
@@ -314,7 +314,7 @@ def test_a_model_file_may_ask_for_frames(tmp_path):
     file = tmp_path / "moving.toml"
     for frame, names in (("", []), ('frame = "symmetries"', ["omega_space"])):
         file.write_text(frame + text, encoding="utf-8")
-        made = generate(Spec.checked("G-L", 1, None, str(file)))
+        made = generate(Spec.from_arguments("G-L", 1, None, str(file)))
         symmetries = json.loads(made.source.manifest).get("frame", {}).get("symmetries", ())
         assert [symmetry["name"] for symmetry in symmetries] == names
     file.write_text('frame = "moving"' + text, encoding="utf-8")

@@ -285,7 +285,7 @@ def test_a_rotation_near_pi_between_kicks_is_warned_of():
 @pytest.fixture(scope="module")
 def control(tmp_path_factory):
     """Order 4 in profile control, and its library."""
-    source = generate(Spec.checked("splitting", order=4).with_profile("control")).source
+    source = generate(Spec.from_arguments("splitting", order=4).with_profile("control")).source
     return source.name, shared_library(source, tmp_path_factory.mktemp("control"))
 
 
@@ -315,7 +315,7 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control
 def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
     """Whole runs and pieces; asymmetric, with drag and its work."""
     step, start, values = with_drag(turntable)
-    source = generate(Spec.checked("splitting", order=4).with_profile("run"), model=turntable,
+    source = generate(Spec.from_arguments("splitting", order=4).with_profile("run"), model=turntable,
                       system=turntable.system).source
     library, name = shared_library(source, tmp_path), source.name
     wanted = step.integrate(*start, dt=5e-3, steps=40, parameters=values)

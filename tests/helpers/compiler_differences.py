@@ -153,7 +153,8 @@ def of_model(
 ) -> StepperSource:
     """Return a stepper of a model, generated."""
     model = make()
-    made = generate(Spec.checked(scheme, stages, None, None, "double", None), system=model.system)
+    made = generate(Spec.from_arguments(scheme, stages, None, None, "double", None),
+                    system=model.system)
     return StepperSource(f"{name} {made.source.name}", made.source.files(), *_start(model))
 
 

@@ -85,7 +85,8 @@ def of_system(scheme: str, stages: int | None, system: Callable[[], gs.System], 
             from gyrospark.generator.pipeline import generate
             from gyrospark.generator.spec import Spec
 
-            made = generate(Spec.checked(scheme, stages), system=system(), structured=structured)
+            made = generate(Spec.from_arguments(scheme, stages), system=system(),
+                            structured=structured)
             step = gs.Stepper(made.source.name, made.source.files())
         return Golden(step, np.array(q, float), np.array(p, float), dt, values)
 

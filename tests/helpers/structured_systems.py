@@ -52,5 +52,6 @@ def made_beads(scheme: str, stages: int | None, structured: bool):
     with budget.shared():
         if structured:  # of eight coordinates, as of any system that is worth it
             return gs.stepper(scheme, stages, system=beads(4))
-        source = generate(Spec.checked(scheme, stages), system=beads(4), structured=False).source
+        source = generate(Spec.from_arguments(scheme, stages), system=beads(4),
+                          structured=False).source
         return Stepper(source.name, source.files())

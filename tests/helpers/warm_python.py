@@ -41,7 +41,7 @@ OURS = """
 import gyrospark.commands.run.command, gyrospark.commands.verify
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-generate(Spec.checked("G-L", 2, "gamma"))
+generate(Spec.from_arguments("G-L", 2, "gamma"))
 """
 
 

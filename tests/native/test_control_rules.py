@@ -13,8 +13,8 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import ROOT, call
 
-SPECS = [Spec("G-L", 2, real="float"), Spec("EMS"), Spec.checked("splitting", order=4),
-         Spec.checked("G-L", 2, None, str(ROOT / "examples/bungee.toml"))]
+SPECS = [Spec("G-L", 2, real="float"), Spec("EMS"), Spec.from_arguments("splitting", order=4),
+         Spec.from_arguments("G-L", 2, None, str(ROOT / "examples/bungee.toml"))]
 PAGE = ROOT / "docs" / "controllers.md"
 #: Left out, with reasons in the page.
 CHECKS = ("clang-analyzer-*,bugprone-*,cert-*,misc-*,-misc-include-cleaner,"

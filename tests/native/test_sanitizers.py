@@ -31,7 +31,7 @@ SANITIZE = ["-g1", "-O0", "-fsanitize=address,undefined", "-fno-sanitize-recover
 STEPPERS = {
     "derivatives": (Spec("G-L", 2), "pendulum", True),
     "rolling": (Spec("G-L", 2), "sleigh", False),
-    "splitting": (Spec.checked("splitting", order=2), "heavy_top", True),
+    "splitting": (Spec.from_arguments("splitting", order=2), "heavy_top", True),
     "frame": (Spec("G-L", 2).with_frame("symmetries"), "heavy_top_in_frame", True),
     "discrete gradient": (Spec("EMS"), "two_rods", True),
 }

@@ -275,7 +275,7 @@ def test_stopped_run_writes_what_it_has(gl3, gyrospark, monkeypatch, tmp_path):
     long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
             "5000", "--every", "10", "--out", "x.csv"]
     with monkeypatch.context() as patch:
-        patch.setattr(Interrupts, "requested", True)
+        patch.setattr(Interrupts, "is_requested", True)
         patch.setattr(Interrupts, "__init__", lambda self: setattr(self, "signal", 15))
         answer = gyrospark(*long)
     assert answer.code == 143

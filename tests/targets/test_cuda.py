@@ -45,7 +45,7 @@ RUN = {"dt": 1e-3, "steps": STEPS, "every": EVERY,
        "parameters": PARAMETERS | {"mgl": PARAMETERS["mgl"] * np.array([1, 1.1, 1.2])}}
 MANY = np.tile(TOP.q0, (COUNT, 1)), np.tile(TOP.p0, (COUNT, 1))
 SPECS = {"gl2": Spec("G-L", 2, "gamma"), "gl2_float": Spec("G-L", 2, "gamma", real="float"),
-         "splitting4": Spec.checked("splitting", rep="gamma", order=4)}
+         "splitting4": Spec.from_arguments("splitting", rep="gamma", order=4)}
 
 
 @pytest.fixture(scope="module")

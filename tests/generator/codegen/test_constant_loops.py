@@ -14,7 +14,7 @@ from gyrospark.runtime.compilation.kernel_text import kernels_of
 
 def sources_of(model, monkeypatch):
     """Return the name of a stepper, and its files with single assignments and with loops."""
-    spec, sources = Spec.checked("IMS"), []
+    spec, sources = Spec.from_arguments("IMS"), []
     for few in (64, 3):
         monkeypatch.setattr(constant_loops, "_FEW", few)
         monkeypatch.setattr(emit, "_LARGE", 4 * few)

@@ -19,7 +19,7 @@ def test_constants_of_h_have_no_derivatives(scheme):
     m, k = sp.symbols("m k", positive=True)
     H = (px**2 + py**2) / (2 * m) + k * x * y + k / 2
     system = gs.System((x, y), (px, py), (m, k), H, [x**2 + y**2 - 1], name="preloaded")
-    made = generate(Spec.checked(*scheme), system=system, derivatives=True, structured=True)
+    made = generate(Spec.from_arguments(*scheme), system=system, derivatives=True, structured=True)
     assert "preloaded" in made.source.name
     assert any("_tangent" in text for text in made.source.files().values())
 
@@ -30,7 +30,7 @@ def test_products_leave_out_entries_that_are_always_zero():
     m, k = sp.symbols("m k", positive=True)
     H = (px**2 + py**2) / (2 * m) + k * x * y
     system = gs.System((x, y), (px, py), (m, k), H, [x**2 + y**2 - 1], name="saddle")
-    made = generate(Spec.checked("G-L", 2), system=system, derivatives=True, structured=True)
+    made = generate(Spec.from_arguments("G-L", 2), system=system, derivatives=True, structured=True)
     text = "".join(made.source.files().values())
     factors = {name: set(re.findall(rf"m->\w+\[i\]\.{name}\[(\d)\]\[(\d)\]\*", text))
                for name in ("H_pp", "H_qq", "K")}

@@ -16,7 +16,7 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import ROOT
 
-SPEC = Spec.checked("IMS", None, None).with_profile("control")
+SPEC = Spec.from_arguments("IMS", None, None).with_profile("control")
 PENDULUM = """
 name = "spring"
 [system]

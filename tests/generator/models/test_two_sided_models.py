@@ -162,6 +162,6 @@ def test_the_same_in_the_words_of_sympy(tmp_path):
         "phase": sp.Piecewise((1, (q[2] < length) & (p[2] > 0)), (2, q[2] >= length), (3, True))}
     own = gs.System(q, p, read.parameters, H, name="fairground", forces=forces, time=t,
                     quantities=quantities)
-    spec = Spec.checked("EMS")
+    spec = Spec.from_arguments("EMS")
     ours, theirs = (generate(spec, system=s).source.source for s in (own, read))
     assert ours == theirs

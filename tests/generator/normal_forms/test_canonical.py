@@ -109,7 +109,8 @@ def test_equivalent_forms_of_a_chain_are_one_source():
     """Byte for byte, header and manifest too."""
     written = [everywhere(TEN[name])(links(2)) for name in ("expanded", "nested")]
     assert written[0].H != written[1].H
-    files = [generate(Spec.checked("G-L", 2), system=system).source.files() for system in written]
+    files = [generate(Spec.from_arguments("G-L", 2), system=system).source.files()
+             for system in written]
     assert files[0] == files[1]
 
 
@@ -145,7 +146,7 @@ def test_a_common_denominator_hides_no_terms():
     q, p = sp.symbols(f"x0:{count}", real=True), sp.symbols(f"p0:{count}", real=True)
     links_ = [sum((u - v) ** 2 for u, v in zip(q[i : i + 3], q[i - 3 : i] or (0, 0, 0),
                                                strict=True)) - L**2 for i in range(0, count, 3)]
-    sources = [generate(Spec.checked("G-L", 2), system=System(
+    sources = [generate(Spec.from_arguments("G-L", 2), system=System(
         q, p, (m, k, L), H, links_, name="chain")).source.files() for H in (
             sum(e**2 for e in p) / (2 * m) + m * k * sum(q[2::3]),
             sum(e**2 / (2 * m) for e in p) + sum(m * k * e for e in q[2::3]))]
@@ -267,7 +268,7 @@ def test_operations_of_bodies_do_not_grow(monkeypatch):
     counts = []
     for change in (canonical, lambda system: system):
         monkeypatch.setattr(pipeline, "canonical", change)
-        made = generate(Spec.checked("G-L", 2), system=gs.models.lagrange_top().system)
+        made = generate(Spec.from_arguments("G-L", 2), system=gs.models.lagrange_top().system)
         counts.append(sum(n for kernel in json.loads(made.source.manifest)["operations"].values()
                           for n in kernel.values()))
     assert counts[0] <= counts[1]

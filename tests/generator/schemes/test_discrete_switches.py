@@ -282,7 +282,7 @@ def test_jacobian_is_that_of_the_residual():
 
 
 def test_conditions_hold():
-    scheme = generate(Spec.checked("EMS"), system=FAIR).scheme
+    scheme = generate(Spec.from_arguments("EMS"), system=FAIR).scheme
     assert isinstance(scheme, MeanScheme)
     assert scheme.order == 2
     lines = {line.name: line for line in check_mean_scheme(scheme)}
@@ -297,7 +297,7 @@ def test_many_of_them():
     slack = [sp.Max(0, other - one - a) for one, other in pairwise(u)]
     chain = gs.System(u, v, (k, a), sum(z**2 for z in v) / 2 + k * sum(s**2 for s in slack)
                       + sp.Abs(u[0]) + sum(P((z**2, z < 0), (0, True)) for z in u), name="slack")
-    made = generate(Spec.checked("EMS"), system=chain)
+    made = generate(Spec.from_arguments("EMS"), system=chain)
     assert made.source.source.count("term0_count = ") == 1
     assert len(re.findall(r"static \w+ term\d+_energy", made.source.source)) <= 5
     step = gs.stepper("EMS", system=chain)

@@ -129,14 +129,14 @@ def test_schemes_without_equations_for_them_are_refused(scheme, stages):
 
 
 @pytest.mark.parametrize(("given", "named"), [
-    ({"spec": Spec.checked("G-L", 2).with_profile("control")}, "control"),
-    ({"spec": Spec.checked("G-L", 2).with_profile("run")}, "run"),
-    ({"spec": Spec.checked("G-L", 2).with_frame("symmetries")}, "frame"),
+    ({"spec": Spec.from_arguments("G-L", 2).with_profile("control")}, "control"),
+    ({"spec": Spec.from_arguments("G-L", 2).with_profile("run")}, "run"),
+    ({"spec": Spec.from_arguments("G-L", 2).with_frame("symmetries")}, "frame"),
     ({"derivatives": True}, "[Dd]erivatives"), ({"structured": True}, "structured"),
     ({"tableau": gs.tableau("G-L", 2)}, "tableau")])
 def test_what_does_not_know_them_is_refused(given, named):
     with pytest.raises(InputError, match=rf"{named}[^.]*sleigh|sleigh[^.]*{named}"):
-        generate(**{"spec": Spec.checked("G-L", 2)} | given, system=sleigh())
+        generate(**{"spec": Spec.from_arguments("G-L", 2)} | given, system=sleigh())
 
 
 def test_derivatives_of_steps_are_refused():

@@ -296,7 +296,7 @@ int main(void)
 def test_lanes_of_any_width_give_the_same_bits(name, tmp_path):
     """Plain numbers, the baseline of the machine, and all it has; no warning in any of them."""
     command = compiler(name)
-    source = generate(Spec.checked("IMS"), system=FORCED).source
+    source = generate(Spec.from_arguments("IMS"), system=FORCED).source
     write({**source.files(), "main.c": MAIN.replace("NAME", source.name)}, tmp_path)
     native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
     found = {}
@@ -312,7 +312,7 @@ def test_lanes_have_no_branch(tmp_path):
     """Masks: without a jump on a comparison between the conditions and what they choose."""
     if platform.machine() not in ("x86_64", "AMD64"):
         pytest.skip("reads the assembly of x86-64")
-    source = generate(Spec.checked("IMS"), system=FORCED).source
+    source = generate(Spec.from_arguments("IMS"), system=FORCED).source
     text = re.search(r"INLINE lanes lanes_choose.*?\n}\n", source.source, re.DOTALL)[0]
     (tmp_path / "choose.c").write_text(
         "typedef double lanes __attribute__((vector_size(16)));\n"

@@ -116,6 +116,6 @@ def test_a_wrong_gradient_is_refuted():
 
 def test_logarithm_of_a_parameter_is_computed_once_a_run():
     system = gs.System((x,), (u,), (a,), u**2 / 2 + a**x + a ** (-2 * x), name="once")
-    source = generate(Spec.checked("EMS"), system=system).source.source
+    source = generate(Spec.from_arguments("EMS"), system=system).source.source
     assert source.count("log(") == 1
     assert "pow(c->" not in source

@@ -186,7 +186,7 @@ def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
 
 def test_long_kernels_are_compiled_once(tmp_path):
     """Of the objects of a module one has the text of a kernel, what else calls it a declaration."""
-    files = generate(Spec.checked("G-L", 2), system=andrews()["system"]).source.files()
+    files = generate(Spec.from_arguments("G-L", 2), system=andrews()["system"]).source.files()
     (tmp_path / "andrews_gl2.c").write_text(files["andrews_gl2.c"])
     kernel = re.compile(r"^(?!.*static).*\bvoid (\w*constraint_increment)\([^;{]*\)\s*{",
                         re.MULTILINE)
@@ -287,7 +287,7 @@ def test_what_needs_h_written_out_says_so():
     """Two profiles and certificates."""
     for profile in ("control", "run"):
         with refused(f"{profile}.*Lagrangian"):
-            generate(Spec.checked("G-L", 2).with_profile(profile), system=double())
+            generate(Spec.from_arguments("G-L", 2).with_profile(profile), system=double())
     entry = systems.case("heavy_bob")
     with refused("Lagrangian"):
         gs.certify(gs.Model(entry.system, entry.parameters, entry.q, entry.p, dt=0.01, steps=5),

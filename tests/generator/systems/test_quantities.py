@@ -132,7 +132,7 @@ def test_reported_by_run(step):
 
 def test_quantities_do_not_touch_the_steps():
     """Beside one without them, a stepper with quantities has more lines, and no other ones."""
-    spec, unused = Spec.checked("G-L", 2), sp.Symbol("unused", positive=True)
+    spec, unused = Spec.from_arguments("G-L", 2), sp.Symbol("unused", positive=True)
     plain, watched = (generate(spec, system=gs.System(
         (x, y), (u, v), (unused,), (u**2 + v**2) / 2 + y, (x**2 + y**2 - 1,), name="watched",
         quantities=quantities, time=time)).source for quantities, time in (
@@ -155,7 +155,7 @@ def test_names_and_warnings(scheme, tmp_path):
         drive = sum(free) * (1 if clock is None else sp.cos(clock))
         odd = gs.System((q0,), (p0,), free, p0**2 / 2, forces=(drive * q0 - p0,), time=clock,
                         name="odd", quantities={"int": drive, "q": q0, "H_q": p0 * drive})
-        files = generate(Spec.checked(*scheme), system=odd).source.files()
+        files = generate(Spec.from_arguments(*scheme), system=odd).source.files()
         for name, text in files.items():
             (tmp_path / name).write_text(text, encoding="utf-8")
         source = next(name for name in files if name.endswith(".c"))

@@ -153,7 +153,8 @@ def test_trees_of_bodies_have_no_fill(parents):
 def test_text_hardly_depends_on_the_number_of_bodies():
     """Kernels are the same; only tables of indices grow."""
     lines = {links: [line for line in generate(
-        Spec.checked("G-L", 2), system=beads(links), structured=True).source.source.splitlines()
+        Spec.from_arguments("G-L", 2), system=beads(links),
+        structured=True).source.source.splitlines()
                      if not set(line) <= set("0123456789{}, -;")] for links in (3, 5)}
     kernels = [[line for line in lines[links] if "c->values[" not in line] for links in (3, 5)]
     assert len(kernels[1]) - len(kernels[0]) < 40
@@ -254,5 +255,5 @@ def test_a_constant_in_H_is_no_body():
     plain, more = (Structure(hoist_constants(replace(system, H=system.H + value))[0])
                    for value in (0, 3))
     assert more.coupled_sets == plain.coupled_sets
-    assert generate(Spec.checked("G-L", 1), system=replace(system, H=system.H + 3),
+    assert generate(Spec.from_arguments("G-L", 1), system=replace(system, H=system.H + 3),
                     structured=True).source

@@ -103,6 +103,6 @@ def test_a_start_off_a_moving_constraint_is_refused():
 
 
 def test_control_says_that_it_takes_time_in_forces_only():
-    spec = Spec.checked("G-L", 2).with_profile("control")
+    spec = Spec.from_arguments("G-L", 2).with_profile("control")
     with pytest.raises(InputError, match="profile full"):
         generate(spec, system=wire())

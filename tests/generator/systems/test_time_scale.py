@@ -79,7 +79,7 @@ def test_momentum_of_the_time_is_constant_without_forces_and_time():
 
 
 def test_manifest_hides_the_time_and_names_the_scale():
-    source = generate(Spec.checked("G-L", 2), system=kepler(time_scale=r)).source
+    source = generate(Spec.from_arguments("G-L", 2), system=kepler(time_scale=r)).source
     manifest = json.loads(source.manifest)["system"]
     assert manifest["coordinates"] == ["x", "y"]
     assert manifest["clock"] == {"time": "t", "momentum": "p_t", "scale": "time_scale"}
@@ -227,7 +227,8 @@ def test_unusable_scales_and_systems_are_refused(make, words):
                                                                      "control"),
     ({"profile": "run"}, "run")])
 def test_what_steps_in_scaled_time_do_not_have_is_refused(options, word):
-    spec = (Spec.checked(order=options["order"]) if "order" in options else Spec.checked("G-L", 2))
+    spec = (Spec.from_arguments(order=options["order"]) if "order" in options
+            else Spec.from_arguments("G-L", 2))
     spec = spec.with_frame(options.get("frame")).with_profile(options.get("profile"))
     with pytest.raises(gs.InputError) as caught:
         generate(spec, system=kepler(time_scale=r))

@@ -72,8 +72,8 @@ def test_entries_are_numbers_of_any_kind():
     for A, digits in ((np.array(as_fractions, float), 14), (wide, 38)):
         rounded = gs.tableau(A=A, b=[0.75, 0.25])
         assert_same(rounded, exact, digits)
-        assert (rounded.digits_given is not None, rounded.order) == (True, 3)
-    assert exact.digits_given is None
+        assert (rounded.decimal_digits is not None, rounded.order) == (True, 3)
+    assert exact.decimal_digits is None
 
 
 def test_five_stages_in_decimals_keep_their_order():

@@ -87,7 +87,7 @@ def test_the_script_derives_the_families_too(written: Any) -> None:
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_compiled_order_and_constraints(name: str) -> None:
     """The compiled step on an asymmetric top: the derived order, constraints at round-off."""
-    assert verify_stepper(Spec.checked(tableau=FOLDER / f"{name}.json")).holds
+    assert verify_stepper(Spec.from_arguments(tableau=FOLDER / f"{name}.json")).holds
     step, body = stepper_of(name), BODY
     parameters = body.parameters | {"gamma": 1.0}
     exact = gs.stepper("G-L", 8).integrate(body.q0, body.p0, dt=0.01, steps=200,
@@ -158,7 +158,7 @@ def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int) -> None:
     if s == 2:
         assert observed_order(tableau) == pytest.approx(4, abs=0.1)
         return
-    verdict = verify_stepper(Spec.checked(tableau=path))
+    verdict = verify_stepper(Spec.from_arguments(tableau=path))
     assert verdict.holds
     measured = next(line for line in verdict.conditions if line.name == "order, measured")
     assert "9 digits" in measured.found
@@ -201,7 +201,7 @@ def test_the_measured_order_is_at_least_the_proved_one(
 ) -> None:
     """The conditions are sufficient: more is no failure, and told as more."""
     monkeypatch.setattr("gyrospark.certificates.verification.observed_order", lambda tableau: order)
-    lines = verify_stepper(Spec.checked(tableau=FOLDER / "radau_iia_2.json")).conditions
+    lines = verify_stepper(Spec.from_arguments(tableau=FOLDER / "radau_iia_2.json")).conditions
     measured = next(line for line in lines if line.name == "order, measured")
     assert measured.holds is holds
     assert ("proved" in measured.found) == (order > 3.5)
@@ -258,7 +258,8 @@ def test_undetermined_multipliers_are_refused(nodes: Any, written: Any) -> None:
 
 def test_verify_ends_where_no_step_can_be_taken(written: Any) -> None:
     path = written(on_nodes("singular", *SINGULAR["a constraint node without weight"]))
-    broken = {line.name: line for line in verify_stepper(Spec.checked(tableau=path)).conditions
+    broken = {line.name: line
+              for line in verify_stepper(Spec.from_arguments(tableau=path)).conditions
               if not line.holds}
     assert broken.keys() == {"multipliers", "order, measured"}
     assert "singular" in broken["order, measured"].found
@@ -267,7 +268,8 @@ def test_verify_ends_where_no_step_can_be_taken(written: Any) -> None:
 def test_undetermined_multipliers_do_not_matter_without_constraints(written: Any) -> None:
     path = written(on_nodes("singular", *SINGULAR["a constraint node without weight"]))
     spring = systems.case("oscillator").system
-    assert generate(Spec.checked(tableau=path), system=spring).source.name == "oscillator_singular"
+    assert generate(Spec.from_arguments(tableau=path),
+                    system=spring).source.name == "oscillator_singular"
 
 
 @pytest.mark.parametrize("s", [1, 10])
@@ -293,7 +295,7 @@ def test_remarks_name_what_limits_the_order() -> None:
 
 def test_remarks_are_in_the_manifest_of_given_tableaux_only() -> None:
     path = FOLDER / "radau_plain_2.json"
-    about = json.loads(generate(Spec.checked(tableau=path)).source.manifest)["tableau"]
+    about = json.loads(generate(Spec.from_arguments(tableau=path)).source.manifest)["tableau"]
     assert about["remarks"] == remarks(read_tableau(path))
     assert about["conditions"]["symplectic, constraints"]["found"] == "yes"
     family = gs.stepper("G-L", 2)
@@ -326,7 +328,7 @@ def test_claims_of_a_method_that_is_not_symplectic(
         with pytest.raises(TableauError, match="violates"):
             gs.stepper(tableau=path)
     else:
-        assert generate(Spec.checked(tableau=path)).scheme.order == 3
+        assert generate(Spec.from_arguments(tableau=path)).scheme.order == 3
 
 
 # ---------------------------------------------------------------- any nodes

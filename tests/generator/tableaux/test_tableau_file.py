@@ -70,7 +70,7 @@ def test_example_is_gauss_lobatto_2() -> None:
     tableau = read_tableau(EXAMPLE)
     for key in FIELDS:
         assert getattr(tableau, key) == getattr(gauss_lobatto(2), key)
-    assert (tableau.name, tableau.s, tableau.p, tableau.digits_given) == ("my_gl2", 2, 2, None)
+    assert (tableau.name, tableau.s, tableau.p, tableau.decimal_digits) == ("my_gl2", 2, 2, None)
     assert tableau.claims == {"order": 4, "symmetric": 1}
     assert tableau.order == 4
     assert failed(tableau) == []
@@ -97,8 +97,8 @@ def test_families_survive_the_way_through_a_file(read: Any, family: Any, s: int)
 @pytest.mark.parametrize("digits", [12, 18, 40])
 def test_decimals_are_checked_to_the_digits_they_have(read: Any, digits: int) -> None:
     tableau = read(content_of(gauss_lobatto(3), digits))
-    assert tableau.digits_given is not None
-    assert digits - 2 < tableau.digits_given <= digits
+    assert tableau.decimal_digits is not None
+    assert digits - 2 < tableau.decimal_digits <= digits
     assert failed(tableau) == []
     assert tableau.order == 6
 
@@ -107,7 +107,7 @@ def test_decimals_are_checked_to_the_digits_they_have(read: Any, digits: int) ->
 def test_half_a_unit_is_what_digits_allow(read: Any, weight: str) -> None:
     """Of one rounded weight among exact entries: a whole unit off is another number."""
     tableau = read(example() | {"b": [weight, "1/2"]})
-    assert tableau.digits_given == len(weight) - 2
+    assert tableau.decimal_digits == len(weight) - 2
     assert "B" in failed(tableau)
     assert tableau.order < 4
 
@@ -134,14 +134,14 @@ def test_decimals_are_exact(read: Any) -> None:
     content["A"][0][0] = 0.25
     tableau = read(json.dumps(content).replace('"1/4 - sqrt(3)/6"', "-0.038675134594812882254"))
     assert tableau.A[0] == (sp.Rational(1, 4), sp.Rational("-0.038675134594812882254"))
-    assert tableau.digits_given == 21
+    assert tableau.decimal_digits == 21
     assert failed(tableau) == []
 
 
 def test_short_decimals_leave_the_tableau_exact(read: Any) -> None:
     content = example()
     content["A"][0][0], content["b"] = 0.25, ["0.5", 0.5]
-    assert read(content).digits_given is None
+    assert read(content).decimal_digits is None
 
 
 def test_parts_left_out(read: Any) -> None:

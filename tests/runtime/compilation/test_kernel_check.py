@@ -48,13 +48,13 @@ def curved() -> gs.System:
 
 
 SPECS = {
-    "G-L": lambda: generate(Spec.checked("G-L", 3)),
-    "EMS": lambda: generate(Spec.checked("EMS")),
-    "curved EMS": lambda: generate(Spec.checked("EMS"), system=curved()),
-    "curved": lambda: generate(Spec.checked("LIIIA-B", 2), system=curved()),
-    "forms": lambda: generate(Spec.checked("G-L", 2, system="double_pendulum")),
-    "float": lambda: generate(Spec.checked("IMS", real="float")),
-    "long-double": lambda: generate(Spec.checked("G-L", 1, real="long-double")),
+    "G-L": lambda: generate(Spec.from_arguments("G-L", 3)),
+    "EMS": lambda: generate(Spec.from_arguments("EMS")),
+    "curved EMS": lambda: generate(Spec.from_arguments("EMS"), system=curved()),
+    "curved": lambda: generate(Spec.from_arguments("LIIIA-B", 2), system=curved()),
+    "forms": lambda: generate(Spec.from_arguments("G-L", 2, system="double_pendulum")),
+    "float": lambda: generate(Spec.from_arguments("IMS", real="float")),
+    "long-double": lambda: generate(Spec.from_arguments("G-L", 1, real="long-double")),
 }
 
 

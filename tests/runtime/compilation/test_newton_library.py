@@ -21,7 +21,7 @@ RUN = {"dt": 0.02, "steps": 3, "parameters": {"k": 4.0}}
 
 
 def made(**options):
-    files = api.files_of(Spec.checked("IMS", **options))
+    files = api.files_of(Spec.from_arguments("IMS", **options))
     name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
     return name, dict(files)
 

@@ -24,7 +24,7 @@ COUNT = 9  # more than the lanes of a register, and no multiple of them
 
 def files_of(real, scheme="IMS"):
     """Return the files of a stepper whose sweeps fail for long steps: Newton is behind them."""
-    return api.files_of(Spec.checked(scheme, 2 if scheme == "G-L" else None, real=real))
+    return api.files_of(Spec.from_arguments(scheme, 2 if scheme == "G-L" else None, real=real))
 
 
 @pytest.fixture

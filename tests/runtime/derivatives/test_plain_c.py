@@ -52,7 +52,7 @@ int main(void)
     ("G-L", {"stages": 2}, 1),
     pytest.param("splitting", {"order": 4}, 0, marks=pytest.mark.slow)])
 def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, how, solver):
-    made = generate(Spec.checked(scheme, **how).with_profile("run"), derivatives=True)
+    made = generate(Spec.from_arguments(scheme, **how).with_profile("run"), derivatives=True)
     name, problem, steps = made.source.name, gs.problems.fast_top(), 20
     for file, text in made.source.files().items():
         (tmp_path / file).write_text(text)

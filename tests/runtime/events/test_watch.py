@@ -26,7 +26,7 @@ def watch_of(terminal: bool) -> EventDetector:
     levels = SimpleNamespace(
         binding=SimpleNamespace(times=lambda t0, dt, steps: t0 + steps * dt),
         events=(gs.Event("x"), gs.Event("y", direction=-1, terminal=terminal)),
-        differences=lambda parameters, t, q, p: q, timed=False, no_past=None,
+        differences=lambda parameters, t, q, p: q, is_time_dependent=False, no_past=None,
         near=lambda parameters, t, q, p, last: (0, len(q) - 1))
     return EventDetector(levels, None, 0.0, 1.0)
 

@@ -105,7 +105,7 @@ def test_watch_within_a_watch_is_the_same():
             interrupt()
     assert {number: signal.getsignal(number) for number in before} == before
     with catch_ctrl_c() as other:
-        assert not other.requested
+        assert not other.is_requested
 
 
 def test_a_build_that_is_terminated_leaves_no_folder(tmp_path):

@@ -212,4 +212,4 @@ def test_energy_drifts_where_a_motion_has_no_mirror(k):
 def test_no_derivatives_are_generated(kind):
     system = systems.case("sleigh").system
     with pytest.raises(gs.InputError, match=r"A0.*differences"):
-        generate(Spec.checked("G-L", 2), system=system, **{kind: True})
+        generate(Spec.from_arguments("G-L", 2), system=system, **{kind: True})

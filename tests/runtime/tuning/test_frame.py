@@ -207,13 +207,13 @@ def test_lines_are_centred():
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     q = np.stack([3 * wave(20 * t) + wave(26 * t) for wave in (np.cos, np.sin)], axis=1)
     lines = SpectralLines(q, q, 0.01, [turn])
-    assert lines.resolved
+    assert lines.is_resolved
     assert lines.minimise(1, np.zeros(1)) == pytest.approx([(9 * 20 + 26) / 10], rel=1e-6)
     middle = 20 + 6 / (1 + 9 ** (1 / 11))  # 9 x^11 = (6 - x)^11
     # A window has a width.
     assert lines.minimise(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)
     coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # folded: 26 rad/s > π/0.32
-    assert not coarse.resolved or abs(coarse.minimise(1, np.zeros(1))[0]) < 10
+    assert not coarse.is_resolved or abs(coarse.minimise(1, np.zeros(1))[0]) < 10
 
 
 # ---------------------------------------------------------------- certificates
