@@ -39,12 +39,12 @@ from .outputs import (
 from .state_columns import (
     event_headings,
     events_path,
+    file_rows,
     headings,
     places_of,
     spreadsheet_text,
     states_of,
     write_csv,
-    file_rows,
 )
 
 if TYPE_CHECKING:

@@ -315,8 +315,8 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control
 def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
     """Whole runs and pieces; asymmetric, with drag and its work."""
     step, start, values = with_drag(turntable)
-    source = generate(Spec.from_arguments("splitting", order=4).with_profile("run"), model=turntable,
-                      system=turntable.system).source
+    source = generate(Spec.from_arguments("splitting", order=4).with_profile("run"),
+                      model=turntable, system=turntable.system).source
     library, name = shared_library(source, tmp_path), source.name
     wanted = step.integrate(*start, dt=5e-3, steps=40, parameters=values)
 

@@ -322,7 +322,7 @@ def test_names_that_are_not_there(four_bar, tops, gl3):
     build = gs.Multibody("hand")
     build.rod("string", build.moving_point("grip", (0, 0, sp.sin(build.time))),
               build.point_mass("bob", mass=0.5, position=(0, 0, -1)))
-    source = generate(Spec.checked("G-L", 2), system=build.model().system).source
+    source = generate(Spec.from_arguments("G-L", 2), system=build.model().system).source
     manifest = read_manifest(source.name, source.files())
     with pytest.raises(gs.InputError, match="bob_x"):
         body_named(manifest, "bob")
