@@ -75,7 +75,7 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
     stored_tangents, directions, times = _propagate(stepper, rows.run, tangents,
                                                     [*rows.points, *events])
     count = len(rows.points)
-    tangent_rows = stored_tangents.at_states(*_of_rows(
+    tangent_rows = stored_tangents.of_others(*_of_rows(
         rows, stored_tangents, directions[:count], times[:count]))
     at_events = _of_events(rows, stored_tangents, directions[count:], times[count:])
     return replace_fields(trajectory, tangents=replace(tangent_rows, events=at_events))
@@ -100,7 +100,7 @@ def _of_events(
             continue
         states, of_times = _stack(stored_tangents, directions[crossings], times[crossings])
         # rows after q and p are of multipliers, which an event has not
-        tangents[name] = stored_tangents.at_states(
+        tangents[name] = stored_tangents.of_others(
             states[:, : len(stored_tangents.start)], of_times)
     return EventTangents(tangents, refused)
 

@@ -97,7 +97,7 @@ class TangentRows:
             blocks.append(of_multipliers)
         return np.concatenate(blocks, axis=1)
 
-    def at_states(self, columns: Array, t: Array) -> TangentRows:
+    def of_others(self, columns: Array, t: Array) -> TangentRows:
         """Return the same directions at other states and times.
 
         ``columns``, shape (rows, 2 n + multipliers, k), are as from ``together``.
