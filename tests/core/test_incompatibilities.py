@@ -178,7 +178,8 @@ CHANGING = {"push": [0.1, 0.2, 0.3], "pull": 0.1}
 TERMINAL = gs.Event("q1", terminal=True)
 #: Pair → a call that has both.
 CALLS = {
-    ("splitting", "frame"): derived(Spec.from_arguments("splitting", order=2).with_frame("symmetries")),
+    ("splitting", "frame"): derived(
+        Spec.from_arguments("splitting", order=2).with_frame("symmetries")),
     ("splitting", "solver"): split(solver=gs.Solver(tolerance=1e-9)),
     ("profile", "frame"): derived(SPEC.with_profile("run").with_frame("symmetries")),
     ("profile", "lagrangian"): derived(SPEC.with_profile("run"), "heavy_bob"),
