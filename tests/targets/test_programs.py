@@ -116,7 +116,8 @@ def test_octave_refuses_in_sentences(tmp_path):
     built = gs.build("octave", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
     calls = ("1, 10.5", "0.1, 10, [], [1 2]", '0.1, 10, [], [], [], struct("I4", 2)', "0, 10",
              "0.1, 10, 1, [], [], 3", "0.1, 10, 1, [], [], [], ones(3, 9)",
-             "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10")
+             "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10",
+             "0.1, 5, 1, [], [], [], ones(5, 3)", "0.1, 5, 1, sparse([1 0 0 0])")
     lines = [f"try, {NAME}({given}); disp('taken'), catch e, disp(e.message), end\n"
              for given in calls]
     inputs = (f"a = {NAME}(0.1, 5, 1, [], [], struct('u2', 0.3));\n"
@@ -128,7 +129,8 @@ def test_octave_refuses_in_sentences(tmp_path):
     said = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
     *refusals, same, size, of_energy, energies = said.stdout.splitlines()
     for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs",
-                               "step 2", "8 arg", "dt"), refusals, strict=True):
+                               "step 2", "8 arg", "dt", "5 rows; give 3", "q0.*sparse"), refusals,
+                              strict=True):
         assert re.search(words, refusal), refusal
         assert refusal.endswith(".")
     assert same.strip() == "1"
@@ -138,6 +140,30 @@ def test_octave_refuses_in_sentences(tmp_path):
                                 parameters=dict(built.options.parameters))
     np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies,
                                rtol=1e-13)
+
+
+@pytest.mark.slow  # Octave compiles twice
+def test_octave_compiles_what_was_built_again_and_says_where_steps_are_less_exact(tmp_path):
+    octave = TOOLS["octave"].find()
+    if octave is None or TOOLS["mkoctfile"].find() is None:
+        pytest.skip("Octave is not installed")
+
+    def built(**parameters):
+        return gs.build("octave", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made",
+                        parameters=parameters)
+
+    def last(arguments):
+        return call([*octave, "--no-gui", "--norc", "--quiet", "--eval",
+                     f"printf('%.17g', {NAME}({arguments})(1, end))"], cwd=tmp_path / "made")
+
+    heavy = 'struct("I1", 20)'
+    built()
+    first, other = last("0.1, 500"), last(f"0.1, 500, 1, [], [], {heavy}")
+    built(I1=20.0)
+    again = last("0.1, 500")
+    assert first.stdout != other.stdout == again.stdout
+    assert "converge" not in again.stderr
+    assert "of 3 steps did not converge" in last("40, 3").stderr
 
 
 def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):

@@ -45,8 +45,10 @@ static const mxArray *argument(int count, const mxArray *given[], int i)
 
 static const double *doubles(const mxArray *from, size_t count, const char *what)
 {
-    if (!mxIsDouble(from) || mxIsComplex(from) || mxGetNumberOfElements(from) != count)
-        mexErrMsgIdAndTxt("gyrospark:input", "%s takes %u real doubles.", what, (unsigned)count);
+    /* a sparse matrix holds no zeros: fewer numbers than it has elements */
+    if (!mxIsDouble(from) || mxIsComplex(from) || mxIsSparse(from) || mxGetNumberOfElements(from) != count)
+        mexErrMsgIdAndTxt("gyrospark:input", "%s takes %u real doubles that are not sparse.", what,
+            (unsigned)count);
     return mxGetPr(from);
 }
 
@@ -105,6 +107,9 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
     wheeled_satellite_gl2_gamma_parameters parameters;
     memcpy(&parameters, values, sizeof parameters);
     const double *inputs = at[6] ? doubles(at[6], INPUTS*steps, "inputs (one column for each step)") : NULL;
+    if (inputs && mxGetM(at[6]) != INPUTS)
+        mexErrMsgIdAndTxt("gyrospark:input", "inputs has %u rows; give %d, a row for each of u1, u2, u3, "
+            "and a column for each step.", (unsigned)mxGetM(at[6]), (int)INPUTS);
     const wheeled_satellite_gl2_gamma_options options = { 0, 50 };
     static wheeled_satellite_gl2_gamma_work work;
     if (wheeled_satellite_gl2_gamma_begin(&work, &parameters, &options, dt, q, p) != WHEELED_SATELLITE_GL2_GAMMA_OK)
@@ -117,6 +122,7 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
     mxArray *momenta = mxCreateDoubleMatrix(N, (mwSize)rows, mxREAL);
     mxArray *energies = mxCreateDoubleMatrix(1, (mwSize)rows, mxREAL);
     double iterations = 0;
+    size_t less_exact = 0;
     for (size_t k = 0;; ++k) {
         if (k % every == 0) {
             mxGetPr(energies)[k/every] =
@@ -140,8 +146,13 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
         if (status > 1)
             mexErrMsgIdAndTxt("gyrospark:step", "Step %u failed with status %d: choose a smaller dt than %g.",
                 (unsigned)k + 1, status, (double)dt);
+        less_exact += (size_t)(status == 1);
         iterations += wheeled_satellite_gl2_gamma_iterations(&work);
     }
+    if (less_exact > 0)
+        mexWarnMsgIdAndTxt("gyrospark:step",
+            "%u of %u steps did not converge to round-off: choose a smaller dt than %g.",
+            (unsigned)less_exact, (unsigned)steps, (double)dt);
     mxArray *const more[] = { momenta, mxCreateDoubleScalar(steps ? iterations/(double)steps : 0),
         energies };
     for (int i = 1; i < 4; ++i)
