@@ -161,7 +161,9 @@ def test_octave_compiles_what_was_built_again_and_says_where_steps_are_less_exac
     first, other = last("0.1, 500"), last(f"0.1, 500, 1, [], [], {heavy}")
     built(I1=20.0)
     again = last("0.1, 500")
-    assert first.stdout != other.stdout == again.stdout
+    assert float(first.stdout) < 0.07
+    # the start is projected again, which 500 steps amplify
+    assert float(again.stdout) == pytest.approx(float(other.stdout), rel=1e-10)
     assert "converge" not in again.stderr
     assert "of 3 steps did not converge" in last("40, 3").stderr
 
