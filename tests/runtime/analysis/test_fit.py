@@ -376,6 +376,9 @@ def test_data_that_are_no_measurements_are_refused():
     case = dataclasses.replace(top(), t=top().t[::-1])
     with refused("increase"):
         case.fit(case.attitudes)
+    case = dataclasses.replace(top(), t=np.where(top().t < top().t[-1], top().t, np.nan))
+    with refused("time in t"):
+        case.fit(case.attitudes)
 
 
 def test_a_first_guess_without_a_motion_fails_as_a_run_does():

@@ -121,6 +121,8 @@ def test_an_ensemble_is_not_read_as_a_run(tmp_path, name) -> None:
 def test_another_ending_is_refused(tmp_path) -> None:
     with refused(r"\.npz, \.csv, \.nc"):
         ensemble().save(tmp_path / "run.mat")
+    with refused(r"columns.*run\.npz"):
+        ensemble().save(tmp_path / "run.npz", columns=["t"])
     with pytest.raises(gs.GyrosparkError):
         ensemble().save(tmp_path / "nowhere" / "run.npz")
 

@@ -375,6 +375,8 @@ def test_nobodys_precision_is_changed(exact):
         (lambda: free_body(attitude=(0, 0, 0, 0)), "zero"),
         (lambda: free_body(attitude=(1, 0, 0)), "4 finite numbers"),
         (lambda: Problem("x", {}, [1, 0], [0] * 4, (1, 1, 1)), "q0 .* 4 finite numbers"),
+        (lambda: free_body([[2, 0.1, 0], [0.1, 2, 0], [0, 0, 3]]), "tensor.*Multibody"),
+        (lambda: free_body(attitude=np.eye(4)), "attitude"),
     ],
 )
 def test_refusals(call, words):
