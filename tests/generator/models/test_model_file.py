@@ -384,6 +384,8 @@ def test_bodies_are_what_the_builder_makes():
     ("axis = [0, 1, 0]", "axis = [0, 0, 0]", ["[[joints]] 2", "axis"]),
     ("axis = [0, 1, 0]", "", ["[[joints]] 2", "axis"]),
     ("rate = 2", "length = 2", ["[[joints]] 2, 'length'", "rate"]),
+    ('type = "torque"\nbodies = ["b"]', 'type = "torque"\nbodies = ["ground"]',
+     ["[[forces]] 2, bodies", "ground"]),
     ('"-k*b_omega1"', '"-k*c_omega1"', ["[[forces]] 2, torque, entry 1", "c_omega1", "unknown"]),
     ("c*(b_x - a_x)**2", "c*b_px", ["potential", "b_px", "unknown"]),
     ("stiffness = 5", "", ["[[forces]] 1, stiffness", "missing"]),

@@ -55,6 +55,17 @@ def test_open_chain_passes():
     assert four_bar(SQUARE, closed=False).model().system.m == 18
 
 
+@pytest.mark.parametrize("far", [1.5, 5.0])
+def test_points_that_cannot_meet_contradict_each_other(far):
+    """Two points of a body are 1 m apart, and those that hold them are not."""
+    build = gs.Multibody("held")
+    body = build.body("bar", mass=1, inertia=(1, 1, 1))
+    build.ball("one", build.ground, body, on_a=(0, 0, 0), on_b=(0, 0, 0))
+    build.ball("two", build.ground, body, on_a=(far, 0, 0), on_b=(1, 0, 0))
+    with pytest.raises(gs.InputError, match="'two: x' of 'held' contradict"):
+        build.model()
+
+
 def test_singular_position_is_distinguished_from_redundancy():
     """Stretched out, the bars' closing equations agree; in any other position they do not."""
     stretched = [(0, 0), (0.5, 0), (1.5, 0), (1.0, 0)]

@@ -11,6 +11,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import gyrospark as gs
 from gyrospark.core.errors import InputError
 from gyrospark.generator.kernels.kernel import Constants
 from gyrospark.generator.multibody.rigid_body import free_body, heavy_top
@@ -80,6 +81,18 @@ def generic():
 def test_what_is_no_system_is_refused(changes, said):
     with pytest.raises(InputError, match=said):
         system(**changes)
+
+
+@pytest.mark.parametrize(("changes", "said"), [
+    ({"parameters": {"m": 1.0, "g": 1.0, "k": 2.0}}, "'k'.*g, m"),
+    ({"parameters": {"m": 1.0}}, "'g'"),
+    ({"rules": {"m": "m"}}, "'m'"), ({"rules": {"m": "n"}}, "'n'.*h"),
+    ({"visuals": {"": [3]}}, "3.*Shape"), ({"visuals": {"bob": []}}, "'bob'.*''"),
+])
+def test_what_is_no_model_is_refused(changes, said):
+    model = {"parameters": {"m": 1.0, "g": 1.0}, "q0": [1, 0, 0], "p0": [0, 0, 0]} | changes
+    with pytest.raises(InputError, match=said):
+        gs.Model(system(), **model)
 
 
 @pytest.mark.parametrize("changes", [{"H": 0}, {"H": 1.5}, {"constraints": (1,)}])
