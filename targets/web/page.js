@@ -290,8 +290,9 @@
       }
     }
     space.show(samples);
-    const usual = fastest > 0 ? round125(16 / fastest) : round125(
-      AHEAD[0] * AHEAD[1] * Math.abs(value("dt")) / 12);
+    // bodies that slide turn by round-off, less than a radian
+    const ahead = AHEAD[0] * AHEAD[1] * Math.abs(value("dt"));
+    const usual = round125(fastest * ahead > 1 ? 16 / fastest : ahead / 12);
     restart();
     return usual;
   }

@@ -63,7 +63,7 @@ new Function(scripts.join("\n"))();
   const said = { bits, q: [...stepper.q], p: [...stepper.p], hash: location.hash, shapes };
   frames(60);
   Object.assign(said, { steps: stepper.steps, drawn: counts.drawn,
-    clock: made.clock.textContent, notice: made.notice.textContent });
+    clock: made.clock.textContent, notice: made.notice.textContent, speed: made.speed.value });
   if (process.argv[3]) return console.log(JSON.stringify(said));  // an address alone is looked at
   made.again.fire("click");
   made.play.fire("click");

@@ -316,6 +316,15 @@ def test_settings_of_a_page_are_those_of_its_address(heavy_top):
 
 @needs_zig
 @needs_node
+@pytest.mark.parametrize(("rate", "speed"), [(1e-17, 0.2), (120, 0.1)])
+def test_the_speed_is_that_of_what_turns(heavy_top, rate, speed):
+    """Round-off turns nothing, and a part of the 4 s that are looked at is shown in a second."""
+    said = in_node(heavy_top, f"#body_omega_z={rate}&mgl=0&t=0")
+    assert float(said["speed"]) == speed
+
+
+@needs_zig
+@needs_node
 def test_a_step_that_fails_is_said_in_a_sentence(heavy_top):
     said = in_node(heavy_top, "#dt=0.04&t=1")
     assert said["steps"] < 25
