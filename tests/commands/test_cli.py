@@ -427,6 +427,7 @@ def test_output_folder_that_cannot_be_is_refused(out, generate):
 def test_file_in_the_way_is_refused(generate):
     Path("here/heavy_top_ims_gamma.c").mkdir(parents=True)
     refused(generate("--scheme", "IMS", "--no-compile", "--out", "here"), "'here'", "--out")
+    refused(generate("--scheme", "IMS", "--no-compile", "--out", "top.c"), "'top.c'", "folder")
     assert not list(Path("here").glob(".*"))
 
 

@@ -32,6 +32,10 @@ def test_json(gyrospark):
     assert some["pairing"] is None
     assert some["errors"] == [None]
     assert len(some["exponents"]) == 1
+    shown = gyrospark("lyapunov", MODEL, *TWO, "--dt", "0.01", "--steps", "20", "--count", "1")
+    assert "λ1" in shown.stdout
+    assert "λ2" not in shown.stdout
+    assert "pairs" not in shown.stdout
 
 
 @pytest.mark.parametrize(("options", "word"), [

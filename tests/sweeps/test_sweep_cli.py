@@ -29,7 +29,7 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
     at = result.sel(gamma=said["least_at"]["gamma"], dt=said["least_at"]["dt"])
     assert at.energy_error_max == said["least"]
     assert (tmp_path / "s.png").stat().st_size > 5000
-    again = gyrospark("sweep", "study.toml", "--resume")
+    again = gyrospark("sweep", "study.toml", "--resume", "--workers", "2")
     assert again.code == 0
     assert "256 cells" in again.stdout
     assert "8 gamma × 32 dt" in again.stdout
