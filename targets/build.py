@@ -296,10 +296,10 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
 def _system_of(spec: Spec, model: Any) -> System:
     """Return the system of a file, of a name, or of ``model``, the caller's own."""
     if spec.model is not None:
-        model = load_model(spec.model)
+        model = load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
     elif model is None:
         entry = {**SYSTEMS, **MODELS}[spec.system]
-        model = entry.make(spec.rep) if entry.kind == "system" else entry.make()
+        model = entry.make(**({"rep": spec.rep} if spec.rep else {}))
     system: System = getattr(model, "system", model)
     return system
 

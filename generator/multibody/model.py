@@ -28,6 +28,9 @@ from ..systems.system import System
 
 __all__ = ["Model", "exact_array"]
 
+#: Gaps of an equilibrium that touch, relative to the coordinates: above the error of these.
+_TOUCH = 1e-12
+
 
 @explain_arguments
 @dataclass(frozen=True, eq=False)
@@ -257,8 +260,9 @@ class Model:
         if self.system.time is not None:
             numbers[self.system.time] = 0.0
         sizes = evaluate([self.system.quantities[name] for name in gaps], numbers)
+        depth = _TOUCH * max(np.abs(self.q0).max(), np.abs(q).max())
         for name, size in zip(gaps, sizes, strict=True):
-            if size < 0:
+            if not size >= -depth:
                 raise InputError(f"Model {self.name!r} is in equilibrium where the gap {name!r} is "
                                  f"{size:.6g}, below 0; forces of contacts and stops are not in "
                                  "the equilibrium: give a joint or a spring in their place.")

@@ -160,23 +160,32 @@ def equilibrium(
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))
-        # converged: the change is round-off, which it is if it no longer falls by half; where
-        # bodies move freely a large τ makes it larger than that of the forces
+        # converged: the change is round-off, which it is if it no longer falls by half, nor grows
+        # as τ does; where bodies move freely a large τ makes it larger than that of the forces
+        is_steady = change <= 2 * previous_change
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
-        if change <= _EPS or (stagnates and (
-                change < _ROUNDING or size <= _ROUND_OFF * _size_of_terms(J, x))):
+        if (is_steady and (change <= _EPS or (stagnates and change < _ROUNDING))) or (
+                stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()):
             return x[:n], x[n:]
-        # τ grows as the residual falls, so that the last steps are Newton steps
-        tau *= min(max(previous_size / max(size, _TINY), 0.5), 10.0)
+        # τ grows as the residual falls, so that the last steps are Newton steps, and where it does
+        # not rise: what is soft hardly moves at the τ of what is stiff
+        growth = previous_size / max(size, _TINY)
+        tau *= min(max(growth, 4.0 if growth >= 1 else 0.5), 10.0)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
                      f"{_ITERATIONS} iterations |H_q + g_qᵀλ − F| = {size:.3g}; fix or hinge what "
                      "moves freely, or begin nearer.")
 
 
-def _size_of_terms(J: tuple[Array, Array, Array], x: Array) -> float:
-    """Return the norm of |J| |x|, the size of the terms of the residual."""
+def _sizes_of_terms(J: tuple[Array, Array, Array], x: Array) -> Array:
+    """Return the sizes of the terms of the residual, shape (n + m,).
+
+    Each is the largest of |J| |x| among the entries that share its coordinates.
+    """
     rows, columns, values = J
-    return float(np.linalg.norm(np.bincount(rows, np.abs(values * x[columns]), len(x))))
+    terms = np.bincount(rows, np.abs(values * x[columns]), len(x))
+    sizes = np.zeros(len(x))
+    np.maximum.at(sizes, rows, np.where(values == 0, 0.0, terms[columns]))
+    return sizes
 
 
 def _refuse_without_statics(system: System) -> None:

@@ -21,8 +21,9 @@ import gyrospark as gs
 from c_programs import STRICT, run
 from compilers import MAIN, compiler
 from gyrospark.core.manifest import NumberManifest, SystemManifest
+from gyrospark.generator.spec import Spec
 from gyrospark.targets.artefact import MARKER, Options
-from gyrospark.targets.build import _rates
+from gyrospark.targets.build import _rates, _system_of
 from gyrospark.targets.fmi.archive import library_of, own_platform
 from gyrospark.targets.fmi.slave import Slave
 from gyrospark.targets.fmi.variables import variables_of
@@ -480,6 +481,17 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
             assert slave.step(2 + step * 0.01, 0.01) == "OK"
         found = slave.get(["q", "p"])
     assert found == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
+
+
+def test_velocities_of_a_start_are_those_of_either_representation():
+    path, rates = ROOT / "examples" / "damped_top.toml", []
+    for rep, number in (("gamma", 0.3), ("alpha", 0.2)):  # any, as q' of a start is on |q| = 1
+        model = gs.load_model(path, rep=rep)
+        system = _system_of(Spec.checked("IMS", rep=rep, system=str(path)), None)
+        options = Options(1e-3, model.q0, model.p0, {**model.parameters, rep: number})
+        rates.append(_rates(system, options))
+    assert rates[0] == pytest.approx(rates[1], rel=1e-13)
+    assert max(rates[0]) > 1
 
 
 def test_velocities_of_a_start_are_derived_from_h():
