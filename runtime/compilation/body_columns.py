@@ -136,8 +136,11 @@ class JointAt:
 
     @property
     def slides(self) -> bool:
-        """Whether its point on b slides on a line or a plane of a."""
-        return any(pull.kind == "normal" for pull in self.pulls or ())
+        """Whether its point on b slides on a line or a plane of a.
+
+        Older stores have no forces of slides.
+        """
+        return self.pulls is None or any(pull.kind == "normal" for pull in self.pulls)
 
 
 def numbers(entries: list[Entry], parameters: Mapping[str, Any]) -> Floats:

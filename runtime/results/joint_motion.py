@@ -214,8 +214,9 @@ class JointMotion:
         """Return force and torque Gᵀλ on b in space, shape (rows, 3) each, in N and N m."""
         if self._at.pulls is None:
             raise InputError(f"The force and the torque of {self.name!r} are not known: it "
-                             "acts on more than its two bodies, as a gear does, or is of your own "
-                             "class without a Pull. Its multipliers are in run.multipliers.")
+                             "acts on more than its two bodies, as a gear does, is of your own "
+                             "class without a Pull, or a slide of a stepper of an earlier version. "
+                             "Its multipliers are in run.multipliers.")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run).astype(float)
         for pull in self._at.pulls:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -12,7 +14,7 @@ from calls import RUN, TOP
 from gyrospark.core.errors import InputWarning
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.compilation.body_columns import body_named, joint_named
+from gyrospark.runtime.compilation.body_columns import body_named, joint_named, joints_of
 from gyrospark.runtime.compilation.manifest import read_manifest
 from gyrospark.runtime.results.joint_motion import shortest_rotation
 
@@ -244,6 +246,14 @@ def test_a_hinge_at_a_point_that_moves(sliding):
     assert np.abs(slope(pivot.angle(), DT) - pivot.rate()[1:-1]).max() < 1e-4
     where = np.stack([np.sin(3 * sliding.t) / 4, sliding.t**2, 0 * sliding.t], axis=1)
     assert np.abs(pivot.position() - where).max() < 64 * EPS
+
+
+def test_joints_that_slide_are_known(sliding):
+    """As pictures draw them; an older store has no force of a slide."""
+    joints = joints_of(sliding.manifest)
+    assert [name for name, joint in joints.items() if joint.slides] == [
+        "plane", "slide", "pole", "thread"]
+    assert replace(joints["slide"], pulls=None).slides
 
 
 def test_angles_count_whole_turns(four_bar):
