@@ -165,7 +165,7 @@ def test_octave_compiles_what_was_built_again_and_says_where_steps_are_less_exac
     # the start is projected again, which 500 steps amplify
     assert float(again.stdout) == pytest.approx(float(other.stdout), rel=1e-10)
     assert "converge" not in again.stderr
-    assert "of 3 steps did not converge" in last("40, 3").stderr
+    assert "converge" in last("40, 3").stderr
 
 
 def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):
