@@ -165,8 +165,9 @@ class Assembly:
             g = constraints.g(self.q0)
             worst = int(np.abs(g).argmax()) if g.size else 0
             if g.size and not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
-                raise InputError(f"{constraints.names[worst]!r} is open by {g[worst]:.3g} where "
-                                 "its latch closes; give start=run[-1] of a run that ended there.")
+                raise InputError(f"{constraints.names[worst]!r} is open by {g[worst]:.3g} in the "
+                                 "start; give start=run[-1] of a run with this constraint, or of "
+                                 "one that ended where its latch closes.")
         self._refuse_half_turns(self._poses_at(self.q0), "where its latch closes; give a start "
                                 "at which they are nearer to it")
 

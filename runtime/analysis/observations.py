@@ -123,34 +123,36 @@ class Observation:
         residuals = np.zeros((len(data), count))
         by_state = np.zeros((len(data), count, 2 * self.n))
         by_parameters: dict[str, Array] = {}
-        for part, columns, rows in self._columns():
-            measured = data[:, columns]
+        z = np.concatenate([q, p], axis=1)
+        for part, data_columns, columns in self._columns():
+            measured = data[:, data_columns]
             if isinstance(part, list):
-                residuals[:, rows], by_state[:, rows, part] = _rotation_between(
+                residuals[:, columns], by_state[:, columns, part] = _rotation_between(
                     measured, q[:, part])
             elif isinstance(part, int):
-                residuals[:, rows] = np.concatenate([q, p], axis=1)[:, [part]] - measured
-                by_state[:, rows, part] = 1.0
+                residuals[:, columns] = z[:, [part]] - measured
+                by_state[:, columns, part] = 1.0
             else:
                 omega, by_q, by_p, by_inertia = _angular_velocity(part, q[:, part.q], p[:, part.q],
                                                                   parameters)
-                residuals[:, rows] = omega - measured
-                by_state[:, rows, part.q] = by_q
-                by_state[:, rows, [self.n + i for i in part.q]] = by_p
+                residuals[:, columns] = omega - measured
+                by_state[:, columns, part.q] = by_q
+                by_state[:, columns, [self.n + i for i in part.q]] = by_p
                 for name, change in by_inertia.items():
                     derivative = by_parameters.setdefault(name, np.zeros_like(residuals))
-                    derivative[:, rows] = change
+                    derivative[:, columns] = change
         return Residuals(residuals, by_state[:, :, : self.n], by_state[:, :, self.n :],
                          by_parameters)
 
     def _columns(self) -> Iterator[tuple[Part, slice, slice]]:
         """Yield each part, its columns of data, and its columns of residuals."""
-        datum = residual = 0
+        data_end = residual_end = 0
         for part in self.parts:
-            size = 1 if isinstance(part, int) else 3
-            width = 4 if isinstance(part, list) else size  # a quaternion has a rotation vector
-            yield part, slice(datum, datum + width), slice(residual, residual + size)
-            datum, residual = datum + width, residual + size
+            residual_count = 1 if isinstance(part, int) else 3
+            # four numbers of a quaternion have the three of a rotation vector
+            data_count = 4 if isinstance(part, list) else residual_count
+            yield (part, slice(data_end, data_end := data_end + data_count),
+                   slice(residual_end, residual_end := residual_end + residual_count))
 
     def _of_function(
         self, function: Observe, data: Array, q: Array, p: Array

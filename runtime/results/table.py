@@ -250,9 +250,9 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
         for i, member in enumerate(members):
             yield (i, slice(len(member))), states_of(member)
 
-    events = [_table_of_event(first_table.manifest, name,
-                              [crossings[i] for i in range(len(members))], by_trajectory=True)
-              for name, crossings in ensemble.events.items()]
+    crossings = [member.events | member.impacts for member in members]
+    events = [_table_of_event(first_table.manifest, name, [of_run[name] for of_run in crossings],
+                              by_trajectory=True) for name in ensemble.events]
     return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first_table.inner,
                  first_table.descriptions, read, first_table.manifest,
                  {"stepper": first_table.manifest.name, "gyrospark": __version__,
