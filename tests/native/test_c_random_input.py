@@ -311,8 +311,10 @@ def built(name, flags, folder, compiler_name=MAIN):
     command = compiler(compiler_name)
     kernel, files = program(name)
     write(files, folder)
+    # no stepper calls all inline functions of the engine, which clang counts and gcc does not
     done = call([*command, *flags, "-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Werror",
-                 "random.c", f"{kernel}.c", "-lm", "-o", "random"], cwd=folder)
+                 "-Wno-unused-function", "random.c", f"{kernel}.c", "-lm", "-o", "random"],
+                cwd=folder)
     if done.returncode and re.search(r"lib(clang_rt\.)?(asan|ubsan)", done.stderr):
         pytest.skip(f"{compiler_name} has no sanitizer libraries")
     assert done.returncode == 0, done.stderr

@@ -58,7 +58,7 @@ static void TYPED(factor)(NUMBER W[FACTOR])
  */
 static void TYPED(substitute)(const NUMBER W[FACTOR], NUMBER b[M])
 {
-    const int *before = before_row, *slot = before_slot, *row = below_row + FACTOR - M;
+    const int *before = before_row, *slot = before_slot, *row = below_row + (FACTOR - M);
     const NUMBER *below = W + FACTOR;
     for (int k = 0; k < M; ++k) {
         NUMBER x = b[pivot_order[k]];

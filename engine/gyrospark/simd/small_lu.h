@@ -15,7 +15,7 @@ typedef lanes schur_t[FACTOR];
  */
 INLINE void lanes_substitute_all(int count, schur_t *W, lanes *b)
 {
-    const int *before = before_row, *slot = before_slot, *row = below_row + FACTOR - M;
+    const int *before = before_row, *slot = before_slot, *row = below_row + (FACTOR - M);
     lanes x[P];
     for (int k = 0; k < M; ++k) {
         const int pivot = pivot_order[k];
