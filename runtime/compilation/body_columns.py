@@ -277,8 +277,9 @@ def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
                        if constraint.startswith(f"{name}: ")]
         if multipliers:
             raise InputError(f"The force of {name!r} in system {manifest.system.name!r} is not "
-                             "computed, as of all connections of point masses and moving "
-                             f"points; its multipliers are in run.multipliers: {few(multipliers)}.")
+                             "computed: it connects a point mass, slides or keeps a distance at a "
+                             "moving point, or is a slide of a chain; its multipliers are in "
+                             f"run.multipliers: {few(multipliers)}.")
     joint_name = _choose(manifest, "joint", name, joints)
     return joint_name, joints[joint_name]
 

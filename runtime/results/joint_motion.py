@@ -274,9 +274,8 @@ class JointMotion:
         """
         body, r = (self._at.a, self._at.on_a) if side == "a" else (self._at.b, self._at.on_b)
         if not r:
-            raise InputError(f"Joint {self.name!r} has no point on "
-                             f"{repr(body) if body else 'the ground'}: it keeps an axis in common, "
-                             "or is at a moving point.")
+            raise InputError(f"Joint {self.name!r} has no point on {repr(body) if body else side}: "
+                             "it keeps an axis in common, or is at a moving point.")
         point = numbers(r, self._run.parameters)
         return self._run.body(body).position(point) if body else np.broadcast_to(
             point, (*self._run.q.shape[:-1], 3))

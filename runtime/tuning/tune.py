@@ -255,10 +255,10 @@ def _gammas(
     names = [name for name in step.parameter_domains if is_inertia_parameter(name)
              and name not in fixed and (name in inertias or has_inertia(name, parameters))]
     if not names:
-        given = [name for name in fixed if is_inertia_parameter(name)]
+        fixed_inertias = [name for name in fixed if is_inertia_parameter(name)]
         raise InputError(f"gamma = {rule!r} is asked for, and {step.name} has no gamma or alpha to "
                          f"choose, of its parameters {few(step.parameter_domains)}; leave out "
-                         f"{f'{few(given)} of parameters' if given else 'gamma'}.")
+                         f"{few(fixed_inertias) if fixed_inertias else 'gamma'}.")
     return {name: Rule(_rule_of(rule, aim), inertias.get(name)) for name in names}
 
 
