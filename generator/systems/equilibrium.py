@@ -37,6 +37,8 @@ _ROUND_OFF = 8 * float(np.finfo(float).eps)
 _NOTHING = 1e-14
 #: τ of the first step times the largest entry of its matrix.
 _FIRST_TAU = 1e3
+#: τ times that entry at which steps are those of 1/τ alone.
+_SMALL_TAU = 0.1
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
 
@@ -149,8 +151,10 @@ def equilibrium(
         if not np.isfinite(change):
             break
         # negative curvature: along the step the potential would have a maximum
-        # no τ shortens the way to g = 0: a long step that a smaller τ left as long is taken
-        is_long = change > _LARGEST_CHANGE and change < 0.9 * rejected
+        # no τ shortens the way to g = 0: a long step is taken that a smaller τ left as long, where
+        # 1/τ is above the stiffness
+        is_long = change > _LARGEST_CHANGE and (
+            change < 0.9 * rejected or tau * stiffness > _SMALL_TAU)
         if is_long or (curvature < 0 and change > _ROUNDING):
             rejected = change
             tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
