@@ -168,17 +168,17 @@ def measure_order(
     stepper: Stepper, q: Array, p: Array, dt: float, parameters: Mapping[str, float],
     sizes: Callable[[float], tuple[float, float]],
 ) -> MeasuredOrder | None:
-    """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight steps of the longest.
+    """Measure the order by Richardson: e(h) = |y_h − y_(h/2)| after eight of the longest steps.
 
-    q and p, shapes (n,), are the start. The longest step is dt, doubled until three errors stand
-    out of round-off, or halved until two neighbouring slopes agree. None if there are no two.
-    ``sizes(h)`` returns the sizes of q and p whose ε is the round-off of steps of length h.
+    q and p, shapes (n,), are the start. The longest step h is dt, doubled until three errors exceed
+    round-off, or halved until two neighbouring slopes agree. Returns None without two slopes.
+    ``sizes(h)`` returns the sizes of q and p; ε times these is the round-off of steps of length h.
     """
     measurements: list[MeasuredOrder] = []
     h, doubled = dt, False
     for _ in range(14):  # a factor of 2¹⁴ in the step: no order shows by then
         errors = _halving_errors(stepper, q, p, h, sizes(h), parameters)
-        measurement = None if errors is None else _agreeing(errors, h)
+        measurement = None if errors is None else _closest_slopes(errors, h)
         # a step has no solution, or shorter steps show round-off alone: the search ends
         if errors is None or (measurement is None and measurements):
             break
@@ -192,7 +192,7 @@ def measure_order(
     return min(measurements, key=lambda measurement: measurement.spread, default=None)
 
 
-def _agreeing(errors: list[float], h: float) -> MeasuredOrder | None:
+def _closest_slopes(errors: list[float], h: float) -> MeasuredOrder | None:
     """Return the two neighbouring slopes from step h on that differ least; None without two.
 
     After two slopes that agree, the first lower slope ends the search: it shows round-off, which
@@ -218,10 +218,10 @@ def _halving_errors(
 ) -> list[float] | None:
     """Return e(h), e(h/2), … relative to the sizes, down to round-off; None if a step fails.
 
-    e(h) is the difference of the states after 8 h of steps of h/2 and of h: of order p it falls as
-    2⁻ᵖ. q and p, shapes (n,), are the start, ``sizes`` the sizes of q and of p.
+    e(h) is the difference of the states after 8 h of steps of h/2 and of h; for a method of order p
+    halving h divides it by 2ᵖ. q and p, shapes (n,), are the start, ``sizes`` the sizes of both.
     """
-    ends: list[tuple[Array, Array]] = []
+    end_states: list[tuple[Array, Array]] = []
     errors: list[float] = []
     for k in range(_HALVINGS + 1):
         try:
@@ -230,10 +230,11 @@ def _halving_errors(
         except StepFailed:
             return None
         end_q, end_p = full_states(run)
-        ends.append((end_q[-1], end_p[-1]))
+        end_states.append((end_q[-1], end_p[-1]))
         if k == 0:  # a difference needs two ends
             continue
-        error = max(_largest(a - b) / size for a, b, size in zip(*ends[-2:], sizes, strict=True))
+        error = max(_largest(a - b) / size
+                    for a, b, size in zip(*end_states[-2:], sizes, strict=True))
         if error < _MEASURABLE * stepper.binding.epsilon:
             break
         errors.append(error)

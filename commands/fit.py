@@ -74,21 +74,21 @@ def fit(
     gyrospark fit examples/damped_top.toml seen.csv --dt 5e-3 --fixed mgl --sigma 2e-3 --json
     gyrospark fit examples/pendulum.toml swing.csv --observe x,y --free l,g,start
     """
-    from ..runtime.analysis.fit import fit as fitted
+    from ..runtime.analysis.fit import fit as fit_model
     from ..runtime.analysis.observations import observation_of
 
     _, step, start, t0 = stepper_and_start(problem, settings, choice, scaled=True)
     # the columns of the table are those of the observation
-    observed = _names(observe)
-    names = observation_of(step, observed).names
+    observed_names = _names(observe)
+    names = observation_of(step, observed_names).names
     for name in names:
         if names.count(name) > 1:  # the same samples twice would make the deviations too small
             raise InputError(f"--observe {observe!r} has the column {name!r} {names.count(name)} "
                              "times; name it once.")
     times, rows = _read_columns(data, names)
     state = start_of(step, start, t0)
-    outcome = fitted(
-        step, state, times, rows, observe=observed,
+    outcome = fit_model(
+        step, state, times, rows, observe=observed_names,
         dt=None if dt is None else real_number("--dt", dt),
         dtau=None if dtau is None else real_number("--dtau", dtau),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),

@@ -182,7 +182,7 @@ def check_writable(option: str, path: Path, *, folder: bool = False) -> None:
         raise InputError(f"{option} {str(path)!r} is no file name; give one.")
     try:
         with tempfile.TemporaryFile(dir=path.parent):
-            pass  # what the rights say is not all: /proc has no files
+            pass  # permissions alone do not decide: no file can be made in /proc
     except OSError as error:
         raise InputError(f"{option} {str(path)!r}: no file can be made in the folder "
                          f"{str(path.parent)!r} ({error.strerror}); make it or choose another."

@@ -152,9 +152,9 @@ def _refusal(
             parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters):
         return (f"{shown_name} takes {len(by_place)} arguments without a name, and got "
                 f"{len(arguments)}; name the others, of {takes}.")
-    twice = [name for name in by_place[:len(arguments)] if name in keywords]
-    if twice:
-        return f"{shown_name} got {twice[0]!r} twice, by place and by name; give it once."
+    repeated = [name for name in by_place[:len(arguments)] if name in keywords]
+    if repeated:
+        return f"{shown_name} got {repeated[0]!r} twice, by place and by name; give it once."
     missing = [parameter.name for parameter in parameters if parameter.default is parameter.empty
                and parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
                and parameter.name not in keywords

@@ -213,7 +213,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     ``quantities`` are names of quantities, coordinates and momenta, and of the time in scaled time.
     Raises InputError for a value that is no event, an unknown quantity, two events of one name.
     """
-    # the default, which most calls have
+    # most calls have the default (), and a short run takes microseconds
     if type(argument) is tuple and not argument:
         return ()
     events = (argument,) if isinstance(argument, Event | Impact) else argument
@@ -226,9 +226,9 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
     for event in events:
         choose("quantity of an event", event.quantity, quantities)
     names = [event.name for event in events]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise InputError(f"Two events are named {twice[0]!r}; give one of them another "
+    repeated_names = [name for name in names if names.count(name) > 1]
+    if repeated_names:
+        raise InputError(f"Two events are named {repeated_names[0]!r}; give one of them another "
                          'name, as in gs.Event(..., name="landing") or --event "landing: x=0".')
     return tuple(events)
 

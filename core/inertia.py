@@ -325,8 +325,8 @@ def _warn_of_length(label: str, values: Any, norms: Floats) -> None:
 def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
     """Warn of quaternions that seem to have the scalar last.
 
-    Nothing proves it. But all of them, read so, are turns by less than 60°, and by more than 120°
-    as they are read here: of random attitudes one in seventeen is like that.
+    It warns if every |x₃| > cos 30°: scalar last, these are turns by less than 60°, and
+    scalar first by more than 120°. One random attitude in seventeen is like that.
     """
     scalars_if_last = np.abs(unit[..., 3])
     if not (scalars_if_last > math.cos(math.pi / 6)).all():

@@ -255,9 +255,9 @@ class Recorder:
         remaining = run.steps - state.steps + bool(run.rest and not self.last_part)
         if state.status < 0:  # an event has ended the run
             remaining = 0
-        place = ("The same command with --resume continues it: everything up to there is"
-                 if remaining else "It is")
-        return Stopped(f"{ended_at(state.steps, state.steps + remaining)} {place} in "
+        next_action = ("The same command with --resume continues it: everything up to there is"
+                       if remaining else "It is")
+        return Stopped(f"{ended_at(state.steps, state.steps + remaining)} {next_action} in "
                        f"{str(self.path)!r}.", interrupts.signal)
 
     def _compute(self, writer: Writer, interrupts: Interrupts,
@@ -420,7 +420,7 @@ class Recorder:
         return EventProgress(self.counts, self.observer.memory)
 
     def _report(self, state: CheckpointState) -> Report:
-        """Return the diagnostics up to a checkpoint, the last part of a step included."""
+        """Return the diagnostics up to a checkpoint, with a last step that is shorter than dt."""
         run = state.run
         report = Report.read(run.record, run.q, run.p, self.binding)
         if self.observer is not None:

@@ -28,7 +28,8 @@ __all__ = ["study"]
 
 #: A run of the tables times this: does the choice for the energy still hold?
 LONGER = 10
-#: What "not worse" means: γ_m is left for less than this part of its error.
+#: Largest ratio of an error with the chosen γ to the error with γ_m. The search leaves γ_m only
+#: where its pilot runs have errors smaller by this factor (``_CLEAR`` of runtime/tuning/pilots.py).
 ALLOWED = 1.05
 
 

@@ -56,7 +56,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     runs = _runs(study, stepper, steps, every, cells, group, q, p)
     # a first run brackets the events between steps, a second one locates them in the brackets
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
-    ensemble_states = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    ensemble_states = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
     _fill(ensemble_states)
     try:
         crossings = crossings_of(

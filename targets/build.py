@@ -40,7 +40,7 @@ __all__ = ["build", "target_named"]
 
 #: How far a start may be from the constraints, relative to it: profile control does not project
 #: starts. 1e-9 is below the rounding of float, 6e-8, and above that of ten typed digits.
-_OFF = 1e-9
+_MAX_DISTANCE = 1e-9
 
 #: Of profile control.
 _REALS: tuple[RealName, ...] = ("float", "double")
@@ -317,9 +317,9 @@ def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
     projection = consistent(_system_of(spec, model), options.q, options.p,
                             parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
-    # by how much projecting the start moves it
+    # the projection moves a start by its distance from the constraints
     distance = max(projection.q_moved, projection.p_moved)
-    if distance > _OFF * size:
+    if distance > _MAX_DISTANCE * size:
         raise InputError(f"The start is not on the constraints of {spec.model or spec.system} at "
                          f"these parameters: it is {distance:.2g} from them; give gs.consistent("
                          "...).q and .p, or change the model itself (--set of a model file).")

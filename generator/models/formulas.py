@@ -30,19 +30,25 @@ from ..symbolic.numeric_evaluation import as_rational
 
 __all__ = ["CONSTANTS", "FUNCTIONS", "parse_formula", "parse_number"]
 
+#: An exponent multiplies the bits of its base's coefficients and the terms of its expansion.
 MAX_EXPONENT = 64
+#: Terms of the expansion: SymPy multiplies out 5000 in 1.4 s, and derives them by six coordinates
+#: in 21 s.
 MAX_TERMS = 5000
+#: Bits of the coefficients, 3613 digits: Python writes integers of at most 4300 as text.
 MAX_BITS = 12_000
 #: Quotients, roots, powers and functions inside one another: derivatives and discrete gradients
 #: grow exponentially with it.
 MAX_LEVEL = 5  # beside one another, the sides of an if(...) do not count
-#: Largest argument of a function of a constant.
+#: Largest |x| of a function of a constant: its relative error of 1e-96 (``INTERVAL``) is one of at
+#: most 1e-93 in exp(x), which ``NEARLY_ONE`` encloses.
 MAX_ARGUMENT = 1000
 #: Bits of the integers into which SymPy turns a fractional power of a number: 12**(7/9) becomes
 #: 2**(5/9)*18**(1/3), and 12**0.7777777777 would need a number of 10^10 bits. It then looks for
 #: their factors, which takes seconds from 20,000 bits on unless division by small primes finds all.
 MAX_ROOT_BITS = 10_000
 MAX_SMOOTH_ROOT_BITS = 1_000_000
+#: Divisors below this are tried, and what they leave is a large factor.
 _SMALL_PRIMES = 1000
 
 #: Name → the function and its number of arguments; −2: two or more.
@@ -314,7 +320,7 @@ class _Formulas:
 
 def _number(value: Value) -> Any:
     """Return a constant as mpmath's number, with 90 digits or more."""
-    with mp.workdps(100):
+    with mp.workdps(100):  # more than the 96 of an interval, so that the conversion adds no error
         if value.is_rational:
             return mp.mpf(int(value.exact.p)) / int(value.exact.q)
         return mp.mpf(value.interval.mid)

@@ -116,12 +116,12 @@ def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
 def _take_key(robot: MjcfRobot, start: MjcfStart, key: MjcfKey) -> None:
     """Set coordinates, rates and controls of ``start`` to those of a keyframe.
 
-    qpos and qvel are the numbers of all joints in a row. Raises InputError for a keyframe that
-    moves a mocap body.
+    qpos and qvel have the coordinates and rates of all joints, one joint after the other. Raises
+    InputError for a keyframe that moves a mocap body.
     """
-    if key.moved:
-        raise InputError(f"keyframe {shown(key.name)} places body {shown(key.moved)}, a mocap, "
-                         "otherwise than the file; write its pos and quat in <body>.")
+    if key.moved_mocap:
+        raise InputError(f"keyframe {shown(key.name)} places body {shown(key.moved_mocap)}, a "
+                         "mocap, otherwise than the file; write its pos and quat in <body>.")
     joints = [*robot.joints.values()]
     for numbers, values, counts in (
             (key.qpos, start.coordinates, [joint.count for joint in joints]),

@@ -29,6 +29,7 @@ from .xml_numbers import NUMBER
 __all__ = ["MjcfCable", "expand_cables", "write_xml"]
 
 PLUGIN = "mujoco.elasticity.cable"
+#: Segments of one cable, which a file names by a number alone; each is a body of the model.
 MAX_SEGMENTS = 200
 #: Attributes of a cable from which its bodies are made.
 _COMPOSITE = ("type", "prefix", "count", "offset", "vertex", "initial", "curve", "size")

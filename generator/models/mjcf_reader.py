@@ -47,6 +47,7 @@ EXTRAS = {
     "actuator": "actuators with states, or on other things than joints",
     "deformable": "flexible parts",
 }
+#: Derivation and C grow with the number of bodies; as many as links of a URDF file.
 MAX_BODIES = 500
 #: Kind of a geom → the sizes that its shape has.
 _DRAWN: Mapping[str, tuple[ShapeKind, tuple[int, int, int]]] = {
@@ -101,13 +102,13 @@ class MjcfEquality:
 
 @dataclass(frozen=True, eq=False)
 class MjcfKey:
-    """A keyframe; ``moved`` names a body that it places otherwise than the file."""
+    """A keyframe; ``moved_mocap`` names a body that it places otherwise than the file."""
 
     name: str
     qpos: Floats
     qvel: Floats
     ctrl: Floats
-    moved: str
+    moved_mocap: str
 
 
 @dataclass(eq=False)

@@ -217,6 +217,7 @@ class TomlTable:
         """Return a whole number from 0 on."""
         value = self.content.get(key)
         count = as_integer(value)
+        # the sum of two such counts fits in 64-bit integers
         if count is None or not 0 <= count < 2**62:
             raise self.error(key, f"is {describe(value)}; write a whole number from 0 on.")
         return count

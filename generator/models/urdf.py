@@ -67,6 +67,7 @@ KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "fixe
 #: Types of joints with a coordinate, and those of <constraint>.
 MOVING = ("revolute", "continuous", "prismatic")
 LOOPS = (*MOVING, "fixed", "ball", "universal")
+#: Derivation and C grow with the number of links; as many as bodies of an MJCF file.
 MAX_LINKS = 500
 #: Principal moments of this size, in kg m², are round-off of 0.
 _NOTHING = 1e-20

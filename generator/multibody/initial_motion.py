@@ -171,7 +171,10 @@ def _numbers_of(
 def _offsets(
     targets: Sequence[StartValue], sines: NumericConstraints, cosines: NumericConstraints, q: Array
 ) -> list[float]:
-    """Return the difference of each coordinate at q from its given value: a travel, or ±π."""
+    """Return each coordinate at q less its target: a travel, or an angle in rad from −π to π.
+
+    ``sines`` and ``cosines`` are those of ``_numbers_of``; q has the shape (n,).
+    """
     cosine = iter(cosines.g(q).tolist() if cosines.expressions else [])
     return [sine if e.cosine is None else float(np.arctan2(sine, next(cosine)))
             for e, sine in zip(targets, sines.g(q).tolist(), strict=True)]
@@ -263,12 +266,13 @@ def warn_of_moved_bodies(
                 ("attitude", initial.is_turned, "q")):
             if initial.is_placed or not is_given:
                 continue
-            old, new = getattr(before[body], attribute), getattr(after[body], attribute)
-            change, size = np.abs(new - old).max(), max(np.abs(old).max(), np.abs(new).max())
+            value, projected = getattr(before[body], attribute), getattr(after[body], attribute)
+            change = np.abs(projected - value).max()
+            size = max(np.abs(value).max(), np.abs(projected).max())
             if change > ROUNDING * size:
                 corrections.append((
                     float(change / size), f"The {quantity} of {body.name!r} is given as "
-                    f"{_text(old)}, and the constraints move it to {_text(new)}"))
+                    f"{_text(value)}, and the constraints move it to {_text(projected)}"))
     if corrections:
         warn(f"{_largest(corrections)}. Correct these numbers, or give these with more digits.")
 
@@ -509,12 +513,12 @@ class Velocities:
         for target, indices in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
             error = float(np.linalg.norm(residual[indices]))
             if error > scale:
-                old, new = target.axes @ target.value, target.axes @ (target.rows @ u)
+                value, nearest = target.axes @ target.value, target.axes @ (target.rows @ u)
                 relative_error = error / max(float(np.linalg.norm(d[indices])),
                                              np.finfo(float).tiny)
                 corrections.append((
-                    relative_error, f"{target.label} is given as {_text(old)}, which the "
-                    f"constraints do not allow; the nearest possible is {_text(new)}"))
+                    relative_error, f"{target.label} is given as {_text(value)}, which "
+                    f"the constraints do not allow; the nearest possible is {_text(nearest)}"))
         if not corrections:
             return
         largest, text = max(corrections)

@@ -115,12 +115,12 @@ class Pose:
         return position
 
     def after(self, motion: RigidMotion, is_held: bool = False) -> Pose:
-        """Return the pose after a motion; a frame that ``is_held`` keeps its origin.
+        """Return the pose after a motion; ``is_held`` keeps the origin and takes only the rotation.
 
         The angular velocity turns with the body, the velocity keeps its direction in space.
         """
         assert self.x is not None
-        # the translation is replaced by the one that leaves the origin where it is
+        # x = R x + d for the translation d = x − R x
         if is_held:
             motion = RigidMotion(motion.q, self.x - motion.direction(self.x))
         q = np.array(quaternion_product(motion.q, self.q))

@@ -58,7 +58,10 @@ _MOST_TERMS, _MOST_KINDS, _MOST_PRODUCTS = 400, 6, 4
 
 
 def products_of(terms: Terms) -> list[tuple[Terms, Terms]] | None:
-    """Return the fewest pairs (f_k, h_k) with terms = Σ f_k h_k; None if there are none or > 4."""
+    """Return the fewest pairs (f_k, h_k) with terms = Σ f_k h_k; None if there are none or > 4.
+
+    The bases of each kind of symbols are all in the factors f_k, or all in the h_k.
+    """
     has_integer_powers = all(isinstance(n, int) for m in terms for _, n in m)
     if not 4 <= len(terms) <= _MOST_TERMS or not has_integer_powers:
         return None
@@ -66,15 +69,15 @@ def products_of(terms: Terms) -> list[tuple[Terms, Terms]] | None:
     variable_kinds = [kind for kind in all_kinds if any(map(varies, kind))]
     if len(variable_kinds) < 2 or len(all_kinds) > _MOST_KINDS:
         return None
-    # all ways to divide the kinds among a and b; the first variable kind belongs to a
+    # all ways to divide the kinds among f and h; the first variable kind belongs to f
     other_kinds = [kind for kind in all_kinds if kind != variable_kinds[0]]
     best: list[tuple[Terms, Terms]] | None = None
     for count in range(len(other_kinds)):
         for subset in combinations(other_kinds, count):
-            a_bases = variable_kinds[0].union(*subset)
+            f_bases = variable_kinds[0].union(*subset)
             # both factors must depend on variables
-            if any(varies(base) for kind in variable_kinds for base in kind - a_bases):
-                pairs = _decomposition(terms, a_bases)
+            if any(varies(base) for kind in variable_kinds for base in kind - f_bases):
+                pairs = _decomposition(terms, f_bases)
                 if best is None or len(pairs) < len(best):
                     best = pairs
     return best if best is not None and 1 < len(best) <= _MOST_PRODUCTS else None
@@ -105,16 +108,16 @@ def kinds(terms: Terms) -> list[frozenset[sp.Expr]]:
     return sets if are_disjoint else []
 
 
-def _decomposition(terms: Terms, a_bases: frozenset[sp.Expr]) -> list[tuple[Terms, Terms]]:
-    """Return the pairs (f_k, h_k), if f_k depends on ``a_bases`` and h_k on the other bases."""
-    by_side: dict[Monomial, dict[Monomial, Number]] = defaultdict(dict)
+def _decomposition(terms: Terms, f_bases: frozenset[sp.Expr]) -> list[tuple[Terms, Terms]]:
+    """Return the pairs (f_k, h_k), if f_k depends on ``f_bases`` and h_k on the other bases."""
+    rows: dict[Monomial, dict[Monomial, Number]] = defaultdict(dict)
     for m, a in terms.items():
-        a_part = frozenset(pair for pair in m if pair[0] in a_bases)
-        by_side[a_part][m - a_part] = a
+        f_part = frozenset(pair for pair in m if pair[0] in f_bases)
+        rows[f_part][m - f_part] = a
     system: Echelon[Monomial] = Echelon(order)
-    for row in by_side.values():
+    for row in rows.values():
         system.add(row)
-    return [({a_part: row[pivot] for a_part, row in by_side.items() if pivot in row}, dict(h))
+    return [({f_part: row[pivot] for f_part, row in rows.items() if pivot in row}, dict(h))
             for pivot, h in system.echelon_rows().items()]
 
 

@@ -25,12 +25,12 @@ from .switching_functions import Switch
 
 __all__ = ["Evaluator", "as_rational"]
 
-#: SymPy function of one argument → its name in NumPy and in mpmath, one word if they are equal.
+#: SymPy function of one argument → its name in NumPy; mpmath has its inverses without "arc".
 _FUNCTIONS = {
     sp.sin: "sin", sp.cos: "cos", sp.tan: "tan", sp.exp: "exp", sp.log: "log",
     sp.sinh: "sinh", sp.cosh: "cosh", sp.tanh: "tanh",
-    sp.asin: "arcsin asin", sp.acos: "arccos acos", sp.atan: "arctan atan",
-    sp.asinh: "arcsinh asinh", sp.acosh: "arccosh acosh", sp.atanh: "arctanh atanh",
+    sp.asin: "arcsin", sp.acos: "arccos", sp.atan: "arctan",
+    sp.asinh: "arcsinh", sp.acosh: "arccosh", sp.atanh: "arctanh",
 }
 
 
@@ -105,12 +105,12 @@ class Evaluator:
 
     def _angle(self, y: Any, x: Any) -> Any:
         """Return atan2(y, x), for complex numbers continued analytically from the real parts."""
-        real_angle = self._function("arctan2 atan2")(np.real(y), np.real(x))
+        real_angle = self._function("arctan2")(np.real(y), np.real(x))
         if not (np.iscomplexobj(y) or np.iscomplexobj(x)):
             return real_angle
         # (x, y) in axes that are rotated by the real angle: the angle that is left is imaginary
         c, s = self._function("cos")(real_angle), self._function("sin")(real_angle)
-        return real_angle + self._function("arctan atan")((y * c - x * s) / (x * c + y * s))
+        return real_angle + self._function("arctan")((y * c - x * s) / (x * c + y * s))
 
     def _of_sign(self, function: type[sp.Function], u: Any) -> Any:
         """Return |u|, sign u or floor u; of complex u by the sign of Re u, so |u| is analytic."""
@@ -119,11 +119,11 @@ class Evaluator:
         sign = np.sign(np.real(u)) if self._mp is None else self._mp.sign(u.real)
         return sign if function is sp.sign else sign * u
 
-    def _function(self, names: str) -> Callable[..., Any]:
-        """Return NumPy's function, or mpmath's; ``names`` are both names if these differ."""
-        numpy_name, mp_name = names.split()[0], names.split()[-1]
+    def _function(self, name: str) -> Callable[..., Any]:
+        """Return the function with a name of NumPy, or mpmath's: arcsin is its asin."""
         function: Callable[..., Any] = (
-            getattr(np, numpy_name) if self._mp is None else getattr(self._mp, mp_name))
+            getattr(np, name) if self._mp is None
+            else getattr(self._mp, name.replace("arc", "a")))
         return function
 
 

@@ -209,8 +209,8 @@ class Switching:
     def manifest_fields(self, order: int, *, discrete: bool) -> dict[str, Any]:
         """Return the fields of the manifest about switches; {} without any.
 
-        ``remarks``: list of str, about a method of this order; ``jumps``: where forces jump, for
-        the message of a failed step.
+        ``remarks``, a list of sentences, says where a method of order ``order`` loses its order;
+        ``jumps`` says where forces jump, for the message of a failed step.
         """
         if not self.switches:
             return {}

@@ -275,10 +275,10 @@ class System:
                     f"System {self.name!r} has a symbol named {name!r}, which is a keyword or a "
                     "macro of the generated C; choose another name."
                 )
-        twice = sorted(name for name, count in Counter(names).items() if count > 1)
-        if twice:
+        repeated = sorted(name for name, count in Counter(names).items() if count > 1)
+        if repeated:
             raise InputError(
-                f"System {self.name!r} uses the name {twice[0]!r} twice; names must differ."
+                f"System {self.name!r} uses the name {repeated[0]!r} twice; names must differ."
             )
         for name in self.quantities:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):

@@ -102,10 +102,10 @@ class Observation:
                 continue
             attitudes = measurements[:, columns_of_part]
             norms = np.linalg.norm(attitudes, axis=1)
-            off = int(np.argmax(np.abs(norms - 1)))
-            if abs(norms[off] - 1) > _NORM:
-                raise InputError(f"data[{off}] = {shown(attitudes[off].tolist())} is no unit "
-                                 f"quaternion: its length is {norms[off]:.6g}. Scale the rows to "
+            row = int(np.argmax(np.abs(norms - 1)))
+            if abs(norms[row] - 1) > _NORM:
+                raise InputError(f"data[{row}] = {shown(attitudes[row].tolist())} is no unit "
+                                 f"quaternion: its length is {norms[row]:.6g}. Scale the rows to "
                                  "length 1.")
             attitudes /= norms[:, None]
         return measurements

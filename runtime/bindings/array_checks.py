@@ -18,7 +18,8 @@ from .real_numbers import as_float
 __all__ = ["as_array", "as_numbers", "as_positive_count", "as_real",
            "as_step", "converted_to"]
 
-#: Counts up to this stay exact in C's ``long`` and in NumPy, whatever is added to them.
+#: Largest count: half the range of C's ``long`` and of NumPy's int64, so that sums with numbers of
+#: steps or rows do not overflow.
 _MOST = 2**62
 _DOUBLE = np.dtype(np.float64)
 #: Numbers up to which floats are faster than arrays.

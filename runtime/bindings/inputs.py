@@ -97,15 +97,15 @@ class InputRows:
     def rows_of(self, runs: Array, steps: Array, count: int = 1) -> InputRows:
         """Return the inputs of ``count`` steps of each of several runs, a row per step.
 
-        Entry i has the steps from ``steps[i]`` on of run ``runs[i]``. Behind the last row it
-        repeats.
+        Entry i begins at step ``steps[i]`` of run ``runs[i]``; its last row is repeated. The values
+        have the shape (entries, ``count``, inputs).
         """
         step_numbers = steps[:, None] + np.arange(count)
         # hold = 0: one row holds throughout
         row_numbers = step_numbers // self.hold if self.hold else 0 * step_numbers
         last_row = self.values.shape[1] - 1  # holds for all later steps
-        owner = runs[:, None] if len(self.values) > 1 else 0  # runs may share their inputs
-        values = self.values[owner, np.minimum(row_numbers, last_row)]
+        run_numbers = runs[:, None] if len(self.values) > 1 else 0  # runs may share their inputs
+        values = self.values[run_numbers, np.minimum(row_numbers, last_row)]
         return InputRows(self.names, np.ascontiguousarray(values), 1)
 
     @property

@@ -50,6 +50,7 @@ __all__ = [
     "write_cache",
 ]
 
+#: A build's folder of this age is what a killed build left: each build removes such folders.
 _STALE_SECONDS = 24 * 3600
 #: No build takes so long; ``clear`` takes it for ended.
 _ENDED_SECONDS = 3600
@@ -107,6 +108,7 @@ def _usable(folder: Path) -> Path:
 def digest(content: Any) -> str:
     """Return a hash of anything JSON can hold."""
     text = json.dumps(content, sort_keys=True, ensure_ascii=False)
+    # 128 bits: no two contents share them, and names of files stay short
     return hashlib.sha256(text.encode()).hexdigest()[:32]
 
 
@@ -194,6 +196,7 @@ def build_folder() -> Iterator[Path]:
     try:
         folder = _usable(folder)
         _remove_stale(folder, _STALE_SECONDS)
+        # inside the cache: os.replace, by which files are published, keeps to one file system
         with tempfile.TemporaryDirectory(prefix=_BUILD, dir=folder) as private:
             (Path(private) / _MARK).write_text(_MARKED, encoding="ascii")
             yield Path(private)
@@ -252,9 +255,9 @@ def read_cache(name: str) -> Any:
     try:
         if not is_trusted(path):
             return None
-        proof, _, text = path.read_bytes().partition(b"\n")
-        # the checksum finds what a damaged disk has changed
-        return json.loads(text) if proof == _checksum_of(text) else None
+        checksum, _, text = path.read_bytes().partition(b"\n")
+        # a damaged disk changes the text and not its checksum
+        return json.loads(text) if checksum == _checksum_of(text) else None
     except (OSError, ValueError, TypeError, RecursionError):
         return None
 

@@ -224,6 +224,7 @@ def compile_module(
     declarations = read_declarations(files[f"{name}.h"])
     if is_quad(declarations):
         _refuse_without_quad(compiler, folder)
+    # where a portable module runs, no compiler can make the library when a step needs it (prebuilt)
     newton_apart = not (is_whole() or compiler.portable) and has_newton_apart(name, files)
     objects, checks = _start_objects(name, files, compiler, folder, module_kind, more_flags,
                                      newton_apart=newton_apart)
@@ -236,10 +237,9 @@ def compile_module(
     # gcc may have compiled a permutation wrongly, which shows in the object alone (object_files)
     if compiler.is_gcc:
         _replace_permutations([command for command, _ in running], folder)
-    linked = ["wrapper.o", *(command[-1] for command, _ in objects)]
-    # linked once all objects are there
+    object_names = ["wrapper.o", *(command[-1] for command, _ in objects)]
     target = folder / (module_name(name) + extension_suffix())
-    link = [*compiler.command, *compiler.link_flags, *linked, "-lm", "-o", target.name]
+    link = [*compiler.command, *compiler.link_flags, *object_names, "-lm", "-o", target.name]
     _end([_start(link, folder)])
     if not target.is_file():
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
@@ -287,9 +287,9 @@ def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
     ``commands`` compiled the objects; their last words are -o and the object's file.
     """
     for flags in WITHOUT_PERMUTATIONS:
-        again = [command for command in commands
-                 if has_permutation((folder / command[-1]).read_bytes())]
-        _end([_start([*command[:-2], *flags, *command[-2:]], folder) for command in again])
+        suspects = [command for command in commands
+                    if has_permutation((folder / command[-1]).read_bytes())]
+        _end([_start([*command[:-2], *flags, *command[-2:]], folder) for command in suspects])
 
 
 def _write_wrapper(
@@ -322,21 +322,22 @@ def _write_cffi_wrapper(
 
     ``calls`` are functions that call Newton's method in its library.
     """
-    declarations, functions, renamed = read_declarations(header), "", ""
+    declarations, functions, type_macro = read_declarations(header), "", ""
     if is_quad(declarations):
         declarations, functions = wrap_declarations(declarations)
     elif real := _optional_type(declarations):  # cffi knows the standard type with the same numbers
         standard = _STANDARD[real.dtype]
         declarations = f"typedef {standard} {real.c_type};\n{declarations}"
-        renamed = f"#define {real.c_type} {standard}\n"
+        type_macro = f"#define {real.c_type} {standard}\n"
     ffi = cffi.FFI()
-    checked = "\n".join(check.declaration for check in checks)
-    declarations, pointers = _as_pointers(f"{declarations}\n{checked}")
+    check_declarations = "\n".join(check.declaration for check in checks)
+    declarations, pointers = _as_pointers(f"{declarations}\n{check_declarations}")
     # work memory is opaque to callers; the C compiler tells cffi its size
     ffi.cdef(f"{declarations}\nstruct {name}_work {{ ...; }};\n"
              + (newton_library.declarations(name) if calls else ""))
-    ffi.set_source(module_name(name), f'{renamed}#define {name.upper()}_WORK\n'
-                   f'#include "{name}.h"\n{calls}{functions}\n{checked}\n{pointers}',
+    ffi.set_source(module_name(name), f'{type_macro}#define {name.upper()}_WORK\n'
+                   f'#include "{name}.h"\n{calls}{functions}\n{check_declarations}\n'
+                   f'{pointers}',
                    compiler_verbose=0)
     wrapper = folder / f"{module_name(name)}.c"
     ffi.emit_c_code(str(wrapper))

@@ -39,9 +39,10 @@ def prebuild(steppers: Mapping[str, dict[str, str]], folder: Path) -> None:
     folder.mkdir(parents=True)
     modules = {}
     for name, files in steppers.items():
+        # derivatives and impacts take a compiler where they run
         for module_kind in ("runs", "lanes"):
-            with tempfile.TemporaryDirectory() as inside:
-                module, record = compile_verified(name, files, compiler, Path(inside), module_kind)
+            with tempfile.TemporaryDirectory() as objects:
+                module, record = compile_verified(name, files, compiler, Path(objects), module_kind)
                 target = folder / f"{name}_{module_kind}{_SUFFIX}"
                 shutil.move(module, target)
             modules[target.name] = {

@@ -56,6 +56,7 @@ def compile_verified(
     expected = set(manifest.operations) if module_kind == "runs" else set()
     usual_mismatches: list[KernelMismatch] = []  # of the usual flags, for messages
     for number, flags in enumerate(SAFER_FLAGS):
+        # a folder for each attempt: the module of the last one is loaded, its file must not change
         build_folder = folder / str(number)
         build_folder.mkdir()
         built, checks = compile_module(name, files, compiler, build_folder, module_kind, flags)

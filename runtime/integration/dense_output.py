@@ -73,11 +73,11 @@ def _states_at(
     stepper: Stepper, trajectory: Trajectory, times: ArrayLike,
     fill: Callable[[EnsembleStates], None],
 ) -> Trajectory:
-    """Return the states of a run at times: rows of it, or real steps from the rows before them.
+    """Return the states of a run at ``times``, computed by steps from the known states before them.
 
-    Each time belongs to the known state before it, a stored row or the state after an impact. From
-    there the states of all times take together: the part of a step from an impact to the end of its
-    step, whole steps, and the last part of a step. ``fill`` integrates an ensemble in place.
+    Known states are stored rows and states after impacts. From them all states are integrated as
+    one ensemble, which ``fill`` advances in place, in three stages: from an impact to the end of
+    its step, whole steps, and the rest of a step.
     """
     refuse_of_another(stepper, trajectory)
     refuse_impacts(trajectory)
@@ -296,7 +296,7 @@ def run_together(
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
     first_run = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
                              solver="auto", tolerance=None, max_iterations=50, t0=t0[0])
-    ensemble = EnsembleStates.of(stepper, EnsembleArguments(
+    ensemble = EnsembleStates.at_start(stepper, EnsembleArguments(
         first_run, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
     fill(ensemble)
     failed = np.flatnonzero(ensemble.status)

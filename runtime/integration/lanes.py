@@ -64,7 +64,7 @@ class EnsembleStates:
     detectors: tuple[EventDetector, ...] = ()
 
     @classmethod
-    def of(
+    def at_start(
         cls, stepper: Evaluation, runs: EnsembleArguments, detectors: Sequence[EventDetector] = ()
     ) -> EnsembleStates:
         """Return the runs at their start, with memory for all their stored states."""
@@ -74,12 +74,12 @@ class EnsembleStates:
             binding = stepper._binding_of_many
         reports: list[Any]
         if in_lanes:
-            # detectors take the states of a batch after each call: one batch a call, else several
+            # detectors read the states of a batch after each call: with them a call has one batch
             batch = binding.lanes * (1 if detectors else _batches_in_a_call(binding, runs.first))
             reports = [binding.reports(min(batch, count - i)) for i in range(0, count, batch)]
             parameters = binding.parameter_rows(runs.parameters, runs.t0)
         else:
-            batch, parameters = 1, runs.dt  # parameters are not used
+            batch, parameters = 1, runs.dt  # any array: runs off lanes have their own parameters
             reports = [binding.report() for _ in range(count)]
         states = cls(binding, runs, in_lanes, batch, Rows.allocate(binding, count, rows),
                      runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc), reports,
@@ -174,7 +174,8 @@ class EnsembleStates:
 def _batches_in_a_call(binding: Binding, first: RunArguments) -> int:
     """Return how many batches compiled code may integrate in one call, which takes all steps.
 
-    Only short runs that store at multiples of ``every``: a call is not interrupted by signals.
+    Several for short runs alone, since signals do not interrupt a call. Their last step must be
+    stored, as all others at multiples of ``every``.
     """
     short = first.steps <= FIRST_STEPS and (
         first.every >= first.steps or first.steps % first.every == 0)

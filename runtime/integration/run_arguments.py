@@ -51,7 +51,8 @@ __all__ = ["IMMUTABLE", "OPEN", "EnsembleArguments", "Integration", "Origin", "P
            "refuse_texts", "span_of", "step_argument", "step_count", "steps_until",
            "warn_of_late_start", "warn_of_negative", "with_rules"]
 
-#: Steps of a run whose end is that of an event, at most: more than any run takes.
+#: Largest number of steps of a run that an event ends: more than any run takes, and half the range
+#: of 64-bit integers, so that sums with numbers of steps or rows do not overflow.
 OPEN = 2**62
 #: Numbers of moved states that are checked at a time: as many as a cache of the CPU holds.
 _CHECKED = 2**16
@@ -164,7 +165,7 @@ class RunArguments:
         return self.rows if step_count == self.steps else step_count // self.every
 
     def steps_of_rows(self, step_count: int) -> Array:
-        """Return the steps before the start (0) and each state stored in ``step_count`` steps."""
+        """Return the step number of each stored state, the start (0) first, (1 + rows,)."""
         row_count = self.rows_after(step_count)
         if self.stored_steps is not None:
             return np.concatenate([[0], self.stored_steps[:row_count]])

@@ -46,7 +46,7 @@ class BodyMotion:
 
     def __init__(self, trajectory: Trajectory, name: str, at: BodyAt) -> None:
         self.name = name
-        self._run, self._at = trajectory, at
+        self._run, self._layout = trajectory, at
 
     def __repr__(self) -> str:
         return (f"<BodyMotion of {self.name} in {self._run.manifest.name}: "
@@ -64,7 +64,7 @@ class BodyMotion:
     @property
     def attitude(self) -> Array:
         """Unit quaternions from body to space axes, scalar first, shape (N+1, 4), as computed."""
-        quaternions: Array = self._run.q[..., self._at.q]
+        quaternions: Array = self._run.q[..., self._layout.q]
         return quaternions
 
     def rotation(self) -> Any:
@@ -141,7 +141,7 @@ class BodyMotion:
         rotation_velocity = self._in_space(np.cross(self.angular_velocity(), r))
         if not self.moves:
             return rotation_velocity
-        return self._run.p[..., self._at.x].astype(float) / self.mass + rotation_velocity
+        return self._run.p[..., self._layout.x].astype(float) / self.mass + rotation_velocity
 
     def momentum(self) -> Array:
         """Return m ẋ of the centre of mass in space axes, shape (N+1, 3), in kg m/s.
@@ -161,7 +161,7 @@ class BodyMotion:
         l, omega = self.angular_momentum("body"), self.angular_velocity()  # noqa: E741
         energy: Array = (l * omega).sum(axis=-1) / 2
         if self.moves:
-            energy = energy + (self._run.p[..., self._at.x].astype(float) ** 2).sum(axis=-1) / (
+            energy = energy + (self._run.p[..., self._layout.x].astype(float) ** 2).sum(axis=-1) / (
                 2 * self.mass)
         return energy
 
@@ -174,7 +174,7 @@ class BodyMotion:
         InputError
             If the model does not give it.
         """
-        mass = self._at.mass_of(self._run.parameters)
+        mass = self._layout.mass_of(self._run.parameters)
         if mass is None:
             raise InputError(self._unknown("the mass"))
         return mass
@@ -193,15 +193,15 @@ class BodyMotion:
         InputError
             If the model does not give it.
         """
-        if not self._at.centre:
+        if not self._layout.centre:
             raise InputError(self._unknown("where the centre of mass is") + " (Other points are "
                              "asked for in body axes: position(on_body=(0, 0, 0.1)).)")
-        return numbers(self._at.centre, self._run.parameters)
+        return numbers(self._layout.centre, self._run.parameters)
 
     @property
     def moves(self) -> bool:
         """Whether the body has a position: none of its points is fixed in space."""
-        return bool(self._at.x)
+        return bool(self._layout.x)
 
     def plot(self, path: str | os.PathLike[str] | None = None, *, euler: str = "ZYX",
              degrees: bool = True) -> Any:
@@ -218,19 +218,19 @@ class BodyMotion:
     @property
     def _p(self) -> Array:
         """The momenta of the quaternion, shape (N+1, 4)."""
-        momenta: Array = self._run.p[..., self._at.q]
+        momenta: Array = self._run.p[..., self._layout.q]
         return momenta
 
     @property
     def _inertia(self) -> Any:
         """The moments or the tensor, with the run's parameters."""
-        return self._at.inertia_of(self._run.parameters)
+        return self._layout.inertia_of(self._run.parameters)
 
     def _origin(self) -> Array:
         """Return the position of the origin of the body axes in space, (N+1, 3), in m."""
         if self.moves:
-            return self._run.q[..., self._at.x].astype(float)
-        fixed_point = numbers(self._at.origin, self._run.parameters)
+            return self._run.q[..., self._layout.x].astype(float)
+        fixed_point = numbers(self._layout.origin, self._run.parameters)
         return np.broadcast_to(fixed_point, (*self._run.q.shape[:-1], 3))
 
     def _point(self, on_body: ArrayLike | None) -> Array:

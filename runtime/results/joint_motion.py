@@ -47,7 +47,7 @@ class JointMotion:
 
     def __init__(self, trajectory: Trajectory, name: str, at: JointAt) -> None:
         self.name, self.bodies = name, (at.a, at.b)
-        self._run, self._at = trajectory, at
+        self._run, self._layout = trajectory, at
 
     def __repr__(self) -> str:
         ends = ", ".join(name or "ground" for name in self.bodies)
@@ -94,7 +94,7 @@ class JointMotion:
         if self._is_measured("angle"):
             return self._run.quantity(f"{self.name}_angle") * unit
         n1, n2, e, axis_in_b = self._axes()
-        turn: Array = (self._model_angle(n1, n2) if self._at.zero
+        turn: Array = (self._model_angle(n1, n2) if self._layout.zero
                        else self._plane_angle(n1, n2, axis_in_b))
         # whole turns between two states are those of the mean of their rates
         t, rate = self._run.t.astype(float), self._rate(e)
@@ -108,7 +108,7 @@ class JointMotion:
 
         (w, v e) = q̄_a q_b c with e = n₁ × n₂ in a; c and ``turns`` are ``zero`` of the joint.
         """
-        *c, turns = numbers(self._at.zero, self._run.parameters)
+        *c, turns = numbers(self._layout.zero, self._run.parameters)
         q_a, q_b = self._attitudes()
         x = np.stack(quaternion_product(q_b.T, c), axis=-1)
         # q̄_a x has the scalar q_a·x and the vector L(q_a) x
@@ -212,14 +212,14 @@ class JointMotion:
 
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque Gᵀλ on b in space, shape (rows, 3) each, in N and N m."""
-        if self._at.pulls is None:
+        if self._layout.pulls is None:
             raise InputError(f"The force and the torque of {self.name!r} are not known: it "
                              "acts on more than its two bodies, as a gear does, is of your own "
                              "class without a Pull, or a slide of a stepper of an earlier version. "
                              "Its multipliers are in run.multipliers.")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run).astype(float)
-        for pull in self._at.pulls:
+        for pull in self._layout.pulls:
             factor = multipliers[:, pull.index, None]
             along = self._direction(pull)
             if pull.kind in ("torque", "axial"):
@@ -254,7 +254,7 @@ class JointMotion:
     @property
     def has_axis(self) -> bool:
         """Whether a and b keep an axis in common, and so have an angle."""
-        return bool(self._at.axis_b)
+        return bool(self._layout.axis_b)
 
     def plot(self, path: str | os.PathLike[str] | None = None) -> Any:
         """Draw its angle, where it has one, and force and torque in it against time.
@@ -272,7 +272,8 @@ class JointMotion:
 
         Raises InputError for a joint without a point there.
         """
-        body, r = (self._at.a, self._at.on_a) if side == "a" else (self._at.b, self._at.on_b)
+        layout = self._layout
+        body, r = (layout.a, layout.on_a) if side == "a" else (layout.b, layout.on_b)
         if not r:
             raise InputError(f"Joint {self.name!r} has no point on {repr(body) if body else side}: "
                              "it keeps an axis in common, or is at a moving point.")
@@ -295,10 +296,10 @@ class JointMotion:
         if not self.has_axis:
             raise InputError(f"Joint {self.name!r} has no axis that its bodies keep in common, so "
                              "no angle; those of revolute and align have.")
-        normals = numbers(self._at.axis_a, self._run.parameters)
+        normals = numbers(self._layout.axis_a, self._run.parameters)
         n1, n2 = normals[:3], normals[3:]
         e = rotate(self._attitudes()[0], np.cross(n1, n2))
-        return n1, n2, e, numbers(self._at.axis_b, self._run.parameters)
+        return n1, n2, e, numbers(self._layout.axis_b, self._run.parameters)
 
     def _in(self, frame: str, vectors: Array) -> Array:
         """Return vectors in space axes, (N+1, 3), in those of ``frame``: "space" or a body."""

@@ -183,7 +183,7 @@ class PresentJoint(_SingleState, JointMotion):
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque at the begin of the next step, shape (3,) each, in N and N m."""
         # multipliers belong to a step: the step from the present state, which is discarded
-        force, torque = JointMotion(self._run.next_step(), self.name, self._at)._reaction()
+        force, torque = JointMotion(self._run.next_step(), self.name, self._layout)._reaction()
         return force[0], torque[0]
 
     def _quaternion_of(self, name: str) -> list[float]:
@@ -198,7 +198,7 @@ class PresentJoint(_SingleState, JointMotion):
         e = np.cross(n1, n2)
         return (e.tolist(), n1.tolist(), n2.tolist(),
                 (shortest_rotation(e, axis_in_b, n1) @ n1).tolist(),
-                numbers(self._at.zero, self._run.parameters).tolist())
+                numbers(self._layout.zero, self._run.parameters).tolist())
 
 
 class _CachedFunction:

@@ -73,7 +73,8 @@ def rotation_matrix(q: ArrayLike) -> Floats:
 def axis(q: ArrayLike) -> Floats:
     """Return (R13, R23, R33), the body's third axis in space, shape (..., 3).
 
-    The centre of mass of the paper's top is l times this (erratum 1).
+    The centre of mass of the paper's top is l times this axis. R maps body to space axes, which the
+    paper does not say (erratum 1).
 
     Raises
     ------

@@ -289,7 +289,7 @@ def _side_by_side(
     far come with ``Stopped``.
     """
     levels = _levels(stepper, events)
-    computed = EnsembleStates.of(stepper, runs, detectors_for(stepper, levels, runs))
+    computed = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
             """Integrate the runs of ``states`` and store their states in it."""
@@ -301,7 +301,7 @@ def _side_by_side(
         ensemble = _ensemble(stepper, computed, crossings, event_tuple)
         if runs.rests is not None and not interrupts.is_requested:
             last_runs = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
-            parts = EnsembleStates.of(stepper, last_runs,
+            parts = EnsembleStates.at_start(stepper, last_runs,
                                       detectors_for(stepper, levels, last_runs))
             fill(parts)
             ensemble = _with_last_parts(stepper, ensemble, runs, _ensemble(

@@ -345,9 +345,10 @@ class _Rules:
         return parameters
 
     def choose(self, pilot_limit: int, *, longer: bool) -> Tuned:
-        """Return numbers for the rules, by pilot runs of at most ``pilot_limit`` steps.
+        """Return the values of γ, α and rates that the rules ask for.
 
-        ``longer``: they are for a run that continues where the pilot runs end.
+        Pilot runs have ``pilot_limit`` steps, or those of the run itself. ``longer`` says that the
+        run continues after its pilot runs: their late quarters must have smaller errors, too.
         """
         length = pilot_limit if longer else max(self.run.steps, _LEAST)
         pilot = self.stepper._checked_run(replace(self.run.pilot(length),

@@ -334,7 +334,7 @@ def test_a_derivative_that_vanishes_says_nothing_of_a_step():
     H_0 = (u**2 + v**2) * (1 + x**2) / 2
     moved = gs.System((x, y), (u, v), (k,), H_0, circle,
                       forces=((x * v - y * u) + radial, x * v - y * u + 2 * radial))
-    shared = FastSystem(moved).shared
+    shared = FastSystem(moved).shared_sums
     assert all(not e.has(sp.sign) for e in shared)
     steps = gs.System((x, y), (u, v), (k,), H_0 + (x * u + y * v) * radial, circle)
     assert not FastSystem(steps).is_affine
