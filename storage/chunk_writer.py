@@ -35,8 +35,8 @@ def write_chunks(chunks: Sequence[Chunk]) -> None:
     """
     with ThreadPoolExecutor(_AT_ONCE, "gyrospark-files") as pool:
         writes = [pool.submit(_write, chunk) for chunk in chunks]
-    for done in writes:
-        done.result()
+    for write in writes:
+        write.result()
 
 
 def _write(chunk: Chunk) -> None:

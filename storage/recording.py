@@ -356,15 +356,15 @@ class Recording(Trajectory):
         One chunk at a time is in memory.
         """
         array = array_of(self._group, "iterations")
-        most = np.zeros(len(row_range), array.dtype)
+        largest_counts = np.zeros(len(row_range), array.dtype)
         chunk, first_row, end_row = array.chunks[0], row_range.start, row_range[-1] + 1
         for chunk_start in range(first_row - first_row % chunk, end_row, chunk):
             begin, end = max(chunk_start, first_row), min(chunk_start + chunk, end_row)
             # the selected row at or behind each row
             places = -(-(np.arange(begin, end) - first_row) // row_range.step)
             iterations = stored_values(array, begin, end - begin, False, array.dtype)
-            np.maximum.at(most, places, iterations)
-        return most
+            np.maximum.at(largest_counts, places, iterations)
+        return largest_counts
 
 
 def _spans_of_chunks(row_range: range, chunk: int) -> Iterator[tuple[int, int]]:

@@ -106,10 +106,10 @@ def _seconds_a_step(study: Study, tile: Tile) -> float:
         short = replace(study, every=None)
         _time(short, tile)  # for caches
         return _time(short, tile) / study.steps / math.prod(tile.shape)
-    once, twice = (replace(study, steps=n, t_end=None, every=None)
-                   for n in (_STEPS, 2 * _STEPS))
-    _time(once, tile)  # for caches
-    seconds = max(_time(twice, tile) - _time(once, tile), 0.0)
+    short_study, long_study = (replace(study, steps=n, t_end=None, every=None)
+                               for n in (_STEPS, 2 * _STEPS))
+    _time(short_study, tile)  # for caches
+    seconds = max(_time(long_study, tile) - _time(short_study, tile), 0.0)
     return seconds / _STEPS / math.prod(tile.shape)
 
 
@@ -117,6 +117,6 @@ def _time(study: Study, tile: Tile) -> float:
     """Return the CPU time of this thread for the cells of a tile, in seconds, without stored
     results."""
     fields = fields_of(study, [])
-    began = time.thread_time()
+    start_time = time.thread_time()
     compute(study, fields, tile)
-    return time.thread_time() - began
+    return time.thread_time() - start_time

@@ -143,11 +143,11 @@ def _axis(array: xarray.DataArray, dimension: str) -> _Axis:
 
 def _line_axis(shown: list[_Axis]) -> _Axis | None:
     """Return the axis each of whose cells is a line over the other; None for colours."""
-    few = [axis for axis in shown if len(axis) <= _LINES]
-    if len(shown) < 2 or not few:
+    short_axes = [axis for axis in shown if len(axis) <= _LINES]
+    if len(shown) < 2 or not short_axes:
         return None
     # names before numbers, which have an order that colours of lines would not show
-    return min(few, key=lambda axis: (axis.numeric, len(axis)))
+    return min(short_axes, key=lambda axis: (axis.numeric, len(axis)))
 
 
 def _lines(axes: Any, array: xarray.DataArray, along: _Axis, line_axis: _Axis | None) -> None:

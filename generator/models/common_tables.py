@@ -118,13 +118,12 @@ class Formulas:
 
     def in_use(
         self, expressions: Iterable[sp.Expr]
-    ) -> tuple[list[sp.Symbol], dict[sp.Symbol, sp.Symbol], dict[str, float]]:
-        """Return the parameters that a system's expressions contain.
+    ) -> tuple[dict[sp.Symbol, sp.Symbol], dict[str, float]]:
+        """Return the parameters that a system's expressions contain: their symbols and values.
 
-        Three results: their symbols in the system; symbol in formulas → symbol in the system, which
-        differ for a parameter that a formula divides by, as it is declared nonzero, and refused if
-        it is 0; their values by name. A parameter that only other numbers of the file need is none
-        of them.
+        Symbols map those of the formulas to those of the system. These differ for a parameter that
+        a formula divides by: it is declared nonzero, and refused if it is 0. A parameter that only
+        other numbers of the file need is left out.
         """
         formulas = list(expressions)
         present = set().union(*(e.free_symbols for e in formulas))
@@ -140,7 +139,7 @@ class Formulas:
                 if values[name] == 0:
                     raise self.content.file_error(f"[parameters] {name} is 0, and a formula "
                                                   "divides by it; write another number.")
-        return list(system_symbols.values()), system_symbols, values
+        return system_symbols, values
 
 
 def divisors(expression: sp.Expr) -> set[sp.Symbol]:

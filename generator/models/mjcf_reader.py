@@ -477,13 +477,13 @@ def _fill_names(names: Sequence[str], kind: str, first: int) -> list[str]:
 
 def _unique(names: Sequence[str], substitutes: Sequence[str]) -> list[str]:
     """Return names of which empty ones are replaced; a substitute in use gets a number."""
-    taken = {*names}
+    used_names = {*names}
     unique_names = []
     for name, substitute in zip(names, substitutes, strict=True):
         candidates = (f"{substitute}_{count}" if count else substitute
                       for count in itertools.count())
-        unique_names.append(name or next(x for x in candidates if x not in taken))
-        taken.add(unique_names[-1])
+        unique_names.append(name or next(x for x in candidates if x not in used_names))
+        used_names.add(unique_names[-1])
     return unique_names
 
 

@@ -91,7 +91,8 @@ def refuse_other_options(kind: str, allowed: Sequence[str], options: Iterable[st
     """
     for name in options:
         if name not in allowed:
-            formats = [each.name for each in FORMATS.values() if name in each.options]
+            formats = [file_format.name for file_format in FORMATS.values()
+                       if name in file_format.options]
             formats += ["TOML"] * (name == "set")
             belongs = f" belongs to {join_or(formats)}" if formats else (
                 f" is no option of model files{proposal(name, allowed)}")

@@ -72,14 +72,14 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     if has_tensor:
         _add_tensor(inertia, formulas)
     potential, torque, quantities, scales = _read_formulas(content, formulas, has_tensor)
-    parameters, system_symbols, values = formulas.in_use(
+    system_symbols, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
     values |= weight | _inertia_values(inertia)
     system = body_system(
         name,
         cast("Rep", representation),
         potential.xreplace(system_symbols),
-        parameters,
+        list(system_symbols.values()),
         torque=[e.xreplace(system_symbols) for e in torque],
         quantities={key: e.xreplace(system_symbols) for key, e in quantities.items()},
         tensor=has_tensor,

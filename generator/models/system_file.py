@@ -51,7 +51,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     H, constraints, velocity_constraints, forces, quantities, scales, time = _read_formulas(
         content, formulas, q, p, v)
     # symbols of parameters that a formula divides by are replaced by symbols that are not 0
-    parameters, system_symbols, values = formulas.in_use(
+    system_symbols, values = formulas.in_use(
         [H, *constraints, *velocity_constraints, *forces, *quantities.values(), *scales])
     start.allow("q", "p")
     start.require("q", "p")
@@ -61,7 +61,8 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
         return tuple(e.xreplace(system_symbols) for e in expressions)
 
     system = System(
-        tuple(q.values()), tuple(p.values()), tuple(parameters), in_system([H])[0],
+        tuple(q.values()), tuple(p.values()), tuple(system_symbols.values()),
+        in_system([H])[0],
         in_system(constraints), name=name,
         constraint_names=tuple(table.strings("constraint_names")),
         velocities=tuple(v.values()), velocity_constraints=in_system(velocity_constraints),

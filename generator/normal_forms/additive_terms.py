@@ -295,7 +295,7 @@ class HamiltonianTerms:
         """
         blocks = {m: self.support.blocks(m) for m in terms}
         nonlinear = {m: a for m, a in terms.items() if not self._is_linear(m)}
-        is_square = bool(nonlinear) and not square_root(without_common(nonlinear)[2])[1]
+        is_square = bool(nonlinear) and not square_root(without_common(nonlinear).primitive)[1]
         nonlinear_blocks = frozenset[int]().union(*(blocks[m] for m in nonlinear if not is_square))
         parts: dict[frozenset[int], Terms] = defaultdict(dict)
         for m, a in terms.items():

@@ -6,7 +6,7 @@ The time is nearly proportional to the number of terms; SymPy factors only short
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 
@@ -33,11 +33,19 @@ __all__ = ["absorb_factor_two", "factors_of", "square_root", "without_common"]
 _MOST_TERMS, _MOST_BASES, _HIGHEST_DEGREE = 20, 4, 8
 
 
-def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
-    """Return (m, a, u) with terms = a m u: the common monomial, the content and the primitive part.
+class Factored(NamedTuple):
+    """A sum as content · monomial · primitive.
 
-    The coefficients of u are coprime integers, the first one positive.
+    The coefficients of the primitive part are coprime integers, the first one positive.
     """
+
+    monomial: Monomial
+    content: Number
+    primitive: Terms
+
+
+def without_common(terms: Terms) -> Factored:
+    """Return terms with their common monomial and the content taken out."""
     monomials = iter(terms)
     common = dict(next(monomials))
     for m in monomials:
@@ -56,7 +64,7 @@ def without_common(terms: Terms) -> tuple[Monomial, Number, Terms]:
     if outer:
         inverse_outer = inverse(outer)
         primitive = {multiply_monomials(m, inverse_outer)[0]: a for m, a in terms.items()}
-    return outer, content, scale_terms(primitive, quotient(1, content))
+    return Factored(outer, content, scale_terms(primitive, quotient(1, content)))
 
 
 def nearer_zero(a: Any, b: Any) -> Any:

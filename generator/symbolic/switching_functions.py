@@ -217,9 +217,10 @@ def on_side(e: sp.Expr, side: Callable[[sp.Expr], sp.Expr | None]) -> sp.Expr:
         arguments = [replacement[a] for a in node.args]
         rebuilt = node.func(*arguments) if arguments else node
         # ``side`` is asked about the original w, the sides may contain replaced switches
-        old, new = sides(node), sides(rebuilt)
-        if old is not None and new is not None and (weight := side(old.w)) is not None:
-            rebuilt = weight * new.above + (1 - weight) * new.below
+        original, replaced = sides(node), sides(rebuilt)
+        if (original is not None and replaced is not None
+                and (weight := side(original.w)) is not None):
+            rebuilt = weight * replaced.above + (1 - weight) * replaced.below
         elif isinstance(node, sp.floor) and (floor_value := side(node.args[0])) is not None:
             rebuilt = floor_value
         replacement[node] = rebuilt

@@ -57,8 +57,8 @@ class UnitaryFrame:
         # units in which H_pp is 1: q → H_pp^-½ q, p → H_pp^½ p; a direction without inertia gets a
         # small one, so that there is an inverse
         eigenvalues = np.abs(eigenvalues)
-        least = max(_LEAST * eigenvalues.max(), np.finfo(float).tiny)
-        eigenvalue_roots = np.sqrt(np.maximum(eigenvalues, least))
+        eigenvalue_floor = max(_LEAST * eigenvalues.max(), np.finfo(float).tiny)
+        eigenvalue_roots = np.sqrt(np.maximum(eigenvalues, eigenvalue_floor))
         root, inverse = (axes * eigenvalue_roots) @ axes.T, (axes / eigenvalue_roots) @ axes.T
         to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
         # an orthonormal basis of the tangent space in these units

@@ -28,7 +28,7 @@ def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
     try:
         manifest = parse_manifest(json.loads(files[f"{name}.json"]))
         is_full = manifest.profile == "full"
-        declared = _sizes_in_header(name, files[f"{name}.h"]) if is_full else {}
+        header_sizes = _sizes_in_header(name, files[f"{name}.h"]) if is_full else {}
     except (KeyError, ValueError, RecursionError) as error:
         reason = f": {error}" if isinstance(error, UnfitError) else ""
         raise InputError(f"The manifest {name}.json is damaged{reason}; generate the stepper "
@@ -39,7 +39,7 @@ def read_manifest(name: str, files: Mapping[str, str]) -> Manifest:
                          "full.")
     # memory of these sizes is read and written by the C: a wrong one would be an overrun
     sizes = sizes_of(manifest)
-    for quantity, declared_size in declared.items():
+    for quantity, declared_size in header_sizes.items():
         if sizes[quantity] != declared_size:
             raise InputError(f"The manifest {name}.json does not belong to {name}.h: {quantity} "
                              f"{sizes[quantity]!r:.80} against {declared_size!r:.80}; generate the "

@@ -317,12 +317,12 @@ def _double_roots(work: _Work) -> _Roots:
     indices, inner_share, inner_value = _sign_changes(work, turning)
     start_share, end_share = _zero_and_one(work, indices)
     # the place of other sign divides the step into two parts, each with one simple root
-    twice = np.concatenate([indices, indices])
+    part_indices = np.concatenate([indices, indices])
     low, high = np.concatenate([start_share, inner_share]), np.concatenate([inner_share, end_share])
-    best = _BestStates(work, twice, low, high)
+    best = _BestStates(work, part_indices, low, high)
     before, after = work.brackets.before[indices], work.brackets.after[indices]
     zeros(best, np.concatenate([before, inner_value]), np.concatenate([inner_value, after]),
-          work.tolerance(twice) / (high - low))
+          work.tolerance(part_indices) / (high - low))
     rising = np.concatenate([before, inner_value]) < 0
     roots = best.roots(rising)
     return _select(roots, _is_accepted(work, roots))

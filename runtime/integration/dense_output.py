@@ -352,11 +352,11 @@ def places_of(stepper: Stepper, t0: Any, stored_times: Array, dt: Any, t: Array)
     """
     ahead, t = 1 if dt > 0 else -1, t - t0
     rounding = _rounding_of_times(stepper, t0, stored_times[-1])
-    outside = ((ahead * (t - stored_times[0]) < -rounding)
-               | (ahead * (t - stored_times[-1]) > rounding))
-    if outside.any():
+    is_outside = ((ahead * (t - stored_times[0]) < -rounding)
+                  | (ahead * (t - stored_times[-1]) > rounding))
+    if is_outside.any():
         raise InputError(
-            f"The time {float(t0 + t[outside][0])} is outside of the run, which goes from "
+            f"The time {float(t0 + t[is_outside][0])} is outside of the run, which goes from "
             f"{float(t0)} to {float(t0 + stored_times[-1])} s; ask for times in between.")
     rows = np.searchsorted(ahead * stored_times, ahead * t + rounding, side="right") - 1
     return Places(rows, *_whole_steps(stepper, stored_times[rows], dt, t, rounding))
@@ -396,10 +396,10 @@ def _places_in_scaled_time(
     clock = trajectory.t
     rounding = 2 * epsilon_of_times(stepper) * np.abs(clock).max()
     rows = np.searchsorted(direction * clock, direction * t + rounding, side="right") - 1
-    outside = (rows < 0) | (direction * (t - clock[-1]) > rounding)
-    if outside.any():
+    is_outside = (rows < 0) | (direction * (t - clock[-1]) > rounding)
+    if is_outside.any():
         raise InputError(
-            f"The time {float(t[outside][0])} is outside of the run, which goes from "
+            f"The time {float(t[is_outside][0])} is outside of the run, which goes from "
             f"{float(clock[0])} to {float(clock[-1])} s; ask for times in between.")
     columns = {name: np.full(len(t), number, binding.number_type)
                for name, number in trajectory.parameters.items()}

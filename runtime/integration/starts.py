@@ -88,12 +88,12 @@ def events_or_own(
     """
     if events is not None:
         return events
-    many = starts if isinstance(starts, Sequence) else [starts]
-    own = [start.start._events for start in many if has_start(start)]
-    if any(other != own[0] for other in own):
+    start_list = starts if isinstance(starts, Sequence) else [starts]
+    model_events = [start.start._events for start in start_list if has_start(start)]
+    if any(events_of_start != model_events[0] for events_of_start in model_events):
         raise InputError("The starts have different events; give starts of one model, or "
                          "events=[...] for all.")
-    return own[0] if own else ()
+    return model_events[0] if model_events else ()
 
 
 def _impacts_of(start: Start) -> tuple[Impact, ...]:

@@ -190,8 +190,8 @@ class Ensemble:
                              f"{target.name!r} is none; leave it out.")
         form.require_packages()
         if "ensemble" in form.writers:
-            written: Path = form.function(form.writers["ensemble"])(self, target)
-            return written
+            saved_path: Path = form.function(form.writers["ensemble"])(self, target)
+            return saved_path
         return save_table(table_of_ensemble(self), target, "The ensemble", columns)
 
     def plot(self, *names: str | os.PathLike[str],

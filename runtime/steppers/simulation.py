@@ -217,10 +217,10 @@ class RecordingRun(AdvancingRun):
     @property
     def image(self) -> tuple[Any, ...]:
         """Copies of q, p, solver memory, record, and the rows and inputs of all steps so far."""
-        done = self.steps
+        step_count = self.steps
         return (*super().image, self.binding.image(self.record).tobytes(),
-                self._rows[: done + 1].copy(), self._inputs[:done].copy(), self._has_inputs,
-                self._failed)
+                self._rows[: step_count + 1].copy(), self._inputs[:step_count].copy(),
+                self._has_inputs, self._failed)
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:

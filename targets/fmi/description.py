@@ -86,9 +86,9 @@ def _variables2(root: Element, variables: Sequence[Variable]) -> None:
 
     Value references count from 0, positions in dependencies and unknowns from 1.
     """
-    listed = Sub(root, "ModelVariables")
+    model_variables = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
-        element = Sub(listed, "ScalarVariable", {
+        element = Sub(model_variables, "ScalarVariable", {
             "name": variable.name, "valueReference": str(reference), **_attributes(variable)})
         Sub(element, "Real", _numbers(variable))
     structure = Sub(root, "ModelStructure")
@@ -100,18 +100,19 @@ def _variables2(root: Element, variables: Sequence[Variable]) -> None:
         Sub(outputs, "Unknown", index=index, dependencies=" ".join(
             inputs[name] for name in variable.depends or () if name in inputs))
     # outputs that the FMU computes from the start
-    later = Sub(structure, "InitialUnknowns")
+    initial_unknowns = Sub(structure, "InitialUnknowns")
     for index, variable in unknown:
         if variable.initial == "calculated":
-            Sub(later, "Unknown", index=index)
+            Sub(initial_unknowns, "Unknown", index=index)
 
 
 def _variables3(root: Element, variables: Sequence[Variable]) -> None:
     """Add variables and the dependencies of outputs to ``root`` as FMI 3 has them: by reference."""
-    listed = Sub(root, "ModelVariables")
+    model_variables = Sub(root, "ModelVariables")
     for reference, variable in enumerate(variables):
-        Sub(listed, "Float64", {"name": variable.name, "valueReference": str(reference),
-                                **_attributes(variable), **_numbers(variable)})
+        Sub(model_variables, "Float64", {
+            "name": variable.name, "valueReference": str(reference),
+            **_attributes(variable), **_numbers(variable)})
     structure = Sub(root, "ModelStructure")
     references = {v.name: str(k) for k, v in enumerate(variables)}
     outputs = [v for v in variables if v.causality == "output"]
