@@ -9,6 +9,6 @@ from numpy.typing import NDArray
 
 __all__ = ["Array", "Floats"]
 
-#: Of any type of numbers: those of a stepper are float, double, long double or pairs of doubles.
+#: An array of any number type; a stepper's is float, double, long double or pairs of doubles.
 Array = NDArray[Any]
 Floats = NDArray[np.float64]

@@ -30,8 +30,8 @@ _RANGE = 20_000
 #: Bits of a constant such as π. Rounded again, to 113, it is wrong only if bits 114 to 256 are
 #: 10…0 or 01…1.
 _CONSTANT_BITS = 256
-#: Of binary128: the bits of a number, the exponent of a subnormal number's last bit, and the
-#: decimals that tell any number from its neighbours.
+#: binary128: bits of a number and exponent of the last bit of a subnormal number; decimal digits
+#: that tell any number from its neighbours.
 _QUAD, _QUAD_DIGITS = (113, -16494), 36
 _DECIMAL = re.compile(r"\s*([+-]?)(\d+\.?\d*|\.\d+)(?:[eE]([+-]?\d+))?\s*", re.ASCII)
 _NOT_FINITE = {"nan": math.nan, "inf": math.inf, "infinity": math.inf}

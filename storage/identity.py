@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 __all__ = ["identity_of", "refuse_if_different", "versions", "written_by"]
 
-#: Of the layout of stores; another one is refused.
+#: Version of the layout of stores; stores of another version are refused.
 FORMAT = 1
 
 

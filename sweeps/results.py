@@ -62,7 +62,7 @@ __all__ = [
     "summary",
 ]
 
-#: Of the layout of stores; another one is refused.
+#: Version of the layout of stores; stores of another version are refused.
 FORMAT = 1
 STATUS = "status"
 NOT_COMPUTED = -1

@@ -42,7 +42,7 @@ __all__ = ["build", "target_named"]
 #: starts. 1e-9 is below the rounding of float, 6e-8, and above that of ten typed digits.
 _MAX_DISTANCE = 1e-9
 
-#: Of profile control.
+#: Number types of profile control.
 _REALS: tuple[RealName, ...] = ("float", "double")
 
 

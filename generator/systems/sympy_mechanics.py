@@ -39,7 +39,7 @@ from .velocity_coefficients import coefficients_of
 
 __all__ = ["from_mechanics"]
 
-#: Of singular values, relative to the largest, that count as 0.
+#: Singular values up to this part of the largest count as 0.
 _SMALL = 1e-9
 
 

@@ -37,7 +37,7 @@ from .run_memory import (
 
 __all__ = ["CORES", "SOLVERS", "Compiled", "Pool", "SolverName"]
 
-#: Of this machine: a call that asks for them costs as much as some steps.
+#: Processors of this machine, asked for once: os.cpu_count() takes as long as some steps.
 CORES = os.cpu_count() or 1
 #: Bytes of a kind of memory that are kept for the next call, if not that of one thread.
 _KEPT = 2**28

@@ -41,7 +41,7 @@ POINTS = 16
 SLACK = 64
 #: How points are drawn, in turn until values are finite: lowest and highest of each number.
 RANGES = ((-1.0, 1.0), (0.25, 1.0), (0.0, 0.0625))
-#: Of constants and parameters, most of which are positive.
+#: Range of constants and parameters, most of which are positive.
 POSITIVE = (0.25, 1.0)
 
 #: Functions around the kernels are compiled for size, which takes less time.
@@ -178,8 +178,8 @@ _CLEAR = f"""
 
 
 def _block(number: int, lines: Iterable[str]) -> str:
-    inside = "".join(f"            {line}\n" for line in lines)
-    return f"        case {number}: {{\n{inside}            break;\n        }}\n"
+    body = "".join(f"            {line}\n" for line in lines)
+    return f"        case {number}: {{\n{body}            break;\n        }}\n"
 
 
 def inputs_of(kernel: KernelText) -> list[str]:
@@ -205,12 +205,14 @@ def check_functions(
     """Return the check functions of an object, one for each of these kinds of kernels."""
     functions = []
     for kind in kinds:
-        of_kind = [k for k in kernels if k.on_lanes == (kind == "lanes") and outputs_of(k)]
-        if of_kind:
-            refusals = {k.name: k.refusal for k in of_kind if k.refusal}
+        # without outputs there is nothing to compare
+        kernels_of_kind = [k for k in kernels
+                           if k.on_lanes == (kind == "lanes") and outputs_of(k)]
+        if kernels_of_kind:
+            refusals = {k.name: k.refusal for k in kernels_of_kind if k.refusal}
             functions.append(CheckFunction(
                 f"{prefix}_evaluate_{kind}", kind,
-                tuple(k for k in of_kind if k.name not in refusals), refusals))
+                tuple(k for k in kernels_of_kind if k.name not in refusals), refusals))
     return functions
 
 
@@ -274,6 +276,7 @@ def _worst_mismatch(
     error analysis. The worst is the one farthest beyond what is allowed.
     """
     kernel = function.kernels[number]
+    # the same points in every process, which hash() of a text would not give
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
     missing, worst, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
     for lowest, highest in RANGES:

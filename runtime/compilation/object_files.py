@@ -48,7 +48,7 @@ ModuleKind = Literal["runs", "lanes", "newton", "derivatives", "second", "motion
 #: How much of -O3 an object has: all, most, or no more than -O2.
 Level = Literal["all", "most", "seldom"]
 
-#: Of both modules: how many trajectories lie side by side, and the size of work memory.
+#: Functions of both modules: the number of lanes, and the size of work memory.
 _BOTH = {"lanes", "work_size"}
 _RUNS = {"step", "integrate", "begin", "advance", *_BOTH}
 _LANES = {"integrate_lanes", "integrate_many", *_BOTH}
@@ -59,7 +59,7 @@ _DERIVATIVES = {"derivative_size", "keep", "frame_state", "integrate_and_keep", 
 NEWTON_CALLS = ("object_newton", "object_simplified_newton", "object_advance")
 _NEWTON = {"T1", "T2", "guess", "residual", "jacobian", "increment_size", "satisfies_constraints",
            "last_increment", "step_work"}
-#: Of the modules that are made when they are first asked for, whose text is their own.
+#: Functions of the modules that have a text of their own, made when they are first asked for.
 _LATER: dict[ModuleKind, set[str]] = {
     "derivatives": _DERIVATIVES,
     "second": {"second_size", "integrate_second", "constraint_second", *_BOTH},
@@ -73,7 +73,7 @@ _CHECKS: dict[int, tuple[Kind, ...]] = {
     1: ("numbers",), 2: ("lanes",), 3: ("lanes",), 5: ("numbers",)}
 #: The levels of objects by their numbers: the loops of one trajectory, what is evaluated seldom.
 _LEVELS: dict[int, Level] = {2: "most", 4: "seldom", 5: "seldom"}
-#: Of objects that have functions which nothing in them calls.
+#: Flags of objects that have functions which nothing in them calls.
 _FLAGS = ("-fvisibility=hidden", "-Wno-unused-function")
 
 

@@ -13,7 +13,7 @@ __all__ = ["PREFIX", "TYPE", "is_quad", "wrap_declarations"]
 
 #: The type in generated C.
 TYPE = "_Float128"
-#: Of the functions that cffi calls.
+#: Prefix of the functions that cffi calls.
 PREFIX = "quad_"
 
 _OPAQUE = "quad"

@@ -21,7 +21,7 @@ __all__ = ["Diagnosis", "diagnose"]
 
 #: Status codes of the C.
 _NOT_CONVERGED, _SINGULAR, _NOT_FINITE, _STAGNATED, _DIVERGED, _TIME_STOPPED = 1, 2, 3, 4, 5, 7
-#: Of a parameter beyond it the square, as of momenta, leaves the range of doubles.
+#: The square of a larger parameter or momentum leaves the range of doubles.
 _LARGE = 1e150
 #: How often the time step is halved.
 _HALVINGS = 30

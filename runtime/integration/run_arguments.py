@@ -582,7 +582,7 @@ class ParameterCheck:
     def __init__(self, *checks: Any) -> None:
         """Take the arguments of ``as_parameters`` after the first, the same for each call."""
         self._checks = checks
-        #: Of the last call: names, values as they came, and the checked parameters.
+        #: Names, unchecked values and checked parameters of the last call.
         self._last: tuple[list[str], list[Any], dict[str, Any]] = [], [], {}
 
     def __call__(self, parameters: Any) -> dict[str, Any]:

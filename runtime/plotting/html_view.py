@@ -31,7 +31,7 @@ _HERE = Path(__file__).resolve().parent
 #: Frames of a page: enough for a minute of smooth motion, and no more bytes than that of poses.
 _FRAMES = 3600
 _BYTES = 900_000
-#: Of a page inside a notebook, in dots.
+#: Height of a page inside a notebook, in CSS pixels.
 _HEIGHT = 560
 
 

@@ -37,7 +37,7 @@ __all__ = ["DRAWN", "JOINT", "ROD", "SHAPES", "DrawnName", "Scene", "ScenePart",
 Array = NDArray[np.float64]
 ShapeName = Literal["box", "ellipsoid"]
 SHAPES: tuple[ShapeName, ...] = get_args(ShapeName)
-#: Of pages: also as the shapes of the scene.
+#: Shapes of bodies on pages; "auto" takes those of the scene.
 DrawnName = Literal["auto", "box", "ellipsoid"]
 DRAWN: tuple[DrawnName, ...] = get_args(DrawnName)
 

@@ -24,7 +24,7 @@ __all__ = ["COARSE", "COLOURS", "Mesh", "colour_of", "encoded_solids", "join_mes
 Array = NDArray[np.float64]
 Profile = list[tuple[float, float]]
 
-#: Of bodies by their number, as scene.js has them.
+#: Colours of bodies by their number; scene.js has the same.
 COLOURS = ("#4c78a8", "#f58518", "#54a24b", "#e45756", "#2f9e99", "#b279a2", "#c9a227", "#9d755d",
            "#7f7f8f", "#e377a2")
 #: Segments of a circle: of pictures, of pages, and of what is small.

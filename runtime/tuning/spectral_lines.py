@@ -16,7 +16,7 @@ from ...core.arrays import Array
 
 __all__ = ["SpectralLines"]
 
-#: Of the window: what leaks from a line is below round-off.
+#: Parameter β of the Kaiser window: a line leaks less than round-off into other frequencies.
 _KAISER = 38.0
 #: Lines below this part of the strongest are left out: round-off, and what the window leaks.
 _FAINT = 1e-13

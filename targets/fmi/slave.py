@@ -12,7 +12,7 @@ from ...core.errors import GyrosparkError
 
 __all__ = ["STATUS", "Slave"]
 
-#: Of both versions, by number.
+#: Names of the status codes of FMI 2 and 3, by number.
 STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 
 _Pointer, _Text, _Real = ctypes.c_void_p, ctypes.c_char_p, ctypes.c_double

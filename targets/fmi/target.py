@@ -31,7 +31,7 @@ _MACROS = frozenset([
     "GUID", "VARIABLES", "INITIAL", "EOF", "BUFSIZ", "FILENAME_MAX", "FOPEN_MAX", "TMP_MAX",
     "SEEK_CUR", "SEEK_END", "SEEK_SET", "stdin", "stdout", "stderr", "RAND_MAX", "EXIT_FAILURE",
     "EXIT_SUCCESS", "MB_CUR_MAX", "SIZE_MAX"])
-#: Of a check.
+#: Steps of a check.
 _STEPS = 2000
 
 

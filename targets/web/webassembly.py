@@ -26,7 +26,7 @@ _LINK = ("-Wl,--no-entry", "-Wl,-z,stack-size=65536", "-Wl,--export=__heap_base"
 _WITH_LIBRARY = ("-target", "wasm32-wasi", "-mexec-model=reactor")
 #: Functions of compiled code alone, fma, sin and their like, which ziglang compiles in 7 s.
 _WITHOUT_LIBRARY = ("-target", "wasm32-freestanding")
-#: Of glue.c.
+#: Functions of glue.c.
 _OWN = ("repeat", "defects")
 #: Where the C of an artefact is.
 SOURCES = "c"
