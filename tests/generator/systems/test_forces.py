@@ -96,8 +96,8 @@ def test_what_the_fast_path_proves_of_forces(rep):
     """The torque's L(q)p is evaluated once with H_p: no constraint force along q changes it."""
     system, _ = hoist_constants(body_with_drag(rep))
     fast = FastSystem(system)
-    assert len(fast.shared) == 3
-    for shared in fast.shared:
+    assert len(fast.shared_sums) == 3
+    for shared in fast.shared_sums:
         slope = sum(sp.diff(shared, p) * q for q, p in zip(system.q, system.p, strict=True))
         assert sp.expand(slope) == 0
         assert any(force.has(shared) for force in system.forces)
@@ -110,10 +110,10 @@ def test_nothing_is_shared_across_places():
     circle = (x**2 + y**2 - 1,)
     separable = gs.System((x, y), (u, v), (), kinetic, circle, forces=(-y * swirl, x * swirl))
     assert FastSystem(separable).is_separable
-    assert FastSystem(separable).shared == []
+    assert FastSystem(separable).shared_sums == []
     timed = gs.System((x, y), (u, v), (), kinetic + swirl**2 * x, circle,
                       forces=(tau * y + swirl * (u - tau), 0), time=tau)
-    assert all(tau not in u.free_symbols for u in FastSystem(timed).shared)
+    assert all(tau not in u.free_symbols for u in FastSystem(timed).shared_sums)
 
 
 def by_hand(number) -> Equations:
