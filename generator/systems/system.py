@@ -433,7 +433,7 @@ class System:
         L : Expr
             L(q, v, t; parameters) in J.
         q, velocities : sequence of Symbol
-            Coordinates and the symbols v of their rates, n of each. Momenta have the names p_….
+            Coordinates and the symbols v of their rates, n of each. Momenta have the names ``p_…``.
         parameters : sequence of Symbol
             Every other symbol but ``time`` and ``inputs``.
         constraints : sequence of Expr
