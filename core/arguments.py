@@ -105,7 +105,7 @@ def _plain(name: str) -> str:
 
 
 def join_or(names: Iterable[str]) -> str:
-    """Return "a, b or c"; an empty name, such as that of the ground, as ''."""
+    """Return "a, b or c"; an empty name, such as the ground's, as ''."""
     *first, last = (name or "''" for name in names)
     return f"{', '.join(first)} or {last}" if first else last
 

@@ -204,8 +204,9 @@ class _ClusterCapacity:
                 "begun. Start workers, and repeat the sweep with --resume.")
 
 
-def _study_fields_sink(study: Study, fields: list[StoredField], sink: Sink | None) -> tuple[Any,
-                                                                                            ...]:
+def _study_fields_sink(
+    study: Study, fields: list[StoredField], sink: Sink | None,
+) -> tuple[Any, ...]:
     """Return study, fields and sink as the result of a task, from which ``_compute`` takes them."""
     return study, fields, sink
 

@@ -130,8 +130,8 @@ def _schemes(over: Mapping[str, Any], scheme: str | None, stages: Any, order: An
     if isinstance(scheme, str) and " " in scheme and stages is None and order is None:
         return [scheme]
     method = DEFAULT_SCHEME if scheme is None and order is None else scheme
-    if stages is None and isinstance(method,
-                                     str) and method in SCHEMES and SCHEMES[method].takes_stages:
+    has_stages = isinstance(method, str) and method in SCHEMES and SCHEMES[method].takes_stages
+    if stages is None and has_stages:
         stages = DEFAULT_STAGES
     spec = Spec.from_arguments(method, stages, order=order)
     number = stages if spec.order is None else spec.order

@@ -550,8 +550,8 @@ class Fixed(Joint):
         The trace of the rotation off the relative one is 1 + 2 cos θ: 3, or −1 after half a turn.
         """
         if np.trace(self.rotation(described).T @ self.rotation(poses, is_given=False)) < 0:
-            raise InputError(f"Joint {self.name!r} fixes its bodies at a rotation of more than 90 "
-                             f"degrees from {cure}.")
+            raise InputError(f"Joint {self.name!r} fixes its bodies at a rotation of more than "
+                             f"120 degrees from {cure}.")
 
     def rotation(self, poses: Poses, is_given: bool = True) -> Array:
         """Return R_aᵀ R_b of poses, or ``relative`` if that is given."""

@@ -263,8 +263,9 @@ def negate(e: sp.Expr) -> sp.Expr:
 # ---------------------------------------------------------------- common coefficients
 
 
-def group_by_factor(products: Iterable[tuple[Monomial, Monomial, Number]]) -> list[tuple[Terms,
-                                                                                         Terms]]:
+def group_by_factor(
+    products: Iterable[tuple[Monomial, Monomial, Number]],
+) -> list[tuple[Terms, Terms]]:
     """Return Σ a m n as Σ_m m (Σ_n a n), as pairs of factors."""
     sums: dict[Monomial, Terms] = defaultdict(dict)
     for m, n, a in products:

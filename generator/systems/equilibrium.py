@@ -165,7 +165,7 @@ def equilibrium(
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))
         # converged: the change is round-off, which it is if it no longer falls by half, nor grows
-        # as τ does; where bodies move freely a large τ makes it larger than that of the forces
+        # as τ does; where bodies move freely, the round-off of the change grows with τ
         is_steady = change <= 2 * previous_change
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
         if (is_steady and (change <= _EPS or (stagnates and change < _ROUNDING))) or (

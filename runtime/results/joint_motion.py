@@ -186,10 +186,10 @@ class JointMotion:
         the middle of a step: a state takes the mean as well, and the first and the last go on from
         their neighbours in a straight line. Errors fall as Δt^s with G-L of s stages, as Δt^(s−1)
         with LIIIA-B and Radau-L, as Δt² with IMS and EMS: more slowly than those of the motion.
-        Where the states are not those after every step (``every`` > 1, ``t_eval``, ``at``) it is
-        that of the step that ends there, to the first order with IMS and EMS, and NaN at the start.
-        Of joints whose constraints were in part left out because others imply them, it is what
-        those that are left do.
+        Where the states are not those after every step (``every`` > 1, ``t_eval``, ``at``), each
+        takes the force of the step that ends there, to the first order with IMS and EMS, and the
+        first is NaN. Where some constraints of a joint were left out because others imply them, it
+        is the force of the remaining ones.
 
         Parameters
         ----------
