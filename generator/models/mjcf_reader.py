@@ -311,8 +311,15 @@ class _Reader:
             np.array(m.jnt_pos[k]), float(m.qpos0[q]) if has_coordinate else 0.0,
             0.0 if "spring" in disabled else float(m.jnt_stiffness[k]),
             float(m.qpos_spring[q]) if has_coordinate else 0.0,
-            0.0 if "damper" in disabled else float(m.dof_damping[v]), float(m.dof_armature[v]),
-            (low, high) if is_limited else None)
+            self._damping(f"joint {shown(self._joint_names[k])}", m.dof_damping[v]),
+            float(m.dof_armature[v]), (low, high) if is_limited else None)
+
+    def _damping(self, owner: str, coefficient: float) -> float:
+        """Return a damper's coefficient, or 0 where a flag disables dampers; refuse one below 0."""
+        if coefficient < 0:
+            raise InputError(f"{owner} has damping {coefficient:g}, which would add energy; write "
+                             "0 or more.")
+        return 0.0 if "damper" in self.robot.off else float(coefficient)
 
     def _looks(self, body: int) -> list[tuple[int, Look]]:
         """Return (group, look) of the geoms of a body, without planes and invisible ones."""
@@ -370,7 +377,7 @@ class _Reader:
         is_fixed = all(self._kind("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in wraps)
         low, high = map(float, m.tendon_lengthspring[k])
         stiffness = 0.0 if "spring" in disabled else float(m.tendon_stiffness[k])
-        damping = 0.0 if "damper" in disabled else float(m.tendon_damping[k])
+        damping = self._damping(f"tendon {shown(self._tendon_names[k])}", m.tendon_damping[k])
         # a spring that is slack between two lengths, and springs and dampers of spatial tendons
         extras["tendon"] += bool((stiffness and (not is_fixed or low != high))
                                  or (damping and not is_fixed))

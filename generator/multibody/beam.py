@@ -31,7 +31,7 @@ from ...core.inertia import quaternion_product, real_array
 from ..systems.body_layout import SectionLayout
 from ..systems.expression_arguments import as_expression
 from .body import Body, Frame, GeneralisedForce, Vector, cross, dot
-from .initial_poses import conjugate, finite, onto, positive, rotation, vector
+from .initial_poses import conjugate, finite, non_negative, onto, positive, rotation, vector
 from .joints import (
     UNIT,
     Equation,
@@ -495,7 +495,5 @@ def stiffness_of(
                          "neither for a beam that does not extend.")
     extension = tuple(positive(f"{key} of {name!r}", stiffness)
                       for key, stiffness in stiffnesses.items() if not absent)
-    tau = float(finite(f"damping of {name!r}", damping, ()))
-    if tau < 0:
-        raise InputError(f"The damping of beam {name!r} is {tau:g} s; give 0 or more.")
-    return BeamStiffness(number, EI, positive(f"twisting of {name!r}", twisting), extension, tau)
+    return BeamStiffness(number, EI, positive(f"twisting of {name!r}", twisting), extension,
+                         non_negative(f"damping of {name!r} in s", damping))

@@ -274,6 +274,14 @@ def positive(label: str, value: Any) -> float:
     return number
 
 
+def non_negative(label: str, value: Any) -> float:
+    """Return a finite number, 0 or more."""
+    number = float(finite(label, value, ()))
+    if number < 0:
+        raise InputError(f"The {label} is {number:g}; give 0 or more.")
+    return number
+
+
 def optional_vector(label: str, value: Any) -> Array | None:
     """Return three numbers, or None where none are given."""
     return None if value is None else vector(label, value)

@@ -73,6 +73,7 @@ from .initial_poses import (
     count,
     finite,
     initial_state,
+    non_negative,
     nonzero,
     onto,
     optional_vector,
@@ -816,15 +817,13 @@ class Multibody:
     ) -> Spring:
         """Add V = ½ k (|d| − l)² between a point of a and a point of b (body axes; N/m, m).
 
-        With ``damping`` c, in N s/m, a parallel damper with force c d|d|/dt.
+        With ``damping`` c ≥ 0, in N s/m, a parallel damper with force c d|d|/dt.
         """
-        rest_length = float(finite(f"length of {name!r}", length, ()))
-        if rest_length < 0:
-            raise InputError(f"The length of spring {name!r} is {rest_length}; give 0 or more.")
         return self._join(Spring(
             name, *self._components.frames(name, a, b), *self._points(name, (a, b), (on_a, on_b)),
-            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())), length=rest_length,
-            damping=float(finite(f"damping of {name!r}", damping, ())),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
+            length=non_negative(f"length of {name!r}", length),
+            damping=non_negative(f"damping of {name!r}", damping),
         ))
 
     def gear(
@@ -1136,25 +1135,28 @@ class Multibody:
                                 effort=as_expression(effort)))
 
     def joint_spring(
-        self, name: str, joint: Connection | str, *, stiffness: float = 0.0,
-        damping: float = 0.0, rest: float | tuple[float, float] = 0.0,
+        self, name: str, joint: Connection | str, *, stiffness: float | None = None,
+        damping: float | None = None, rest: float | tuple[float, float] | None = None,
     ) -> JointSpring:
         """Add V = ½ k (c − rest)² of a joint's coordinate c, its angle or travel, and a damper.
 
-        In N m/rad and N m s/rad about an axis, N/m and N s/m along one. Where ``rest`` is an
-        interval, (lower, upper), the spring is slack in it and pushes back from beyond: elastic
-        ends of the range of a joint. The force is continuous and its slope is not, so that a step
-        across an end has an error of O(Δt²), with any scheme.
+        One of ``stiffness`` k and ``damping`` ≥ 0 is given, or both, in N m/rad and N m s/rad about
+        an axis, N/m and N s/m along one; ``rest``, by default 0, goes with a stiffness. Where it
+        is an interval, (lower, upper), the spring is slack in it and pushes back from beyond:
+        elastic ends of the range of a joint. The force is continuous and its slope is not, so that
+        a step across an end has an error of O(Δt²), with any scheme.
         """
+        if stiffness is None and (damping is None or rest is not None):
+            raise InputError(f"Spring {name!r} has no stiffness; give one, or damping alone.")
         spring_joint = self._components.joint(joint, f"Spring {name!r}")
         quantity = _coordinate(spring_joint)
         return self._join(JointSpring(
             name, spring_joint.a, spring_joint.b, joints=(spring_joint,), quantity=quantity,
             coordinate=self._measure(spring_joint, quantity),
             rate=self._measure(spring_joint, RATE_OF[quantity]),
-            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
-            damping=float(finite(f"damping of {name!r}", damping, ())),
-            rest=_rest(f"rest of {name!r}", rest)))
+            stiffness=_number_or_none(f"stiffness of {name!r}", stiffness) or 0.0,
+            damping=non_negative(f"damping of {name!r}", 0.0 if damping is None else damping),
+            rest=_rest(f"rest of {name!r}", 0.0 if rest is None else rest)))
 
     def contact(
         self, name: str, a: Frame | str | None = None, b: Frame | str = GROUND, *,

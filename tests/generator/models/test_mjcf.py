@@ -355,6 +355,10 @@ BAD = [
     (one('name="j"', 'name="j" stiffness="1 2 3"'), "jnt_stiffnesspoly.*2 of them"),
     (one('name="j"', 'name="j" damping="1 2 3"'), "dof_dampingpoly.*2 of them"),
     (one('name="j"', 'name="j" stiffness="1" springyield="1"'), "yields.*1"),
+    (one('name="j"', 'name="j" damping="-2"'), "'j'.*damping -2.*0 or more"),
+    (one('name="j"', 'name="j" type="ball" damping="-2"'), "'j'.*damping -2.*0 or more"),
+    (ONE + '<tendon><fixed name="t" damping="-3"><joint joint="j" coef="1"/></fixed></tendon>',
+     "'t'.*damping -3.*0 or more"),
     (one('"j"', '"j" type="ball" stiffness="1"'), "'j'.*stiffness"),
     ('<option><flag sleep="enable"/></option>' + ONE, "sleep"),
     ('<option><flag actuation="disable"/></option>' + one('"j"', '"j" actuatorgravcomp="true"')

@@ -270,6 +270,11 @@ def test_wrong_joints_are_refused():
         (lambda: build.prismatic("p", "a", "b", axis=(0, 0, 0)), "axis.*'p'"),
         (lambda: build.couple("c", "ball", "hinge"), "'ball'.*coordinate"),
         (lambda: build.model(redundant="maybe"), "redundant 'maybe'"),
+        (lambda: build.joint_spring("s", "hinge"), "'s'.*stiffness.*damping"),
+        (lambda: build.joint_spring("s", "hinge", damping=1, rest=1), "'s'.*stiffness"),
+        (lambda: build.joint_spring("s", "hinge", damping=-1), "damping.*'s'.*-1.*0 or more"),
+        (lambda: build.spring("s", "a", "b", stiffness=1, damping=-2), "damping.*'s'.*-2.*0 or"),
+        (lambda: build.spring("s", "a", "b", stiffness=1, length=-2), "length.*'s'.*-2.*0 or"),
     ]:
         with pytest.raises(gs.InputError, match=said):
             call()
@@ -295,6 +300,7 @@ def test_files_have_what_acts_on_joints(tmp_path):
         ('joints = ["axle_one"]', 'joints = []', "0 names"),
         ("teeth = [1, 2]", "teeth = [1, 2, 3]", "teeth"),
         ("axle_one_angle", "axle_one_travel", "axle_one_travel"),
+        ("damping = 0.1", "damping = -0.1", "damping.*-0.1.*0 or more"),
     ]:
         assert old in WHEELS
         (tmp_path / "wheels.toml").write_text(WHEELS.replace(old, new), encoding="utf-8")
