@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.manifest import Manifest
+from ..runtime.compilation.body_columns import bodies_of
 from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, template_values
 from .native import refuse_difference
 from .tools import require, run_tool
@@ -23,6 +24,7 @@ def files(
     names = [*options.parameters]
     # inputs are members of the parameters' struct, which the mex file fills by position
     template_fields["places"] = [names.index(name) for name in template_fields["inputs"]]
+    template_fields["quaternions"] = [body.q for body in bodies_of(manifest).values()]
     name = manifest.name
     return {**sources, f"{name}_mex.c": fill_template("mex.c", **template_fields),
             f"{name}.m": fill_template("stepper.m", **template_fields)}

@@ -117,7 +117,8 @@ def test_octave_refuses_in_sentences(tmp_path):
     calls = ("1, 10.5", "0.1, 10, [], [1 2]", '0.1, 10, [], [], [], struct("I4", 2)', "0, 10",
              "0.1, 10, 1, [], [], 3", "0.1, 10, 1, [], [], [], ones(3, 9)",
              "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10",
-             "0.1, 5, 1, [], [], [], ones(5, 3)", "0.1, 5, 1, sparse([1 0 0 0])")
+             "0.1, 5, 1, [], [], [], ones(5, 3)", "0.1, 5, 1, sparse([1 0 0 0])",
+             "0.1, 5, 1, [2 0 0 0]")
     lines = [f"try, {NAME}({given}); disp('taken'), catch e, disp(e.message), end\n"
              for given in calls]
     inputs = (f"a = {NAME}(0.1, 5, 1, [], [], struct('u2', 0.3));\n"
@@ -129,8 +130,8 @@ def test_octave_refuses_in_sentences(tmp_path):
     said = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
     *refusals, same, size, of_energy, energies = said.stdout.splitlines()
     for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs",
-                               "step 2", "8 arg", "dt", "5 rows; give 3", "q0.*sparse"), refusals,
-                              strict=True):
+                               "step 2", "8 arg", "dt", "5 rows; give 3", "q0.*sparse",
+                               "q0.*2 0 0 0.*length 2"), refusals, strict=True):
         assert re.search(words, refusal), refusal
         assert refusal.endswith(".")
     assert same.strip() == "1"

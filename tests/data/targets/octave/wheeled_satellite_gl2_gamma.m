@@ -26,15 +26,14 @@ function [q, p, iterations, energy] = wheeled_satellite_gl2_gamma(varargin)
   sources = dir(fullfile(folder, 'wheeled_satellite_gl2_gamma*.c'));
   if isempty(binary) || any(binary.datenum <= [sources.datenum])
     clear("wheeled_satellite_gl2_gamma_mex");
-    before = cd(folder);
-    back = onCleanup(@() cd(before));
+    files = {fullfile(folder, "wheeled_satellite_gl2_gamma_mex.c"), fullfile(folder, "wheeled_satellite_gl2_gamma.c")};
     if exist("OCTAVE_VERSION", "builtin")
       flags = getenv("CFLAGS");
       restore = onCleanup(@() setenv("CFLAGS", flags));
       setenv("CFLAGS", [strtrim(mkoctfile("-p", "CFLAGS")) " -ffp-contract=off"]);
-      mkoctfile("--mex", "wheeled_satellite_gl2_gamma_mex.c", "wheeled_satellite_gl2_gamma.c");
+      mkoctfile("--mex", "-o", fullfile(folder, ['wheeled_satellite_gl2_gamma_mex.' mexext]), files{:});
     else
-      mex("CFLAGS=$CFLAGS -std=c11 -ffp-contract=off", "wheeled_satellite_gl2_gamma_mex.c", "wheeled_satellite_gl2_gamma.c");
+      mex("CFLAGS=$CFLAGS -std=c11 -ffp-contract=off", "-outdir", folder, files{:});
     end
   end
   [q, p, iterations, energy] = wheeled_satellite_gl2_gamma_mex(varargin{:});

@@ -8,6 +8,7 @@
 #include "wheeled_satellite_gl2_gamma.h"
 #include "mex.h"
 
+#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -33,6 +34,10 @@ static const char *const names[PARAMETERS] = {
     "u2",
     "u3",
     "gamma",
+};
+/* Where q has the unit quaternions of bodies. */
+static const int quaternion[1][4] = {
+    { 0, 1, 2, 3 },
 };
 /* Where inputs are among the parameters. */
 static const int input[INPUTS] = { 3, 4, 5 };
@@ -101,6 +106,18 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
     const size_t every = at[2] ? whole(at[2], 1, "every") : 1;
     real q[N], p[N], values[PARAMETERS];
     state(at[3], model_q, "q0", q);
+    for (size_t b = 0; b < sizeof quaternion/sizeof *quaternion; ++b) {
+        const int *const at_q = quaternion[b];
+        double square = 0;
+        for (int e = 0; e < 4; ++e)
+            square += (double)q[at_q[e]]*(double)q[at_q[e]];
+        /* round-off of products and of numbers with the digits of the type */
+        if (!(fabs(square - 1) <= 64*(double)DBL_EPSILON))
+            mexErrMsgIdAndTxt("gyrospark:input",
+                "q0(%d:%d) = [%g %g %g %g] has length %.15g; a quaternion has length 1: divide it by its length.",
+                at_q[0] + 1, at_q[3] + 1, (double)q[at_q[0]], (double)q[at_q[1]], (double)q[at_q[2]],
+                (double)q[at_q[3]], sqrt(square));
+    }
     state(at[4], model_p, "p0", p);
     memcpy(values, model_parameters, sizeof values);
     set_named(at[5], values);
@@ -144,8 +161,9 @@ void mexFunction(int results, mxArray *result[], int count, const mxArray *given
         }
         const int status = (int)wheeled_satellite_gl2_gamma_advance(&work, q, p);
         if (status > 1)
-            mexErrMsgIdAndTxt("gyrospark:step", "Step %u failed with status %d: choose a smaller dt than %g.",
-                (unsigned)k + 1, status, (double)dt);
+            mexErrMsgIdAndTxt("gyrospark:step", "Step %u failed with status %d: choose a smaller dt than %g%s.",
+                (unsigned)k + 1, status, (double)dt,
+                k == 0 && (at[3] || at[4]) ? ", or q0 and p0 on the constraints" : "");
         less_exact += (size_t)(status == 1);
         iterations += wheeled_satellite_gl2_gamma_iterations(&work);
     }
