@@ -35,8 +35,8 @@ sys.dont_write_bytecode = False
 
 # The same examples in every run, so that what fails is what was changed. Look for others now and
 # then: pytest --hypothesis-profile=random.
-settings.register_profile("same", derandomize=True, deadline=None)  # of a busy machine
-settings.register_profile("random", derandomize=False, deadline=None)
+settings.register_profile("same", derandomize=True, deadline=None, max_examples=40)
+settings.register_profile("random", derandomize=False, deadline=None)  # of a busy machine
 settings.load_profile("same")
 # Nor do they change with constants of the code, of which each process would read every module.
 providers._get_local_constants = lambda: providers._local_constants

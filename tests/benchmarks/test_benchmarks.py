@@ -504,6 +504,7 @@ def test_a_process_measures_a_program():
 # ---------------------------------------------------------------- events, gradients
 
 
+@pytest.mark.slow  # two modules; test_impacts.py has such closed forms
 @pytest.mark.parametrize("case", [impacts.Case("ball", 9.81, 0.0, 0.0, 3),
                                   impacts.Case("stop", 0.0, 1.0, -0.5, 3)], ids=lambda c: c.name)
 def test_impacts_are_those_of_the_closed_forms(case):

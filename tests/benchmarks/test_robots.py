@@ -35,8 +35,8 @@ def test_a_linkage_and_its_page():
     assert "](a.png)" in text
 
 
-@pytest.mark.parametrize("name", [
-    "delta_robot", pytest.param("stewart_platform", marks=pytest.mark.slow)])  # twice the bodies
+@pytest.mark.slow  # many bodies; mechanisms of few are benchmarked alike
+@pytest.mark.parametrize("name", ["delta_robot", "stewart_platform"])
 def test_mechanisms_start_at_rest_on_their_constraints(name):
     """The freedoms that are left are those of the platform and of legs about themselves."""
     model = getattr(gs.models, name)()

@@ -117,6 +117,7 @@ def test_ems_in_a_frame_that_turns_with_the_top():
     assert found.line("compiled").holds is True
     assert found.parameters["omega_body"] > 100
     assert found.line("energy H").holds is None
+    assert "angular momentum about the body's axis 3" in found.line("energy H").why
     assert found.line("energy in the frame").holds is True
 
 

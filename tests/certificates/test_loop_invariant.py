@@ -33,7 +33,7 @@ def test_area_of_an_ellipse():
     assert tail == 0.0
 
 
-@settings(max_examples=10)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1), modes=st.integers(1, 7), n=st.integers(1, 5))
 def test_any_band_limited_curve(seed, modes, n):
     """∮ p·dq = π Σ_k k (c_k^p d_k^q − d_k^p c_k^q) exactly, wherever the curve lies."""

@@ -261,11 +261,16 @@ roll = "omega1"
 """
 
 
-def test_a_model_file_takes_a_tensor():
-    """Its formulas know J11..J33; angular velocity and quantities agree."""
+def test_formulas_of_a_model_file_know_the_entries_of_a_tensor():
     model = parse_model(TENSOR_FILE, "t.toml")
     assert {"J11", "J12", "J22", "J33", "K11", "K23", "n"} <= set(model.parameters)
     assert "J13" not in model.parameters  # nothing asks for it
+
+
+@pytest.mark.slow  # a stepper for this; others of a tensor are an arm's, and random bodies'
+def test_a_model_file_takes_a_tensor():
+    """Angular velocity and quantities agree."""
+    model = parse_model(TENSOR_FILE, "t.toml")
     step = gs.stepper("G-L", 2, system=model.system)
     parameters = dict(model.parameters)
     made = step.integrate(model.q0, model.p0, dt=0.01, steps=50, parameters=parameters)

@@ -28,7 +28,8 @@ def ends(step, dt, parameters, spin=1.0):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize(("stages", "dt", "spin"), [
-    (2, 0.003, 1.0), (2, 0.015, 1.0), (8, 0.01, 1.0), (8, 0.04, 0.05), (8, 0.05, 0.2)])
+    (2, 0.003, 1.0), (8, 0.01, 1.0), (8, 0.04, 0.05),
+    *(pytest.param(*given, marks=pytest.mark.slow) for given in ((2, 0.015, 1.0), (8, 0.05, 0.2)))])
 def test_lanes_are_independent_with_prediction(stages, dt, spin):
     """Between these steps some tops take what was learnt and their neighbours do not.
 

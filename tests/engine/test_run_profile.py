@@ -209,17 +209,18 @@ def test_sweeps_are_those_of_profile_control(name, programs):
     assert own.hold(name, FIXED_POINT, (60,))[:2] == control.steps(name, 60)
 
 
-def test_project(programs):
-    for name in ("G-L2 double", "forces EMS float"):
-        found = []
-        for profile in ("run", "full"):
-            program = programs(name, profile)
-            parameters, _, _, (q, p), state, _ = program.start(name)
-            q *= program.type(1.001)
-            p += q / 7
-            assert program.project(parameters, *state) == 0
-            found.append([text(q), text(p)])
-        assert found[0] == found[1]
+@pytest.mark.parametrize("name", [  # two programs each
+    "G-L2 double", pytest.param("forces EMS float", marks=pytest.mark.slow)])
+def test_project(name, programs):
+    found = []
+    for profile in ("run", "full"):
+        program = programs(name, profile)
+        parameters, _, _, (q, p), state, _ = program.start(name)
+        q *= program.type(1.001)
+        p += q / 7
+        assert program.project(parameters, *state) == 0
+        found.append([text(q), text(p)])
+    assert found[0] == found[1]
 
 
 def test_quantities(programs):

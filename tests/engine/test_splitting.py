@@ -267,6 +267,7 @@ def test_work_of_drag_has_the_order_of_the_motion(turntable):
     assert held.report.energy_error_max < 2 * errors[0]
 
 
+@pytest.mark.slow  # derivatives compiled for this
 def test_derivatives_by_the_drag_of_a_body(turntable):
     """Without a spring, in axes at rest |m| ∝ exp(−c t): d(|p|²/2)/dc = −t |p|²."""
     step, start, values = with_drag(turntable, k=0.0, w0=0.0, w1=0.0, w2=0.0)

@@ -118,6 +118,7 @@ def test_tangents_against_differences_in_50_digits(case):
     assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
 
 
+@pytest.mark.slow  # two modules; G-L has float128 beside doubles in test_against_differences.py
 @pytest.mark.parametrize("values", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
 def test_a_type_without_lanes_has_the_derivatives_of_doubles(values):
     dq, dp = np.random.default_rng(2).normal(size=(2, 4))

@@ -1,8 +1,9 @@
 """The budget of a case: one CPU second, children included, but for what the catalogue builds.
 
-A plugin of pytest. The summary lists the cases beyond the budget and counts what was compiled; a
-case beyond ``LIMIT`` fails unless it is marked ``slow`` with a reason. A busy machine takes up to
-eight times as long for the same case, so the limit finds only what has grown out of hand.
+A plugin of pytest. The summary lists the cases beyond the budget and counts the steppers that were
+compiled, and the parts of steppers that are compiled when they are first asked for; a case beyond
+``LIMIT`` fails unless it is marked ``slow`` with a reason. A busy machine takes up to eight times
+as long for the same case, so the limit finds only what has grown out of hand.
 """
 
 from __future__ import annotations
@@ -15,13 +16,16 @@ from typing import Any
 import pytest
 
 from gyrospark.runtime.compilation import verified_build
+from gyrospark.runtime.compilation.build_cache import digest
 
 __all__ = ["shared"]
 
 #: CPU seconds that a case may use on an idle machine, and at which it fails on any.
 BUDGET, LIMIT = 1.0, 30.0
 
-_spent = {"shared": 0.0, "builds": 0, "total": 0.0}
+_spent = {"shared": 0.0, "total": 0.0}
+#: Kind and text of each compiled module, of which "runs" is the stepper; a text counts once.
+_compiled: set[tuple[str, str]] = set()
 _beyond: list[tuple[float, str]] = []
 
 
@@ -41,9 +45,9 @@ def shared() -> Iterator[None]:
 
 
 def _count_builds(compile_module: Any) -> Any:
-    def counted(*arguments: Any, **options: Any) -> Any:
-        module = compile_module(*arguments, **options)
-        _spent["builds"] += 1  # a compiler of a test that fails has compiled nothing
+    def counted(name: str, files: Any, compiler: Any, folder: Any, kind: str, *flags: Any) -> Any:
+        module = compile_module(name, files, compiler, folder, kind, *flags)
+        _compiled.add((kind, digest(files)))  # a compiler of a test that fails has compiled nothing
         return module
 
     return counted
@@ -56,7 +60,7 @@ def pytest_configure() -> None:
 
 def pytest_collection_finish() -> None:
     """Refuse to run what compiles while pytest collects: each worker would, for any choice."""
-    if _spent["builds"] > 0:
+    if _compiled:
         raise pytest.UsageError("A test compiles while pytest collects: compile in a fixture.")
 
 
@@ -96,21 +100,25 @@ def pytest_sessionfinish(session: pytest.Session) -> None:
     output = getattr(session.config, "workeroutput", None)
     if output is not None:
         output["budget"] = _spent | {"total": _cpu()}
+        output["compiled"] = sorted(map(list, _compiled))
 
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_testnodedown(node: Any) -> None:
     """Add the counts of a worker."""
-    for name, number in getattr(node, "workeroutput", {}).get("budget", {}).items():
+    output = getattr(node, "workeroutput", {})
+    for name, number in output.get("budget", {}).items():
         _spent[name] += number
+    _compiled.update(map(tuple, output.get("compiled", ())))
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """Print what the run cost."""
     # Children of the process that prints are the workers, which have counted themselves.
     own = _spent["total"] + sum(os.times()[:2]) if _spent["total"] else _cpu()
+    steppers = sum(kind == "runs" for kind, _ in _compiled)
     terminalreporter.write_line(
         f"{own:.0f} CPU s, of which the catalogue {_spent['shared']:.0f}; "
-        f"{_spent['builds']:.0f} steppers compiled")
+        f"{steppers} steppers and {len(_compiled) - steppers} parts compiled")
     for seconds, name in sorted(_beyond, reverse=True)[:40]:
         terminalreporter.write_line(f"  {seconds:.1f} CPU s, {BUDGET:g} budgeted: {name}")

@@ -53,7 +53,8 @@ def test_one_step_has_the_derivatives_of_jvp_and_vjp(case):
         assert close(found[flow.fields["inputs"]], gradient.inputs[0], 1e-13)
 
 
-@pytest.mark.parametrize("case", ["top", "framed", "bead"])
+@pytest.mark.parametrize("case", [
+    "top", "framed", pytest.param("bead", marks=pytest.mark.slow)])
 def test_a_run_has_the_derivatives_of_runs(case):
     flow, x = flow_of(case, 12)
     q, p, parameters, dt, t0 = start_of(case)

@@ -19,7 +19,7 @@ def new_array(path: Path, shape, chunks, dtype, fill):
     return create_array(group, "a", shape, chunks, dtype, fill, list("xyz"[: len(shape)]), {})
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.data())
 def test_files_are_those_of_an_assignment(tmp_path_factory, data):
     """Whole chunks, and short ones at the end of the array or of what is known."""

@@ -37,7 +37,7 @@ class Disk:
 
 
 @pytest.mark.parametrize(("number", "every"), [
-    (errno.EIO, 61), pytest.param(errno.ENOSPC, 1, marks=pytest.mark.slow)])  # each operation
+    (errno.EIO, 97), pytest.param(errno.ENOSPC, 1, marks=pytest.mark.slow)])  # each operation
 def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
     """All operations of a small run in turn: made a store, wrote rows, checkpoint, attributes.
 

@@ -227,8 +227,7 @@ def test_numbers_of_numpy(gl3, tmp_path):
     assert len(record(gl3, **ARGUMENTS, out=tmp_path / "run.zarr", resume=True)) == 51
 
 
-@pytest.mark.parametrize("name", ["a b.zarr", "it's \"so\" γ*.zarr", "-no_ending",
-                                  "new\nline.zarr", "\udcff.zarr"])
+@pytest.mark.parametrize("name", ["it's \"so\" γ*\n.zarr", "-no_ending", "\udcff.zarr"])
 def test_names(name, gl3, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     record(gl3, **ARGUMENTS, out=name)

@@ -54,7 +54,7 @@ def small(patch, chunk, rows, seconds=0.0):
 
 
 @pytest.mark.parametrize(("ends", "status", "steps", "chunk", "rows", "every", "calls"), [
-    ([], "complete", 60, 16, 4, 7, [2] * 2), ([DIP], "ended: touch", 16, 5, 4, 7, [2] * 2),
+    ([], "complete", 60, 32, 8, 7, [1]), ([DIP], "ended: touch", 16, 5, 4, 7, [2] * 2),
     pytest.param([STOP, DIP], "ended: touch", 16, 99, 64, 1, [], marks=pytest.mark.slow)])
 def test_a_stored_run_finds_what_integrate_finds(
         ends, status, steps, chunk, rows, every, calls, tmp_path, monkeypatch) -> None:

@@ -115,7 +115,7 @@ def three_stages() -> Claim:
 
 
 @pytest.mark.parametrize("claim", [
-    pytest.param(two_stages, marks=pytest.mark.slow), three_stages,
+    *(pytest.param(one, marks=pytest.mark.slow) for one in (two_stages, three_stages)),
     odd_proof.identities_claim, lambda: odd_proof.gamma_claim((2,)),
     lambda: odd_proof.variational_claim(range(2, 5))])
 def test_the_law_of_odd_stages_is_proved(claim: Any) -> None:

@@ -123,6 +123,7 @@ def test_only_the_intended_term_is_dropped(rep):
         assert getattr(inexact, name) == getattr(exact, name)
 
 
+@pytest.mark.slow  # a stepper for this; what is dropped is compared above, in formulas
 def test_same_residual_other_jacobian():
     exact, inexact = gs.stepper("LIIIA-B", 3, "gamma"), inexact_stepper("LIIIA-B", 3, "gamma")
     keywords = {"dt": 1e-2, "parameters": parameters("gamma")}

@@ -203,7 +203,8 @@ def test_round_off_is_where_a_scheme_keeps_the_quantity(accuracy_tables):
 
 @pytest.mark.parametrize("study", [
     accuracy.figure_8, invariants.table_3, invariants.figure_6, invariants.figure_7,
-    parameter.figure_11, parameter.figure_12, parameter.figure_13,
+    parameter.figure_11, parameter.figure_12,
+    pytest.param(parameter.figure_13, marks=pytest.mark.slow),  # a stepper of four stages for this
 ], ids=lambda study: study.__name__)
 def test_claims_hold(study, engine):
     result = study(engine)
@@ -212,7 +213,9 @@ def test_claims_hold(study, engine):
     assert [claim for claim in result.claims if not claim.holds] == []
 
 
-@pytest.mark.parametrize("sweep", parameter.FIGURE_15[:2], ids=lambda sweep: sweep.method)
+@pytest.mark.parametrize("sweep", [
+    pytest.param(parameter.FIGURE_15[0], marks=pytest.mark.slow),  # a stepper for this
+    parameter.FIGURE_15[1]], ids=lambda sweep: sweep.method)
 def test_lobatto_laws(sweep, engine):
     x, y = parameter.measure(engine, sweep)
     inverse, direct = fit_line(x, y), fit_line([1 / a for a in x], y)

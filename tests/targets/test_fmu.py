@@ -254,7 +254,7 @@ def test_reset_and_time_of_the_start(satellite):
         assert slave.step(5.1, DT) == "Error"
 
 
-@pytest.mark.parametrize("version", [2, 3])
+@pytest.mark.parametrize("version", [pytest.param(2, marks=pytest.mark.slow), 3])  # the same C
 def test_a_start_that_nothing_can_check_against_the_constraints_is_refused(version, tmp_path):
     """H is not quadratic in p: the C has no function from velocities to a state."""
     (x, y), p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)

@@ -32,7 +32,7 @@ def both(e, **options):
         common_subexpressions(e, sp.numbered_symbols("_t", real=True), **options))
 
 
-@settings(max_examples=80, derandomize=True)
+@settings(max_examples=40, derandomize=True)
 @given(expressions)
 def test_temporaries_are_those_of_sympy(e):
     theirs, ours = both(e)
@@ -47,7 +47,7 @@ def test_temporaries_of_a_system_are_those_of_sympy(name):
     assert ours == theirs
 
 
-@settings(max_examples=50, derandomize=True)
+@settings(max_examples=25, derandomize=True)
 @given(expressions, st.booleans())
 def test_definitions_give_the_expressions_back(e, sort):
     definitions, reduced = common_subexpressions(

@@ -200,7 +200,7 @@ def formulas(draw: st.DrawFn, depth: int = 3) -> tuple[str, sp.Expr]:
 
 
 @given(formulas())
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_agrees_with_operators(drawn: tuple[str, sp.Expr]) -> None:
     text, value = drawn
     try:

@@ -89,8 +89,8 @@ def test_a_turned_joint_stores_energy(tmp_path, axis, stiffness):
     assert energy == pytest.approx(2 / 0.2 * stiffness * math.sin(0.2) ** 2, rel=1e-12)
 
 
-@pytest.mark.parametrize("around", ["{}", '<body name="post" quat="1 2 -3 .5">{}</body>'])
-@pytest.mark.parametrize(("flat", "share"), [("false", 0), ("true", 1)])
+@pytest.mark.parametrize(("flat", "share", "around"), [
+    ("false", 0, "{}"), ("true", 1, '<body name="post" quat="1 2 -3 .5">{}</body>')])
 def test_the_rest_shape_is_that_of_the_file_or_flat(tmp_path, around, flat, share):
     """An arc of 342 degrees: attitudes of its segments change the sign of their quaternions."""
     path = path_of(tmp_path, cable(ARC + ' initial="none"', around=around,

@@ -247,7 +247,8 @@ def test_chain_takes_whole_numbers(count):
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name == "stewart_platform"))
+    pytest.param(name, marks=[pytest.mark.slow] * (
+        name in ("delta_robot", "stewart_platform")))
     for name in gs.models.__all__])
 def test_every_model_starts_on_its_constraints(name):
     """In the second representation, too, of one body and of two."""

@@ -94,7 +94,7 @@ SYSTEMS = {
 
 zoo = pytest.mark.parametrize("system", [
     pytest.param(system, id=name, marks=[pytest.mark.slow] if name in (
-        "four-bar", "chain of bodies", "satellite") else [])  # bodies in numbers are quick
+        "four-bar", "chain of bodies", "satellite", "alpha body", "body in numbers") else [])
     for name, system in SYSTEMS.items()])
 
 

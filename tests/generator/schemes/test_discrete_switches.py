@@ -230,7 +230,7 @@ FAIR_START = [0.9, 0.3, -0.4, 0.5, 0.01], [0.1, 0.0, 0.7, -0.6, -0.02]
 FAIR_PARAMETERS = {"k": 3.0, "a": 0.4, "r": 0.3, "b": 2.0}
 
 
-@pytest.mark.parametrize("steps", [400, pytest.param(4_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("steps", [200, pytest.param(4_000, marks=pytest.mark.slow)])
 def test_EMS_keeps_the_energy(steps):
     """Across hundreds of kinks, or tens: a random walk of roundings of H, which is 2."""
     step = gs.stepper("EMS", system=FAIR)

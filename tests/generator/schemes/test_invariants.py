@@ -345,7 +345,7 @@ def separation(case, run):
     return math.exp(rate * abs(run.t[-1] - run.t[0]))
 
 
-@settings(max_examples=12, derandomize=True)
+@settings(max_examples=6, derandomize=True)
 @given(data=st.data())
 @pytest.mark.parametrize("spec", few(SPARK_SPECS), ids=identify)
 def test_constraints_and_reversal_from_any_state(spec, data):

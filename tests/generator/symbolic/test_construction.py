@@ -25,7 +25,7 @@ def grow(inner):
 lists = st.lists(st.recursive(st.sampled_from(ATOMS), grow, max_leaves=4), min_size=1, max_size=4)
 
 
-@settings(max_examples=120, derandomize=True)
+@settings(max_examples=60, derandomize=True)
 @given(lists)
 def test_sum_and_product_are_those_of_sympy(e):
     for ours, theirs in ((sum_of, sp.Add), (product_of, sp.Mul)):

@@ -44,12 +44,12 @@ SIZE = 12
 def step():
     return gs.stepper("EMS", system=particle())
 def test_EMS_keeps_the_energy_to_round_off_over_many_steps(step):
-    run = step.integrate(*START, steps=2000, **RUN)
+    run = step.integrate(*START, steps=600, **RUN)
     # A few roundings of the terms of H in a step, and they add up like a random walk.
-    assert run.report.energy_error_max <= 4 * EPS * np.sqrt(2000) * SIZE
+    assert run.report.energy_error_max <= 4 * EPS * np.sqrt(600) * SIZE
     assert run.report.newton_steps == 0
     turns = np.unwrap(np.arctan2(run.q[:, 1], run.q[:, 0]))[-1] / (2 * np.pi)
-    assert abs(turns) > 6
+    assert abs(turns) > 1.8
 
 
 @pytest.mark.parametrize("solver", ["newton", "fixed-point", "python"])

@@ -42,7 +42,8 @@ def largest(x):
 PAIRS = [("runner", "EMS", None),
          *(pytest.param("runner", *scheme, marks=pytest.mark.slow)  # a stepper more
            for scheme in (("IMS", None), ("LIIIA-B", 3))),
-         ("pendulum", "G-L", 2), ("oscillator", "EMS", None)]
+         ("pendulum", "G-L", 2),
+         pytest.param("oscillator", "EMS", None, marks=pytest.mark.slow)]
 pairs = pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 
 

@@ -33,7 +33,7 @@ NUMBERS = {s: PARAMETERS[str(s)] for s in CASE.system.parameters}
 
 @pytest.fixture(scope="module")
 def step():
-    return systems.stepper("dragged_pendulum", "EMS")
+    return systems.stepper("dragged_pendulum")
 
 
 def exact(name, values):

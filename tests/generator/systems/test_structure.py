@@ -134,7 +134,7 @@ def test_factors_of_a_chain_grow_linearly():
     assert products[3] - products[2] == 3 * (products[1] - products[0])
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(parents=st.integers(2, 20).flatmap(lambda n: st.tuples(
     *(st.integers(0, b - 1) for b in range(1, n)))))
 def test_trees_of_bodies_have_no_fill(parents):
@@ -177,7 +177,7 @@ def _graph(n: int, pairs: list[tuple[int, int]]) -> dict[int, set[int]]:
     return neighbours
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(graph=graphs, seed=st.integers(0, 2**32 - 1))
 def test_elimination_solves(graph, seed):
     """LDLᵀ by the tables, on numbers, against a dense solution."""
@@ -212,7 +212,7 @@ def test_elimination_solves(graph, seed):
     assert np.abs(A @ x - b).max() <= 64 * n * EPS * np.abs(b).max()
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(graph=graphs)
 def test_orders_name_every_node_once(graph):
     named = {("q", a): {("q", b) for b in others} for a, others in graph.items()}

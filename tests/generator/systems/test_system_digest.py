@@ -30,7 +30,7 @@ def _system(H: sp.Expr, **more: object) -> System:
     return System(Q, P, A, P[0] ** 2 / 2 + P[1] ** 2 / 2 + H, **more)
 
 
-@settings(max_examples=40)
+@settings(max_examples=20)
 @given(st.lists(st.sampled_from(TERMS), min_size=1, max_size=5),
        st.lists(st.integers(-5, 5).filter(bool), min_size=5, max_size=5),
        st.integers(0, 11))

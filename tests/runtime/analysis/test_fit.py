@@ -62,11 +62,9 @@ def test_a_damped_top_is_found_from_a_far_first_guess():
         assert found.sigma[name] < 1e-3 * true[name]
 
 
+@pytest.mark.slow  # statistics of many fits
 @pytest.mark.parametrize(("case", "seeds", "least", "together"), [
-    (top, 2, 1, 0.6),
-    pytest.param(top, 100, 88, 0.92, marks=pytest.mark.slow),
-    pytest.param(double, 100, 88, 0.93, marks=pytest.mark.slow),
-])
+    (top, 100, 88, 0.92), (double, 100, 88, 0.93)])
 def test_two_standard_deviations_hold_as_often_as_they_should(case, seeds, least, together):
     """Fewer than 88 of 100 have a probability of 0.1 % where 95.4 are expected."""
     found = fits.recover(case(), range(seeds))

@@ -162,6 +162,7 @@ def test_a_start_near_rest_has_the_metric_of_one_at_rest():
     assert abs(near_rest.ftle - at_rest.ftle) < 1e-7  # the motion moves by 1e-8
 
 
+@pytest.mark.slow  # derivatives compiled for this
 @pytest.mark.parametrize("k", [0.0, 1e3])
 def test_the_metric_is_that_of_small_momenta(k):
     """H is not quadratic in p: differences of larger momenta would give another H_pp.

@@ -165,7 +165,7 @@ def test_inputs_and_moving_constraints():
 @pytest.mark.parametrize("t0", [0.3, 1000.0])
 def test_a_start_time_moves_the_constraints_whatever_its_size(t0):
     """By differences of the loss; whole numbers of x are no other numbers."""
-    step, case = systems.differentiable("breathing"), systems.case("breathing")
+    step, case = systems.differentiable("driven_pendulum"), systems.case("driven_pendulum")
 
     def loss(run):
         return run.q[-1] @ run.q[-1] + run.p[-1, 0], {"q": 2 * run.q[-1], "p": [1.0, 0.0]}

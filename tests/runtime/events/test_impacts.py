@@ -143,6 +143,7 @@ def test_rows_stay_on_the_grid_and_the_first_have_the_bits_of_a_run_without():
     assert np.array_equal(fewer.impacts["floor"].t, run.impacts["floor"].t)
 
 
+@pytest.mark.slow  # compiled for this; the ball's impacts have closed forms as well
 def test_a_pendulum_in_its_angle_hits_a_stop():
     """Speeds at the stop follow from the energy, of which each arrival takes 3/8 of its square."""
     run = stepper("tilted").integrate([2.9], [0.0], dt=0.02, steps=1000,
@@ -528,7 +529,8 @@ def hoisted(gravity: float, angle: float, rate: float) -> np.ndarray:
     return np.concatenate([1.1 * along, along / 9 + 1.1 * w * turned])
 
 
-@pytest.mark.parametrize("real", ["float", pytest.param("double", marks=pytest.mark.slow)])
+@pytest.mark.slow  # four modules a type; others have impacts on constraints, and walls that move
+@pytest.mark.parametrize("real", ["float", "double"])
 def test_derivatives_after_an_impact_on_constraints_that_move(real):
     """Beside the equation of the angle in float, whose arrays keep their type, else differences."""
     step = differentiable("hoisted", real=real)
@@ -711,7 +713,7 @@ def relativistic():
     (lambda: begun(0.5, 0.0, gs.Impact("speed")), "u"),
     (lambda: begun(0.5, 0.0, gs.Impact("x")), "quantities"),
     (lambda: begun(0.5, 0.0, [gs.Impact("floor")] * 2), "floor"),
-    (relativistic, "quadratic"),
+    pytest.param(relativistic, "quadratic", marks=pytest.mark.slow),  # after impacts are compiled
     (lambda: dropped(100).at(1.5), "outside"),
     (lambda: dropped(100, tangents=gs.Tangents(), t_eval=[0.5]), "t_eval"),
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="none"), "impacts"),

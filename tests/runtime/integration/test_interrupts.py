@@ -131,7 +131,8 @@ def test_threads_hear_nothing(gl3):
     assert seen[0].report.steps == 8000
 
 
-@pytest.mark.parametrize(("solver", "count"), [("auto", 20), ("newton", 3)])
+@pytest.mark.parametrize(("solver", "count"), [
+    ("auto", 20), pytest.param("newton", 3, marks=pytest.mark.slow)])
 def test_ensemble_comes_with_what_it_has(solver, count, gl3):
     """Each member as far as it came; those that were not begun have their start."""
     q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))

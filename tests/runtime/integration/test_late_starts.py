@@ -58,7 +58,7 @@ def test_a_file_keeps_the_digits_of_events(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(("name", "t0"), [
-    pair if i in (0, 3) else pytest.param(*pair, marks=pytest.mark.slow) for i, pair in enumerate(
+    pair if i == 3 else pytest.param(*pair, marks=pytest.mark.slow) for i, pair in enumerate(
         product(("driven_oscillator", "heavy_top"), LATE))])
 def test_a_late_store_is_resumed_to_the_bit(name, t0, tmp_path, monkeypatch) -> None:
     case, step = systems.case(name), systems.stepper(name)

@@ -78,6 +78,7 @@ def test_a_scale_that_misses_the_fast_part_is_warned_of(power, dtau, t_end, warn
     assert [one.category for one in caught] == [gs.errors.InputWarning] * 2 * warns
 
 
+@pytest.mark.slow  # a stepper for this
 @pytest.mark.parametrize("seen", [False, True])
 def test_a_pulse_that_the_scale_misses_is_warned_of(seen):
     """A disc is spun up by a torque about t = 5: its rotation later hides no pulse."""
@@ -145,6 +146,7 @@ def test_the_end_of_steps_of_any_length_is_that_among_events(dtau, t_end, every,
         assert np.abs(np.subtract(*ends)).max() <= 30 * round_off
 
 
+@pytest.mark.slow  # a module for this
 def test_tangents_of_a_short_rod_are_found_between_steps():
     """Round-off of G H_p is that of coordinates, six times the rod."""
     name = "tethered_pair"

@@ -123,7 +123,7 @@ def test_joints_are_where_the_run_has_them():
 
 def test_a_ring_reaches_from_its_axis_to_the_next():
     """The outer ring of a gimbal: bars of a circle about its centre, and two pairs of studs."""
-    scene = scene_of(integrated(gs.models.gimbal(), 2, "gimbal"), 3)
+    scene = scene_of(integrated(gs.models.gimbal(), 2), 3)
     ring = max(scene.parts, key=lambda part: len(part.shapes))
     assert len(ring.shapes) > 36
     distances = [np.linalg.norm(shape.centre - ring.centre) for shape in ring.shapes]
@@ -173,7 +173,7 @@ def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
     runs = {"one state": lambda: (gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN), 1),
             "two states": lambda: (gl3.integrate(TOP.q0, TOP.p0, steps=1, **RUN), 1),
             "two bodies": lambda: (tops, 2),
-            "glass": lambda: (integrated(gs.models.gimbal(), 5, "gimbal", dt=-1e-3), 3)}
+            "glass": lambda: (integrated(gs.models.gimbal(), 5, dt=-1e-3), 3)}
     for run, bodies in (runs[name](),):
         drawn = executed(run.show().page, tmp_path)
         assert drawn["bad"] == 0

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 import sympy as sp
 
+import budget
 import gyrospark as gs
 import systems
 from calls import RUN, TOP
@@ -22,8 +24,8 @@ EPS = float(np.finfo(float).eps)
 DT = 1e-3
 
 
-def run(model, steps=300, scheme=("G-L", 2), name=None, **options):
-    step = systems.stepper(name) if name else gs.stepper(*scheme, system=model.system)
+def run(model, steps=300, name=None, scheme=("G-L", 2), **options):
+    step = systems.stepper(name, *scheme) if name else gs.stepper(*scheme, system=model.system)
     return step.integrate(model.q0, model.p0, steps=steps, parameters=dict(model.parameters),
                           **{"dt": DT} | options)
 
@@ -179,7 +181,7 @@ def test_the_reaction_of_a_pendulum_in_closed_form(scheme, inside, ends):
     """Its error falls as it is said to: halved steps, twice."""
     model, errors = pendulum(), []
     for dt in (0.02, 0.01):
-        made = run(model, round(0.6 / dt), scheme, dt=dt)
+        made = run(model, round(0.6 / dt), scheme=scheme, dt=dt)
         error = np.abs(made.joint("pin").force() - pull(made)).max(axis=1)
         errors.append((error[1:-1].max(), max(error[0], error[-1])))
     (wide, wide_ends), (fine, fine_ends) = errors
@@ -203,31 +205,39 @@ def test_a_hinge_holds_more_and_turns():
     assert np.abs(joint.position()).max() < 1e-13
 
 
-@pytest.fixture(scope="module")
-def sliding():
-    """Each joint that slides or turns along an axis, in a row from a point that moves."""
-    build = gs.Multibody("sliding", gravity=(0, -9.81, 0))
-    box = {"mass": 2.0, "inertia": (0.3, 0.2, 0.25)}
-    for i, name in enumerate("abcde"):
-        build.body(name, **box, position=(0.4 * i, 0.1, 0.6))
+#: Each joint that slides or turns along an axis: its kind, and its arguments.
+ROW = {"pivot": ("revolute", {"axis": (0, 0, 1), "at": (0, 0, 0), "rate": 0.5}),
+       "plane": ("planar", {"axis": (1, 0, 2), "at": (0, 0.1, 0.3), "rate": 0.3}),
+       "slide": ("prismatic", {"axis": (1, 2, 2), "at": (0.5, 0.1, 0.3), "speed": 0.7}),
+       "pole": ("cylindrical", {"axis": (2, 0, 1), "at": (1, 0, 0.5), "speed": -0.4, "rate": 0.8}),
+       "thread": ("screw", {"axis": (0, 1, 1), "at": (1.4, 0.1, 0.5), "lead": 0.2, "rate": 1.5})}
+
+
+@cache
+def sliding(in_a_row):
+    """Return the run of a body on each joint, or of two that hang on a moving point and the ground.
+    """
+    build, before = gs.Multibody("sliding", gravity=(0, -9.81, 0)), "hand"
     build.moving_point("hand", (sp.sin(3 * build.time) / 4, build.time**2, 0))
-    build.revolute("pivot", "hand", "a", axis=(0, 0, 1), at=(0, 0, 0), rate=0.5)
-    build.planar("plane", "a", "b", axis=(1, 0, 2), at=(0, 0.1, 0.3), rate=0.3)
-    build.prismatic("slide", "b", "c", axis=(1, 2, 2), at=(0.5, 0.1, 0.3), speed=0.7)
-    build.cylindrical("pole", "c", "d", axis=(2, 0, 1), at=(1, 0, 0.5), speed=-0.4, rate=0.8)
-    build.screw("thread", "d", "e", axis=(0, 1, 1), at=(1.4, 0.1, 0.5), lead=0.2, rate=1.5)
-    return run(build.model(), 150)
+    for i, name in enumerate(ROW if in_a_row else ("pivot", "pole")):
+        kind, how = ROW[name]
+        body = build.body(f"on_{name}", mass=2.0, inertia=(0.3, 0.2, 0.25),
+                          position=(0.4 * i, 0.1, 0.6))
+        getattr(build, kind)(name, before, body, **how)
+        before = body if in_a_row else "ground"
+    with budget.shared():
+        return run(build.model(), 150)
 
 
-def test_reactions_obey_newton_and_euler(four_bar, sliding):
+@pytest.mark.parametrize("case", ["linkage", "apart", pytest.param(
+    "row", marks=pytest.mark.slow)])  # seventeen seconds of deriving
+def test_reactions_obey_newton_and_euler(case, four_bar):
     """m ẍ and l̇ of each body are the reactions of its joints and gravity, with the stated sign."""
-    assert four_bar.joints == ("hinge0", "hinge1", "hinge2", "hinge3")
-    for trajectory, name, joints in (
-            *((four_bar, name, {f"hinge{i}": 1, f"hinge{i + 1}": -1})
-              for i, name in enumerate(("crank", "coupler", "rocker"))),
-            *((sliding, name, dict(zip(pair, (1, -1), strict=False))) for name, *pair in (
-                ("a", "pivot", "plane"), ("b", "plane", "slide"), ("c", "slide", "pole"),
-                ("d", "pole", "thread"), ("e", "thread")))):
+    trajectory = four_bar if case == "linkage" else sliding(case == "row")
+    assert trajectory.joints == {"linkage": ("hinge0", "hinge1", "hinge2", "hinge3"),
+                                 "apart": ("pivot", "pole"), "row": (*ROW,)}[case]
+    for i, name in enumerate(trajectory.bodies):
+        joints = dict(zip(trajectory.joints[i:i + 2 - (case == "apart")], (1, -1), strict=False))
         body = trajectory.body(name)
         force, torque = np.array([0, -9.81 * body.mass, 0]), np.zeros(3)
         for joint_name, sign in joints.items():
@@ -241,24 +251,26 @@ def test_reactions_obey_newton_and_euler(four_bar, sliding):
         assert np.abs(error).max() < 1e-3 * np.abs(torque).max()
 
 
-def test_a_hinge_at_a_point_that_moves(sliding):
-    pivot = sliding.joint("pivot")
+def test_a_hinge_at_a_point_that_moves():
+    made = sliding(in_a_row=False)
+    pivot = made.joint("pivot")
     assert np.abs(slope(pivot.angle(), DT) - pivot.rate()[1:-1]).max() < 1e-4
-    where = np.stack([np.sin(3 * sliding.t) / 4, sliding.t**2, 0 * sliding.t], axis=1)
+    where = np.stack([np.sin(3 * made.t) / 4, made.t**2, 0 * made.t], axis=1)
     assert np.abs(pivot.position() - where).max() < 64 * EPS
 
 
-def test_joints_that_slide_are_known(sliding):
+@pytest.mark.parametrize("in_a_row", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_joints_that_slide_are_known(in_a_row):
     """As pictures draw them; an older store has no force of a slide."""
-    joints = joints_of(sliding.manifest)
+    joints = joints_of(sliding(in_a_row).manifest)
     assert [name for name, joint in joints.items() if joint.slides] == [
-        "plane", "slide", "pole", "thread"]
-    assert replace(joints["slide"], pulls=None).slides
+        name for name in joints if name != "pivot"]
+    assert replace(joints["pole"], pulls=None).slides
 
 
 def test_angles_count_whole_turns(four_bar):
     """The wheel of a gimbal at 150 rad/s, a state every 2 steps; the bars' angles in the plane."""
-    made = run(gs.models.gimbal(), 400, name="gimbal", every=2)
+    made = run(gs.models.gimbal(), 400, "gimbal", ("IMS", None), every=2)
     outer, inner = (made.body(name).angular_velocity("space") for name in ("outer", "inner"))
     assert np.abs(inner[0] - outer[0] - [-0.3, 0, 0]).max() < 1e-12  # the rings' axis is x
     spindle = made.joint("spindle")
@@ -277,12 +289,18 @@ def test_angles_count_whole_turns(four_bar):
 def test_turns_that_rates_do_not_tell_are_warned_of():
     """A bar that falls over and over, at 5 to 14 rad/s: true to a state every 0.1 s, then told."""
     model = pendulum(12.0)
-    turned = run(model, 1000, dt=5e-3).joint().angle()
+    step = gs.stepper("G-L", 2, system=model.system)
+
+    def run(every=1):
+        return step.integrate(model.q0, model.p0, dt=5e-3, steps=1000, every=every,
+                              parameters=dict(model.parameters))
+
+    turned = run().joint().angle()
     assert abs(turned[-1] - turned[0]) > 20
-    some = run(model, 1000, dt=5e-3, every=20).joint()
+    some = run(20).joint()
     assert np.abs(some.angle() - turned[::20]).max() < 1e-12  # without a word: warnings are errors
     for every in (100, 1000):
-        ends = run(model, 1000, dt=5e-3, every=every)
+        ends = run(every)
         with pytest.warns(InputWarning, match="every"):
             angle = ends.joint().angle()
         assert np.abs(np.sin((angle - turned[::every]) / 2)).max() < 1e-9
