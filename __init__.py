@@ -42,8 +42,8 @@ def __getattr__(name: str) -> Any:
     if name in FORMER_NAMES:
         raise AttributeError(f"{__name__}.{name} is now {FORMER_NAMES[name]}.")
     if name not in _HOMES:
-        raise AttributeError(
-            f"module {__name__!r} has no attribute {name!r}{proposal(name, __all__)}")
+        near = "" if name.startswith("_") else proposal(name, __all__)  # inspectors ask for many
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}{near}")
     module, inner = _HOMES[name]
     try:
         home = import_module(module, __name__)

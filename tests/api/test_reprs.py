@@ -109,6 +109,7 @@ def test_every_object_is_pickled_and_copied(shown):
             assert repr(other) == repr(thing)
 
 
+@pytest.mark.slow  # it imports all that is plotted, solved and stored
 def test_a_spawned_process_gets_every_object(shown, tmp_path):
     (tmp_path / "objects").write_bytes(pickle.dumps(shown))
     read = python("import pathlib, pickle\n"

@@ -165,7 +165,7 @@ def test_starts_off_the_constraints_are_moved_there(part: str) -> None:
         assert bool(caught) is (size == 1e-3)
 
 
-@pytest.mark.parametrize("size", [1e-6, 1e-15])
+@pytest.mark.parametrize("size", [pytest.param(1e-6, marks=pytest.mark.slow), 1e-15])
 def test_nearly_symmetric_tops(size: float) -> None:
     """I₂ = I₁ (1 + size) keeps nothing about its figure axis, and all of it about the vertical."""
     top = gs.problems.fast_top()

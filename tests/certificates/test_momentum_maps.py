@@ -49,7 +49,7 @@ def maps_of(problem, rep):
 # ---------------------------------------------------------------- bodies
 
 
-@pytest.mark.parametrize("rep", ["gamma", "alpha"])
+@pytest.mark.parametrize("rep", ["gamma", pytest.param("alpha", marks=pytest.mark.slow)])
 def test_heavy_top(rep):
     """About the vertical whatever the parameters are, about the figure axis if I1 = I2."""
     vertical, figure = maps_of(gs.problems.fast_top(), rep)
@@ -150,7 +150,7 @@ def test_gravity_leaves_four():
     assert [J.name for J in found if J.any_parameters] == [SPACE[2], *LINEAR[:2]]
 
 
-@pytest.mark.parametrize("count", [1, 7])
+@pytest.mark.parametrize("count", [1, pytest.param(7, marks=pytest.mark.slow)])
 def test_chain_of_points(count):
     """Rods from the origin: about the vertical, also beyond the full search (21 coordinates)."""
     q, p = points(count)

@@ -96,7 +96,7 @@ def gradient_is_proved(splitting):
     return all(ring.vanishes(x - expand_shared(y)) for x, y in zip(expected, kick, strict=True))
 
 
-@pytest.mark.parametrize("rep", ["alpha", "gamma"])
+@pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
 def test_the_gradient_is_the_double_bracket(rep):
     found = split(heavy_top(rep), symmetric=True)
     assert gradient_is_proved(found)

@@ -104,6 +104,7 @@ def read_until(terminal, wanted, seconds=PATIENCE):
     return text
 
 
+@pytest.mark.slow  # test_storage_ends.py interrupts such a run, which is no terminal's
 def test_interrupt_ends_a_long_run(tmp_path):
     """The time left shows that steps are being done; Ctrl-C then ends it, with code 130."""
     arguments = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-5", "--steps", "999999999",

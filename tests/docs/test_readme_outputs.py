@@ -55,6 +55,7 @@ def test_output_of_the_demo_is_up_to_date(request, gyrospark, gl3):
     compare(r"\$ make demo\n(.*?)```", done.stdout, request)
 
 
+@pytest.mark.slow  # a stepper for this
 def test_report_of_the_first_program_is_up_to_date(request, monkeypatch, tmp_path):
     program = documents.blocks(README, "python")[0].text
     call = next(node for node in ast.walk(ast.parse(program)) if isinstance(node, ast.Call)

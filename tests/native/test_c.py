@@ -71,7 +71,8 @@ def test_no_warning_from_the_optimiser_with_forces_and_the_widest_vectors(name, 
 
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
-@pytest.mark.parametrize("spec", [Spec("LIIIA-B", 2, "alpha"), Spec("EMS")], ids=name_of)
+@pytest.mark.parametrize("spec", [
+    pytest.param(Spec("LIIIA-B", 2, "alpha"), marks=pytest.mark.slow), Spec("EMS")], ids=name_of)
 def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     """Nothing else is exported, and there is no writable data: re-entrant by construction.
 

@@ -59,7 +59,8 @@ def test_c_is_changed_where_it_runs():
         ("y[i] = -x[i]*y[1]", "(void)0"), ("g(y)", "(void)0")}
 
 
-@pytest.mark.parametrize("package", ["storage", "engine"])  # Python and C
+@pytest.mark.parametrize("package", [  # Python and C
+    "storage", pytest.param("engine", marks=pytest.mark.slow)])
 def test_each_of_this_project_changes_one_place_and_parses(package):
     assert ROOT.samefile(gyrospark.__path__[0])
     mutants = [mutant for place in mutants_of(ROOT, package) for mutant in place]

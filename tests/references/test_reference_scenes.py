@@ -23,7 +23,9 @@ RECORDED = ("simple-pendulum", "spherical-pendulum", "four-bar", "bricard", "bri
             "bennett", "slider-crank", "dzhanibekov", "heavy-top", "kovalevskaya")
 
 
-@pytest.mark.parametrize("name", RECORDED)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name in ("bricard-pushed", "four-bar")))
+    for name in RECORDED])
 def test_a_scene_starts_where_the_model_does(name):
     """Masses, moments and places, read off the record, give back the state and its numbers."""
     problem = REFERENCES[name]

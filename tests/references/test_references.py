@@ -151,7 +151,8 @@ def test_a_stiff_damper_lingers_with_gauss_and_not_with_radau():
 @pytest.mark.parametrize(("motion", "here"), [
     (loops.slider_crank, ("0.1", {2: "0.226812187053632"})),
     (loops.bricard, ("1", {0: "0.5105014611872", 4: "0.1401231145532"})),
-    (loops.bricard, ("0.5", {0: "0.9682836791068", 3: "-1.224625159436"})),
+    pytest.param(loops.bricard, ("0.5", {0: "0.9682836791068", 3: "-1.224625159436"}),
+                 marks=pytest.mark.slow),
 ])
 def test_loops_by_quadrature(motion, here):
     """At other times than that of the digits, beside another code."""

@@ -92,7 +92,7 @@ def test_about_a_recording(gl3, tmp_path):
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != ".run.zarr.lock") == ["run.zarr"]
 
 
-@pytest.mark.parametrize("real", ["double", "float128"])
+@pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatch):
     """Whatever the chunk and the place to begin: the rows of the whole, and one chunk at a time."""
     step, read, rows = systems.stepper("heavy_top", real=real), recordings.stored_values, []

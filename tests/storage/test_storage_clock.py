@@ -57,7 +57,8 @@ def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypa
     assert commits[-1] == 3000
 
 
-@pytest.mark.parametrize("clock", [[0.0, 1e9], [0.0, 5.0, 5.0, 5.0]])
+@pytest.mark.parametrize("clock", [
+    pytest.param([0.0, 1e9], marks=pytest.mark.slow), [0.0, 5.0, 5.0, 5.0]])
 def test_number_of_commits_does_not_matter(clock, gl3, tmp_path, monkeypatch):
     """However the time since the last commit comes out: never, always, now and then."""
     small_blocks(monkeypatch, 32, seconds=5.0)

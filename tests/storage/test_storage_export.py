@@ -27,7 +27,8 @@ ENDS = [".csv", ".nc", ".npz"]
 
 
 @pytest.fixture(scope="module", params=[  # the top is exported in long double
-    pytest.param(run, id=name, marks=[pytest.mark.slow] * (name == "two constraints"))
+    pytest.param(run, id=name, marks=[pytest.mark.slow] * (
+        name in ("long double", "two constraints")))
     for name, run in RUNS.items() if name != "top"])  # the columns of two are looked at below
 def stored(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:

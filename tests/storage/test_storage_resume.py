@@ -111,7 +111,7 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
         small_blocks(patch, 4)
         for count in calls:
             with contextlib.suppress(Interrupted):
-                record(gl3, **START, out=out, steps=200, every=2, resume=True,
+                record(gl3, **START, out=out, steps=90, every=2, resume=True,
                           progress=ends_after(count))
             found = gs.load(out)
             if found.report is None:
@@ -214,7 +214,7 @@ def test_what_others_left_behind(gl3, tmp_path):
 
 def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     """A store made with other blocks, by a later version say, is gone on with in its own."""
-    arguments = START | {"steps": 100}
+    arguments = START | {"steps": 60}
     small_blocks(monkeypatch, 8)
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
@@ -229,7 +229,8 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("first", "second", "every"), [
-    (49, 120, 7), (0, 30, 7), pytest.param(64, 65, 1, marks=pytest.mark.slow)])
+    (49, 120, 7), *(pytest.param(*given, marks=pytest.mark.slow)
+                    for given in ((0, 30, 7), (64, 65, 1)))])
 def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path, monkeypatch):
     """As if it had been begun with them, to the bit, also from a last state between two others."""
     small_blocks(monkeypatch, 16)
@@ -248,12 +249,12 @@ def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     out, arguments = tmp_path / "run.zarr", START | {"every": 3}
-    for steps, count in ((100, 0), (120, 5), (200, 4)):
+    for steps, count in ((60, 0), (80, 5), (100, 4)):
         with pytest.raises(Interrupted):
             record(gl3, **arguments, out=out, steps=steps, resume=True,
                       progress=ends_after(count))
-    found = record(gl3, **arguments, out=out, steps=300, resume=True)
-    assert_same(found[:], integrate(gl3, **arguments, steps=300))
+    found = record(gl3, **arguments, out=out, steps=120, resume=True)
+    assert_same(found[:], integrate(gl3, **arguments, steps=120))
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")

@@ -220,7 +220,8 @@ def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
 
 @pytest.mark.parametrize(("real", "array", "types"), [
     ("double", "event_q1_q", ("float64", "float32")),
-    ("float128", array_layout.wide_name("event_q1_q"), ("uint8", "uint16"))])
+    pytest.param("float128", array_layout.wide_name("event_q1_q"), ("uint8", "uint16"),
+                 marks=pytest.mark.slow)])
 def test_events_in_arrays_of_another_form_are_damaged(real, array, types, tmp_path) -> None:
     step = systems.stepper("heavy_top", real=real)
     q, p = systems.start("heavy_top", step)

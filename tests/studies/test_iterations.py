@@ -92,7 +92,7 @@ def test_stagnation_is_not_divergence_unless_nothing_is_solved():
 # ------------------------------------------------------------ the inexact Jacobian
 
 
-@pytest.mark.parametrize("rep", ["gamma", "alpha"])
+@pytest.mark.parametrize("rep", ["gamma", pytest.param("alpha", marks=pytest.mark.slow)])
 def test_only_the_intended_term_is_dropped(rep):
     """d(L(q)ᵀ)·u with u = D L(q)p/4, written out by finite matrices instead of derivatives."""
     from gyrospark.generator.multibody.rigid_body import heavy_top, left_matrix
@@ -123,7 +123,6 @@ def test_only_the_intended_term_is_dropped(rep):
         assert getattr(inexact, name) == getattr(exact, name)
 
 
-@pytest.mark.slow  # a stepper for this; what is dropped is compared above, in formulas
 def test_same_residual_other_jacobian():
     exact, inexact = gs.stepper("LIIIA-B", 3, "gamma"), inexact_stepper("LIIIA-B", 3, "gamma")
     keywords = {"dt": 1e-2, "parameters": parameters("gamma")}

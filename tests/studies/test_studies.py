@@ -41,7 +41,7 @@ from gyrospark.studies.verdict import compare_value, same_digits, units_between
 from processes import ROOT
 
 #: Results that take well under a second each once their steppers are compiled.
-QUICK = ("table-2", "table-4", "table-7", "figure-5", "figure-11")
+QUICK = ("table-2", "table-4", "table-7", "figure-5")
 
 
 @pytest.fixture(scope="module")
@@ -419,8 +419,9 @@ def test_catalogue_is_complete():
 # ---------------------------------------------------------------- docs/paper.md
 
 
-@pytest.mark.parametrize("name", ["table-2", "table-4", "table-5", "table-6", "table-7",
-                                  "figure-5", "figure-9", "figure-10"])
+@pytest.mark.parametrize("name", [
+    "table-2", "table-4", "table-6", "table-7", "figure-5", "figure-9",
+    *(pytest.param(name, marks=pytest.mark.slow) for name in ("table-5", "figure-10"))])
 def test_committed_summary_is_what_is_computed(name, engine):
     """These results are the same in the short version; the whole file is checked by -m slow."""
     committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

@@ -517,6 +517,7 @@ def test_velocities_of_a_start_are_derived_from_h():
     assert "p" not in found
 
 
+@pytest.mark.slow  # compiled for this
 def test_a_composition_of_exact_flows_has_no_iteration_to_keep(tmp_path):
     """Parameters that did not change are not set again, which would round its state."""
     built = gs.build("fmu2", SATELLITE, order=2, out=tmp_path / "s.fmu")

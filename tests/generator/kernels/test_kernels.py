@@ -260,7 +260,7 @@ def test_every_kernel_of_the_heavy_top_computes_its_expressions_exactly(rep):
             assert found[name] == Fraction(int(value.p), int(value.q)), (kernel.name, name)
 
 
-@pytest.mark.parametrize("rep", ["alpha", "gamma"])
+@pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
 def test_operation_counts_of_every_kernel_are_those_of_its_text(rep):
     for kernel, _, _, counted, result in runs_of(rep)[1]:
         assert result.operations == without_zeros(counted), kernel.name

@@ -523,8 +523,7 @@ def test_the_command_runs_it(tmp_path, gyrospark):
     assert document["parameters"]["b"] == 2
     assert document["quantities"]["b_angle"] == pytest.approx(0.5 + 2 * 5 * 0.002, rel=1e-2)
     assert "JOINT.rate" in gyrospark(*run).stderr
-    for setting in ("b=0.1", "b.rate=0.1"):
-        assert gyrospark(*run, "--set", setting).stderr == ""
+    assert gyrospark(*run, "--set", "b.rate=0.1").stderr == ""
     for setting, said in (("keyframe=x", "'x'"), ("i=3", "'i'"), ("ignore=all the rest", "limits")):
         failed = gyrospark(*run, "--set", setting)
         assert failed.code == 2

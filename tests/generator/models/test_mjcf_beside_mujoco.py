@@ -45,7 +45,8 @@ def compare_robots(tmp_path, seeds, loops):
     return compared, len(refusals)
 
 
-@pytest.mark.parametrize(("seeds", "loops"), [((17,), False), ((5, 18), True)])
+@pytest.mark.parametrize(("seeds", "loops"), [
+    pytest.param((17,), False, marks=pytest.mark.slow), ((5, 18), True)])
 def test_random_robots_move_as_in_mujoco(tmp_path, seeds, loops):
     """Each is read: free, ball, slide and hinge joints, tendons, gravcomp, loops."""
     assert compare_robots(tmp_path, seeds, loops) == (len(seeds), 0)

@@ -114,7 +114,8 @@ def test_vertices_may_be_unequal_and_a_plugin_shared(tmp_path):
 
 
 @pytest.mark.parametrize("ends", [
-    'body1="load" body2="cB_last" anchor="0 0 .1"', 'site1="hook" site2="cS_last"'])
+    pytest.param('body1="load" body2="cB_last" anchor="0 0 .1"', marks=pytest.mark.slow),
+    'site1="hook" site2="cS_last"'])
 def test_a_load_hangs_on_the_end(tmp_path, ends):
     """A connect of a body to the last segment, and a damper in each joint."""
     load = ('<body name="load" pos="1 0 -.1"><freejoint/><geom size=".05" contype="0" '

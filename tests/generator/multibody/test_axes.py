@@ -61,7 +61,9 @@ def test_an_axis_that_could_be_meant_on_the_body_is_reported():
     satellite(axis=TILT[1:])  # about which the body is tilted: the same on the body
 
 
-@pytest.mark.parametrize("kind", HINGES)
+@pytest.mark.parametrize("kind", [
+    pytest.param(kind, marks=[pytest.mark.slow] * (kind in ("planar", "cylindrical")))
+    for kind in HINGES])
 def test_every_joint_takes_an_axis_on_its_body(kind):
     """The same model as with the axis in space; of a body on the ground its own axes count."""
     more = {"lead": 0.1} if kind == "screw" else {}

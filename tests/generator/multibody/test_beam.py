@@ -133,6 +133,7 @@ def test_a_straight_beam_bent_to_a_circle_has_its_energy():
     assert abs(energies[2]) <= 64 * EPS
 
 
+@pytest.mark.slow  # a beam of four hundred segments
 def test_sections_of_a_helix_are_transported_in_parallel():
     """They turn by −∫τ ds against the Frenet frame, which has the same normal at both ends."""
     radius, pitch = 1.0, 0.5

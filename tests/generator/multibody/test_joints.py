@@ -61,7 +61,8 @@ def test_a_damped_pair_on_a_line():
     assert motion.acceleration("rate") == pytest.approx(-40 * 0.5 - 3 * 0.5, rel=1e-12)
 
 
-@pytest.mark.parametrize(("travel", "speed"), [(0.0, 0.0), (0.25, 0.4)])
+@pytest.mark.parametrize(("travel", "speed"), [
+    pytest.param(0.0, 0.0, marks=pytest.mark.slow), (0.25, 0.4)])
 def test_a_slider_off_its_place_on_a_spinning_carrier(travel, speed):
     """Its point moves with the carrier at its own place, ω × (r + d): before any projection."""
     build = builder()

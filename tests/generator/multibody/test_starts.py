@@ -158,7 +158,8 @@ def test_a_rate_is_kept_where_a_quaternion_is_off_by_round_off():
 
 
 @pytest.mark.parametrize(("given", "message"), [
-    ({"h0": {"angle": 0.5}, "h1": {"angle": 0.0}}, "'h0'.*0.5.*'h1'"),
+    pytest.param({"h0": {"angle": 0.5}, "h1": {"angle": 0.0}}, "'h0'.*0.5.*'h1'",
+                 marks=pytest.mark.slow),  # a search for two seconds
     ({"h0": {"rate": 3.0}, "h3": {"rate": 1.0}}, "'h.'.*nearest"),
 ])
 def test_contradicting_joints_are_refused(given, message):

@@ -295,7 +295,9 @@ ENDLESS = {
 }
 
 
-@pytest.mark.parametrize("H", ENDLESS.values(), ids=ENDLESS.keys())
+@pytest.mark.parametrize("H", [
+    pytest.param(H, id=name, marks=[pytest.mark.slow] * (name == "bars in bars"))
+    for name, H in ENDLESS.items()])
 def test_nothing_is_multiplied_out_without_end(H, monkeypatch):
     """As many products of terms as are allowed for each part; H is what it was."""
     spent = []

@@ -210,7 +210,8 @@ def reference(method, q, v, t):
 @pytest.mark.filterwarnings("ignore::UserWarning")  # SymPy's, of velocities it knows twice
 @pytest.mark.parametrize("make", [
     pytest.param(make, marks=[pytest.mark.slow] * (
-        make in (two_arms, slide_on_a_turning_base, drum, plate)))
+        make in (two_arms, slide_on_a_turning_base, drum, plate, ball,
+                 bead_on_a_bar_on_a_moving_base)))
     for make in SYSTEMS])
 def test_accelerations_are_those_of_form_eoms(make):
     """Of a base that a joint put at rest SymPy's own equations leave the motion out as well."""

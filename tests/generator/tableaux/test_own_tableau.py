@@ -130,7 +130,8 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize("name", [
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "fewer_constraints")) for name in CASES])
 def test_other_nodes(name: str, written: Any) -> None:
     c, c_tilde, order = CASES[name]
     path = written(on_nodes(name, c, c_tilde))

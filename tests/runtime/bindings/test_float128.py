@@ -273,6 +273,7 @@ def test_command_line(gyrospark, tmp_path):
     assert done.document["constraint_max"] < 4 * EPS
 
 
+@pytest.mark.slow  # test_c.py builds C of other types with these flags
 def test_generated_c_builds_without_python(tmp_path):
     """With the strict flags but -Wpedantic, and contraction off, as exported C is built."""
     step = stepper("G-L", 2)

@@ -242,14 +242,21 @@ def test_a_store(real, tmp_path):
     assert again.status == "complete"
 
 
+@pytest.fixture(scope="module")
+def of_two_steps(tmp_path_factory):
+    """A stepper, the store of a run of two steps, and its arguments."""
+    step, out = pushed("float128"), tmp_path_factory.mktemp("two") / "run.zarr"
+    run = {"q": START[0], "p": START[1], "t0": T0, "steps": 2, **RUN}
+    record(step, out=out, **run)
+    return step, out, run
+
+
 @pytest.mark.parametrize(("name", "value"), [
     ("dt", DT + Fraction(1, 10**31)), ("t0", exact(T0) + Fraction(1, 10**30)),
     ("parameters", PARAMETERS | {"c": PARAMETERS["c"] + Fraction(1, 10**30)}),
     ("p", [exact(START[1][0]) + Fraction(1, 10**30)])])
-def test_a_run_that_differs_in_the_thirtieth_digit_is_another(name, value, tmp_path):
-    step, out = pushed("float128"), tmp_path / "run.zarr"
-    run = {"q": START[0], "p": START[1], "t0": T0, "steps": 2, **RUN}
-    record(step, out=out, **run)
+def test_a_run_that_differs_in_the_thirtieth_digit_is_another(name, value, of_two_steps):
+    step, out, run = of_two_steps
     with pytest.raises(gs.InputError, match="another run") as caught:
         record(step, out=out, resume=True, **run | {name: value})
     assert f"{name}" in str(caught.value)

@@ -26,6 +26,7 @@ def start_of(step):
     return gs.Start(*start_of_beads(step, 0.4), BEADS, 0.4)
 
 
+@pytest.mark.slow  # a module for this
 def test_accelerations_are_second_differences():
     """To h², of rods on a pivot that moves."""
     step, h = stepper("G-L"), 2.0**-8

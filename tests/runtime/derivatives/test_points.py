@@ -75,7 +75,9 @@ def cotangents(run, weights):
     return made[0] | {"multipliers": forces, "events": dict(zip(run.events, made[1:], strict=True))}
 
 
-@pytest.mark.parametrize("asked", ASKED.values(), ids=ASKED)
+@pytest.mark.parametrize("asked", [
+    pytest.param(asked, id=name, marks=[pytest.mark.slow] * (name in ("events", "first step")))
+    for name, asked in ASKED.items()])
 def test_rows_within_steps_have_tangents_and_gradients(asked):
     """Along the start, parameters, dt and t0, against differences; gradients against tangents."""
     step, z = stepper(), start()

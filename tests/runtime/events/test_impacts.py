@@ -273,7 +273,8 @@ def test_the_order_of_the_scheme_through_impacts(scheme, stages, steps, order, r
     assert np.abs(slopes - order).min() < 0.2  # long steps, or round-off, may spoil one of them
 
 
-@pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
+@pytest.mark.parametrize(("scheme", "stages"), [
+    ("G-L", 2), pytest.param("EMS", None, marks=pytest.mark.slow)])  # compiled for this
 @pytest.mark.parametrize("backwards", [False, True])
 def test_the_way_back(scheme, stages, backwards):
     """With e = 1 the momenta reversed, or dt, lead back to the start: the grid is kept."""

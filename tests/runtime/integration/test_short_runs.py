@@ -269,7 +269,7 @@ def of_pushed(step):
 
 @pytest.mark.parametrize(("make", "arguments"), [
     (lambda: gs.stepper("G-L", 3), of_tops),
-    (lambda: systems.stepper("heavy_top_in_frame"), of_tops),
+    pytest.param(lambda: systems.stepper("heavy_top_in_frame"), of_tops, marks=pytest.mark.slow),
     (lambda: gs.stepper("splitting", order=4), of_tops),
     (lambda: systems.stepper("pushed_pendulum"), of_pushed)],
     ids=["tops", "frames", "flows", "inputs"])

@@ -36,7 +36,8 @@ SYSTEMS = {
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in ("fast top, EMS", "rods")))
+    pytest.param(name, marks=[pytest.mark.slow] * (
+        name in ("double top", "fast top, EMS", "rods")))
     for name in SYSTEMS])
 def test_between_steps_it_is_as_near_to_the_motion_as_at_steps(name: str) -> None:
     """Beside the same run with a 32nd of Δt; a state costs at most three steps' sweeps."""
@@ -56,7 +57,7 @@ def test_between_steps_it_is_as_near_to_the_motion_as_at_steps(name: str) -> Non
 
 
 @pytest.mark.parametrize("real", [
-    "double", "float128", pytest.param("float", marks=pytest.mark.slow)])
+    "double", *(pytest.param(real, marks=pytest.mark.slow) for real in ("float", "float128"))])
 def test_at_the_steps_it_is_the_run(real: str) -> None:
     """Stored states are returned as they are, those that were not stored are made again."""
     step, q0, p0, parameters = fast_top(real, stages=2)

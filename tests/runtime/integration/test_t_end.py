@@ -178,8 +178,9 @@ def test_what_ends_with_a_whole_step_says_so(tmp_path, gyrospark):
     assert answer["done_before"]
 
 
-@pytest.mark.parametrize(("name", "every"), in_pairs(
-    ["pendulum", "driven_oscillator", "sleigh"], [1, 3, 5]))
+@pytest.mark.parametrize(("name", "every"), [
+    *in_pairs(["pendulum", "driven_oscillator"], [1, 3]),
+    pytest.param("sleigh", 5, marks=pytest.mark.slow)])
 def test_stored_runs_end_there(name, every, tmp_path):
     """With the bits of a run in memory; a longer run goes on from the last whole step."""
     step, start, _, made = run(name, every=every)
@@ -195,7 +196,8 @@ def test_stored_runs_end_there(name, every, tmp_path):
         gs.resume(tmp_path / "run.zarr", t_end=0.1201)
 
 
-@pytest.mark.parametrize(("every", "place"), in_pairs([1, 4], ["_advance", "_take_last_part"]))
+@pytest.mark.parametrize(("every", "place"), [
+    pytest.param(1, "_advance", marks=pytest.mark.slow), (4, "_take_last_part")])
 def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, monkeypatch):
     small_blocks(monkeypatch, 4)
     step, start, _, _ = run()
@@ -220,8 +222,9 @@ def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, mon
     assert_same_bytes(whole, killed)
 
 
-@pytest.mark.parametrize(("time", "terminal"), in_pairs(
-    [0.052, 0.1, 0.1013, 0.1065], [True, False]))
+@pytest.mark.parametrize(("time", "terminal"), [
+    *in_pairs([0.052, 0.1], [True, False]),
+    *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((0.1013, True), (0.1065, False)))])
 def test_events_of_stored_runs_and_ensembles_in_the_last_part(time, terminal, tmp_path):
     step, start, whole, _ = run()
     event = gs.Event(step.manifest.system.coordinates[0], float(whole.at([time]).q[0, 0]),
