@@ -58,8 +58,8 @@ def _run(
 ) -> dict[str, Array]:
     """Return the results of a group of cells with equal scheme and number of steps.
 
-    ``group`` has the indices of the cells in the tile. A cell off the constraints has the status
-    BAD_START; numbers of cells that failed are NaN.
+    ``group`` has the indices of the cells in the tile. A cell off the constraints, or where H is no
+    finite number, has the status BAD_START; numbers of cells that failed are NaN.
     """
     dtype = stepper._binding_of_many.dtype
     dt, q0, p0 = (np.array(x[group], dtype=dtype) for x in (cells.dt, cells.q, cells.p))
@@ -74,8 +74,9 @@ def _run(
         ends = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
                 _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
-        off_constraints = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
-        status[off_constraints], reports["steps"][off_constraints] = BAD_START, 0
+        unusable = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
+        unusable |= ~np.isfinite(reports["energy_start"])
+        status[unusable], reports["steps"][unusable] = BAD_START, 0
         results = _report_results(reports) | {STATUS: status}
         results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.event_results
     # without samples the second dict is empty

@@ -74,7 +74,7 @@ CURE = "Finished cells are whole: mend it, and repeat the command with --resume.
 def meanings() -> dict[int, str]:
     """Return the meaning of each status of a cell."""
     return {NOT_COMPUTED: "not computed", 0: "done", **REASONS,
-            BAD_START: "start off the constraints"}
+            BAD_START: "start off the constraints or without finite H"}
 
 
 def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredField]:

@@ -9,6 +9,7 @@ Compiled code projects on its own; this is for its failures: damped steps, and n
 
 from __future__ import annotations
 
+import math
 from typing import Any, cast
 
 import numpy as np
@@ -135,6 +136,10 @@ class Binding(Compiled):
         self.function("hamiltonian")(parameters, len(q), *self._times(t), self.pointer(q),
                                      self.pointer(p), self.pointer(H))
         return H
+
+    def has_finite_energy(self, parameters: ParameterStruct, q: Array, p: Array) -> bool:
+        """Return whether H of a state is a finite number, at the time of ``parameters``."""
+        return math.isfinite(self.hamiltonian(parameters, q[None], p[None])[0])
 
     def in_scaled_time(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array

@@ -95,7 +95,8 @@ class CallMemory:
         if not are_slow(last_call.limits, q.tolist(), p.tolist()):
             return None
         assert constants is not None  # ``keep`` computes them
-        if not binding.is_consistent(constants.parameters, q, p):
+        if not (binding.is_consistent(constants.parameters, q, p)
+                and binding.has_finite_energy(constants.parameters, q, p)):
             return None
         return replace_fields(last_call.plan, run=replace_fields(run, q=q, p=p, t0=t0,
                                                                  parameters=run.parameters.copy()))

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .run_arguments import RunArguments
 
 __all__ = ["Defects", "defects_of_starts", "moved_onto_constraints", "refuse_inconsistent",
-           "refuse_singular_mass", "text_of_move"]
+           "refuse_singular_mass", "refuse_undefined_energy", "text_of_move"]
 
 #: Coordinates, of more of which moves of each by itself would take gigabytes.
 _MOST_COORDINATES = 2000
@@ -190,6 +190,16 @@ def _cure(
         cure += (" All its numbers are of single precision: compute them from arrays of doubles, "
                  "x.astype(float).")
     return cure
+
+
+def refuse_undefined_energy(binding: Binding, run: RunArguments) -> None:
+    """Refuse a start where H is no finite number: its derivatives may be finite nevertheless."""
+    parameters = binding.parameters(run.parameters, run.t0)
+    if not binding.has_finite_energy(parameters, run.q, run.p):
+        (H,) = binding.hamiltonian(parameters, run.q[None], run.p[None])
+        raise InputError(f"H = {float(H)} at the start, as of a root or a logarithm of a "
+                         "negative number; start elsewhere, or write H so that it is defined "
+                         "there, such as log(abs(x)).")
 
 
 def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments) -> None:

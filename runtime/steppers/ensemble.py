@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -50,6 +51,7 @@ from ..events.impact_observer import refuse_unusable
 from ..events.last_step import joined_with_part
 from ..events.location import crossings_of, detectors_for
 from ..events.observer import observer_to_end, with_end_apart, with_events
+from ..integration.consistency import refuse_undefined_energy
 from ..integration.failure import Diagnosis
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import (
@@ -296,6 +298,9 @@ def _side_by_side(
             fill_ensemble(states, threads, lambda: interrupts.is_requested, report)
 
         fill(computed, report)
+        for i in range(len(runs)):
+            if not math.isfinite(computed.report(i).energy_start):
+                _refuse_undefined_energy(stepper, runs, i)
         crossings = _crossings(stepper, levels, computed, fill)
         event_tuple = () if levels is None else levels.events
         ensemble = _ensemble(stepper, computed, crossings, event_tuple)
@@ -317,6 +322,14 @@ def _side_by_side(
     if interrupts.is_requested:
         raise _stop_exception(interrupts, sum(computed.row_counts), ensemble, ensemble.t.size)
     return ensemble
+
+
+def _refuse_undefined_energy(stepper: Stepper, runs: EnsembleArguments, i: int) -> None:
+    """Refuse a start of run i where H is no finite number."""
+    try:
+        refuse_undefined_energy(stepper.binding, runs[i])
+    except InputError as error:
+        raise InputError(f"Trajectory {i}: {error}") from None
 
 
 def _crossings(
@@ -611,6 +624,7 @@ def _run_on_threads(
             step_counts[i] = steps
             if report is not None:
                 report(sum(step_counts))
+        _refuse_undefined_energy(stepper, runs, i)
         try:
             return _integrate_alone(stepper, runs[i], events, t_end, stop, count_steps)
         except InputError as error:

@@ -31,7 +31,11 @@ from ..bindings.binding import SOLVERS, Binding
 from ..bindings.inputs import InputRows, Inputs, as_inputs
 from ..compilation.stepper_module import load_module, provenance
 from ..integration.call_memory import CallMemory
-from ..integration.consistency import refuse_inconsistent, refuse_singular_mass
+from ..integration.consistency import (
+    refuse_inconsistent,
+    refuse_singular_mass,
+    refuse_undefined_energy,
+)
 from ..integration.linear_frequency import warn_of_frequency
 from ..integration.run_arguments import (
     OPEN,
@@ -713,6 +717,7 @@ class Stepper(Dynamics):
             with np.errstate(over="ignore", invalid="ignore"):  # steps judge what is not finite
                 refuse_singular_mass(self.binding, self.manifest, run)
         refuse_inconsistent(self.binding, self.manifest, run)
+        refuse_undefined_energy(self.binding, run)
         return run.with_inputs(run.inputs)
 
     def _run_of(self, start: StartNumbers, **options: Any) -> RunArguments:

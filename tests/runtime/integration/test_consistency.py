@@ -14,6 +14,7 @@ from generic_systems import EXAMPLES, stepper_for
 from gyrospark.runtime.bindings.binding import Binding
 from gyrospark.runtime.integration.call_memory import CallMemory
 from gyrospark.runtime.integration.consistency import defects_of_starts
+from gyrospark.sweeps.results import BAD_START
 
 
 def by_each_coordinate(binding, keeps_f, parameters, q, p, dt):
@@ -148,3 +149,22 @@ def test_messages_of_starts_name_their_cause():
         systems.stepper("pendulum").integrate([0.0, 0.0], [1.0, 0.5], dt=0.01, steps=1,
                                               parameters=systems.case("pendulum").parameters)
     assert "stepper.project" not in str(refused.value)
+
+
+def test_a_start_without_an_energy_is_refused():
+    """The motion in log(x) at x < 0 is real, H is not: single runs, ensembles, a second call."""
+    step, case = systems.stepper("logarithm"), systems.case("logarithm")
+    run = {"dt": 0.01, "parameters": case.parameters}
+    for _ in range(2):
+        with pytest.raises(gs.InputError, match=r"H = nan.*abs"):
+            step.integrate([-1.0], [0.0], steps=2, **run)
+        step.integrate([1.0], [0.0], steps=2, **run)  # the call that the next one repeats
+    with pytest.raises(gs.InputError, match="H = nan"):
+        step.start([-1.0], [0.0], **run)
+    with pytest.raises(gs.InputError, match="Trajectory 1: H = nan"):
+        step.integrate_ensemble([[1.0], [-1.0]], [[0.0]] * 2, steps=2, **run)
+    model = gs.Model(case.system, case.parameters, [1.0], [0.0])
+    with pytest.warns(gs.errors.InputWarning, match=f"1 of 2 .*status {BAD_START}"):
+        cells = gs.sweep(model, {"start": {"q": [[-1.0], [1.0]], "p": [[0.0]] * 2}}, scheme="G-L",
+                         stages=2, dt=0.01, steps=2)
+    assert cells.status.values.tolist() == [BAD_START, 0]
