@@ -26,6 +26,6 @@ def run(command, folder, **changes):
 def shared_library(source, folder):
     """Compile a stepper with all warnings as errors, and load it."""
     write(source.files(), folder)
-    run([*compiler(MAIN), *STRICT, "-Wshadow", "-O2", "-shared", "-fPIC", f"{source.name}.c", "-o",
+    run([*compiler(MAIN), *STRICT, "-Wshadow", "-O0", "-shared", "-fPIC", f"{source.name}.c", "-o",
          f"{source.name}.so", "-lm"], folder)
     return ctypes.CDLL(str(folder / f"{source.name}.so"))

@@ -213,9 +213,7 @@ def test_claims_hold(study, engine):
     assert [claim for claim in result.claims if not claim.holds] == []
 
 
-@pytest.mark.parametrize("sweep", [
-    pytest.param(parameter.FIGURE_15[0], marks=pytest.mark.slow),  # a stepper for this
-    parameter.FIGURE_15[1]], ids=lambda sweep: sweep.method)
+@pytest.mark.parametrize("sweep", parameter.FIGURE_15[:2], ids=lambda sweep: sweep.method)
 def test_lobatto_laws(sweep, engine):
     x, y = parameter.measure(engine, sweep)
     inverse, direct = fit_line(x, y), fit_line([1 / a for a in x], y)

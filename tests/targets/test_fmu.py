@@ -81,7 +81,7 @@ class Native:
         self.name, self.options = built.stepper.name, built.options
         for file, text in built.stepper.sources.items():
             (folder / file).write_text(text, encoding="utf-8")
-        run([*compiler(MAIN), "-std=c11", "-O2", "-ffp-contract=off", "-shared", "-fPIC",
+        run([*compiler(MAIN), "-std=c11", "-O0", "-ffp-contract=off", "-shared", "-fPIC",
              f"{self.name}.c", "-o", "native.so", "-lm"], folder)
         self.library = ctypes.CDLL(str(folder / "native.so"))
 

@@ -61,7 +61,7 @@ def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, how, solver
         q=", ".join(map(repr, map(float, problem.q0))),
         p=", ".join(map(repr, map(float, problem.p0)))))
     warnings = [flag for flag in FLAGS if flag.startswith(("-std", "-W")) and "unused" not in flag]
-    done = call(["cc", *warnings, "-Werror", "-O1", "main.c", f"{name}.c", "-lm", "-o", "program"],
+    done = call(["cc", *warnings, "-Werror", "-O0", "main.c", f"{name}.c", "-lm", "-o", "program"],
                 cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     found = np.array(call([tmp_path / "program"]).stdout.split(), float)
