@@ -141,6 +141,12 @@ def test_the_other_angles_of_a_loop_follow():
     np.testing.assert_allclose(position, (pin + pins[1]) / 2, atol=ROUNDING)
     _, omega = motion_of(model, "crank", BODY["inertia"])
     assert omega[2] == pytest.approx(2.0, rel=ROUNDING)
+
+
+@pytest.mark.slow  # two searches
+def test_two_angles_of_a_loop_that_agree_are_taken():
+    model = four_bar(h0={"angle": 0.5, "rate": 2.0}).model(redundant="leave out")
+    turn, _ = pose_of(model, "rocker")
     both = four_bar(h0={"angle": 0.5}, h3={"angle": -turn.as_rotvec()[2]}).model(
         redundant="leave out")
     np.testing.assert_allclose(both.q0, model.q0, atol=ROUNDING)

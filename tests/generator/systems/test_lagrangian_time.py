@@ -20,6 +20,7 @@ NUMBERS = {"w": 2.5, "a": 0.3, "b": 0.25, "g": 9.0}
 
 
 
+@pytest.mark.slow  # a stepper for this
 def test_bead_on_a_wire_that_turns():
     """r = r₀ cosh wt, pushed by the moment 2 m w r ṙ: a rheonomic constraint in M(q)."""
     step = gs.stepper("G-L", 3, system=wire())

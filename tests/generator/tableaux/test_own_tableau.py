@@ -147,7 +147,8 @@ def test_high_orders() -> None:
     assert observed_order(gauss_lobatto(16)) == pytest.approx(32, abs=0.1)
 
 
-@pytest.mark.parametrize("s", [2, pytest.param(3, marks=pytest.mark.slow)])  # verified: seconds
+@pytest.mark.slow  # an order is measured in many digits
+@pytest.mark.parametrize("s", [2, 3])
 def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int) -> None:
     """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
     digits, family = 9, gauss_lobatto(s)
