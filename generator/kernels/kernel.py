@@ -145,7 +145,9 @@ class Constants:
         if e not in self._symbols:
             for subexpression in parts_of([e]):
                 if subexpression not in self._symbols:
-                    self._symbols[subexpression] = frozenset(subexpression.free_symbols)
+                    own = [subexpression] if subexpression.is_Symbol else ()
+                    self._symbols[subexpression] = frozenset(own).union(
+                        *(self._symbols[a] for a in subexpression.args))
         return self._symbols[e]
 
     def _symbol(self, e: sp.Expr) -> sp.Symbol:

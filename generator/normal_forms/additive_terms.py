@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from functools import cached_property
 from typing import NamedTuple
 
 import sympy as sp
@@ -17,7 +18,7 @@ from ..symbolic.shared_subexpressions import substitute, symbols_of
 from ..systems.elimination_order import connected_components
 from .canonical_expressions import CanonicalForms, costs_less, local_names
 from .common_factors import square_root, without_common
-from .coordinate_coupling import CoordinateCoupling
+from .coordinate_coupling import CoordinateCoupling, IndexSet
 from .terms import (
     Monomial,
     Number,
@@ -33,7 +34,6 @@ from .terms import (
 )
 
 __all__ = ["ForceTerms", "HamiltonianTerms", "Support"]
-
 
 
 class Addend(NamedTuple):
@@ -57,14 +57,16 @@ class LocalForm(NamedTuple):
 class Support:
     """Indices of the coordinates and momenta in a term, and the coupling of coordinates in H."""
 
-    def __init__(self, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], H: Terms) -> None:
-        """Number the coordinates and momenta; the terms of H couple coordinates."""
+    def __init__(self, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol], terms: Iterable[Monomial],
+                 others: Iterable[tuple[IndexSet, IndexSet]] = ()) -> None:
+        """Number the coordinates and momenta; terms of H, and ``others`` by indices, couple them.
+        """
         self.index_of = {x: i for symbols in (q, p) for i, x in enumerate(symbols)}
         self.p = frozenset(p)
-        self._supports: dict[Monomial, tuple[frozenset[int], frozenset[int]]] = {}
-        self.coupling = CoordinateCoupling(len(q), map(self, H))
+        self._supports: dict[Monomial, tuple[IndexSet, IndexSet]] = {}
+        self.coupling = CoordinateCoupling(len(q), [*map(self, terms), *others])
 
-    def __call__(self, m: Monomial) -> tuple[frozenset[int], frozenset[int]]:
+    def __call__(self, m: Monomial) -> tuple[IndexSet, IndexSet]:
         """Return the indices of the momenta in a term, and the indices of its q and p."""
         if m not in self._supports:
             symbols = symbols_in([m])
@@ -133,9 +135,15 @@ class HamiltonianTerms:
         self.terms = total_of(*map(forms.terms, sp.Add.make_args(H)))
         self.support = Support(q, p, self.terms)
 
+    @property
+    def constant(self) -> Terms:
+        """The terms that are constant during a run."""
+        return {m: a for m, a in self.terms.items() if is_constant(m)}
+
+    @cached_property
     def sum(self) -> sp.Expr:
-        """Return H as the sum of its addends."""
-        constant = {m: a for m, a in self.terms.items() if is_constant(m)}
+        """H as the sum of its addends."""
+        constant = self.constant
         moving = {m: a for m, a in self.terms.items() if m not in constant}
         addends = [addend for terms, derived, original in self._regions(moving)
                    for addend in self._select(terms, derived, original)]

@@ -13,7 +13,7 @@ from itertools import combinations
 
 from ..systems.elimination_order import connected_components
 
-__all__ = ["CoordinateCoupling"]
+__all__ = ["CoordinateCoupling", "IndexSet"]
 
 IndexSet = frozenset[int]
 

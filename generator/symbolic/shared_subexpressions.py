@@ -7,7 +7,7 @@ it occurs; in C it is a temporary.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from operator import attrgetter
 from typing import Any, ClassVar
@@ -18,7 +18,7 @@ import sympy as sp
 from .construction import rebuilt
 
 __all__ = ["Shared", "expand_shared", "name_of", "parts_of", "share", "share_repeated",
-           "substitute", "symbols_of", "text_of", "tree_size"]
+           "structure_of", "substitute", "symbols_of", "text_of", "tree_size"]
 
 #: ``share_repeated`` leaves subexpressions of so many nodes and fewer where they are: a temporary
 #: in C would cost more than to write them again.
@@ -136,6 +136,28 @@ def tree_size(expressions: Sequence[sp.Basic]) -> int:
 def symbols_of(expressions: Iterable[sp.Basic]) -> set[sp.Symbol]:
     """Return the symbols in any of the expressions."""
     return {e for e in parts_of(expressions) if e.is_Symbol}
+
+
+def structure_of(expressions: Iterable[sp.Basic]) -> tuple[Hashable, list[sp.Symbol]]:
+    """Return expressions without the names of their symbols, and the symbols in their order there.
+
+    Equal structures are the same expressions but for the symbols, which replace each other place by
+    place. It is found without building any expression.
+    """
+    numbers: dict[sp.Basic, int] = {}
+    nodes: list[Hashable] = []
+    symbols: list[sp.Symbol] = []
+    expressions = list(expressions)
+    for e in parts_of(expressions):
+        numbers[e] = len(numbers)
+        if e.is_Symbol:
+            symbols.append(e)
+            nodes.append(None)
+        elif e.args:
+            nodes.append((e.func, *(numbers[a] for a in e.args)))
+        else:  # a decimal equals the fraction of its value
+            nodes.append((e.func, e, getattr(e, "_prec", None)))
+    return (*nodes, *(numbers[e] for e in expressions)), symbols
 
 
 def substitute(

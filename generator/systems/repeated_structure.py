@@ -19,13 +19,13 @@ computed here; for a chain or a tree there is no fill-in.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Hashable, Iterable, Iterator, Sequence
 from functools import cached_property
 
 import sympy as sp
 
 from ...core.records import dataclass
-from ..symbolic.shared_subexpressions import substitute
+from ..symbolic.shared_subexpressions import structure_of, substitute
 from ..symbolic.switching_functions import depends_by_steps
 from .elimination_order import (
     Elimination,
@@ -87,6 +87,8 @@ class Structure:
         self._q = {x: i for i, x in enumerate(system.q)}
         self._p = {x: i for i, x in enumerate(system.p)}
         self._constants = {x: i for i, x in enumerate(system.parameters)}
+        # structure → expressions in local symbols, and the places of their constants in it
+        self._local_forms: dict[Hashable, tuple[tuple[sp.Expr, ...], list[int]]] = {}
 
     # ------------------------------------------------------------ H
 
@@ -218,20 +220,25 @@ class Structure:
         """Return the expressions in local symbols x, y and k, and the indices of the local symbols.
 
         Coordinates and momenta are numbered by their order in the system, constants by their order
-        in the expressions.
+        in the expressions. Parts of equal structure are derived once.
         """
-        symbols = {s for e in expressions for s in e.free_symbols}
+        structure, symbols = structure_of(expressions)
         q, p = (sorted(index_of[s] for s in symbols if s in index_of)
                 for index_of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
         names |= dict(zip((self.system.p[i] for i in p), local("y", len(p)), strict=True))
-        # coordinates first: the order of constants refers to these local names
-        expressions = tuple(substitute(expressions, names))
-        constants = self._in_order(expressions)
-        final = dict(zip(constants, local("k", len(constants)), strict=True))
-        expressions = tuple(substitute(expressions, final))
-        instance = Instance(tuple(q), tuple(p), tuple(self._constants[c] for c in constants), rows)
-        return expressions, instance
+        # one of the time has another key than one of a constant
+        key = structure, tuple(None if x in self._constants else names.get(x, x) for x in symbols)
+        if key not in self._local_forms:
+            # coordinates first: the order of constants refers to these local names
+            local_expressions = tuple(substitute(expressions, names))
+            constants = self._in_order(local_expressions)
+            final = dict(zip(constants, local("k", len(constants)), strict=True))
+            self._local_forms[key] = (tuple(substitute(local_expressions, final)),
+                                      [symbols.index(c) for c in constants])
+        local_expressions, places = self._local_forms[key]
+        return local_expressions, Instance(
+            tuple(q), tuple(p), tuple(self._constants[symbols[i]] for i in places), rows)
 
     @cached_property
     def _anonymous(self) -> dict[sp.Symbol, sp.Symbol]:

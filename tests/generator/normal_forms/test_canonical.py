@@ -282,6 +282,20 @@ def test_the_papers_top_is_canonical(rep):
         assert parts(canonical(everywhere(change)(top))) == parts(top)
 
 
+def test_points_that_nothing_couples_have_the_forms_of_each_alone():
+    """A constant completes a square wherever H has it: k (x − b)²/2, of one point or of both."""
+    springs = sp.expand(k * ((x - b) ** 2 + (y - b) ** 2) / 2)
+    sums, squares = ([k * form(z) / 2 for z in (x, y)]
+                     for form in (lambda z: z * (z - 2 * b), lambda z: (z - b) ** 2))
+    for missing, potential in enumerate((squares, (squares[0], sums[1]), sums)):
+        H = canonical(plane((px**2 + py**2) / 2 + springs - missing * k * b**2 / 2, k, b)).H
+        assert sp.Add(px**2 / 2, py**2 / 2, *potential) == H
+    alone = [canonical(System((u,), (v,), (k, b), v**2 / 2 + k * sp.cosh(b * u) * u)).H
+             for u, v in ((x, px), (y, py))]
+    both = plane((px**2 + py**2) / 2 + k * (sp.cosh(b * x) * x + sp.cosh(b * y) * y), k, b)
+    assert sp.Add(*alone) == canonical(both).H
+
+
 # ---------------------------------------------------------------- bounds
 
 

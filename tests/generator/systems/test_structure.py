@@ -68,6 +68,18 @@ def test_structured_code_computes_what_dense_code_does():
     compare(loops, dense, start_of_beads(dense, 0.4), BEADS, 0.4)
 
 
+def test_parts_of_one_structure_share_a_template():
+    """The time and a constant, a decimal and its fraction, stand in one place and differ."""
+    t, a, b = sp.symbols("t a b", real=True)
+    q, p = sp.symbols("x0:5", real=True), sp.symbols("y0:5", real=True)
+    forces = (a * q[0], t * q[1], b * q[2], q[3] / 2, sp.Float(0.5) * q[4])
+    structure = Structure(System(q, p, (a, b), sum(y**2 for y in p) / 2, forces=forces, time=t))
+    instances = [sorted((i.rows, i.constants) for i in template.instances)
+                 for template in structure.force_templates]
+    assert sorted(instances) == [[((0,), (0,)), ((2,), (1,))], [((1,), ())], [((3,), ())],
+                                 [((4,), ())]]
+
+
 def test_what_dampers_couple_lies_close_together():
     """Points on springs of their own, with a damper from each to the next."""
     q, p = sp.symbols("x0:8", real=True), sp.symbols("y0:8", real=True)
