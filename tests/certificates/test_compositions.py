@@ -208,8 +208,9 @@ def test_the_proof_encloses_the_stored_numbers(name):
 
 
 @pytest.mark.parametrize(("name", "part", "i"), [
-    ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("KL6", "weights", 3),
-    ("G6", "weights", 1), ("SABAG6", "gradients", 1)])
+    ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("G6", "weights", 1),
+    *(pytest.param(*given, marks=pytest.mark.slow) for given in (
+        ("KL6", "weights", 3), ("SABAG6", "gradients", 1)))])
 def test_a_wrong_digit_is_found(name, part, i):
     by = Fraction(1, 10**45) if i else Fraction(-1, 10**12)
     made = moved(COMPOSITIONS[name], part, i, by)

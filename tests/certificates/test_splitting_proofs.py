@@ -41,7 +41,7 @@ def test_wrong_flows_are_not_proved(change):
         assert not all(line.holds for line in replace(flow, **change(flow)).proofs())
 
 
-@pytest.mark.parametrize("name", [*SYSTEMS, "molecules"])
+@pytest.mark.parametrize("name", [*SYSTEMS, pytest.param("molecules", marks=pytest.mark.slow)])
 def test_parts_add_up_to_H(name):
     if name in SYSTEMS:
         system, _, symmetric = SYSTEMS[name]

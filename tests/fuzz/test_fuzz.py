@@ -42,7 +42,8 @@ def test_corpus_belongs_to_entrances():
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in ("source", "c")))  # a second end is rare
+    pytest.param(name, marks=[pytest.mark.slow] * (  # a second end is rare, or compiled for this
+        name in ("source", "c", "checkpoint", "python")))
     for name in ENTRANCES])
 def test_seeded_inputs(name):
     """The same inputs in every run, as many of them as there is time for; both kinds of end."""

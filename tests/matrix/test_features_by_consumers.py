@@ -204,7 +204,7 @@ def test_events_are_where_a_coordinate_passes_its_level(name):
 # ---------------------------------------------------------------- files, stores, tables
 
 
-@features("constraint", "time", "forces", "Lagrangian")  # of others' parts
+@features("constraint", "time", "forces", "inputs", "Lagrangian")  # of others' parts
 def test_a_stored_run_in_pieces_has_the_bits_of_one_call(name, tmp_path):
     step, out = stepper(name), tmp_path / "run.zarr"
     begin = timed_start(name, step)

@@ -24,8 +24,8 @@ RECORDED = ("simple-pendulum", "spherical-pendulum", "four-bar", "bricard", "bri
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name in ("bricard-pushed", "four-bar")))
-    for name in RECORDED])
+    pytest.param(name, marks=[pytest.mark.slow] * (
+        name in ("bricard", "bricard-pushed", "four-bar"))) for name in RECORDED])
 def test_a_scene_starts_where_the_model_does(name):
     """Masses, moments and places, read off the record, give back the state and its numbers."""
     problem = REFERENCES[name]

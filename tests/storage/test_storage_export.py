@@ -111,7 +111,7 @@ def test_files_have_the_numbers_of_the_store(stored, tmp_path):
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (name == "top")) for name in NAMES])
+    pytest.param(name, marks=[pytest.mark.slow] * (name != "forced")) for name in NAMES])
 def test_files_go_by_the_systems_names(name, tmp_path):
     stored = RUNS[name](tmp_path / "run.zarr")
     assert " ".join(read_csv(stored.save(tmp_path / "run.csv"))) == NAMES[name]

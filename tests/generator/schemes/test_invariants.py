@@ -58,7 +58,7 @@ def run_for(step, case, steps, **more):
 # ---------------------------------------------------------------- constraints
 
 
-@pytest.mark.parametrize("spec", MEAN_SPECS, ids=identify)
+@pytest.mark.parametrize("spec", few(MEAN_SPECS), ids=identify)
 def test_constraints_of_ims_and_ems(spec):
     """All keep the length. EMS-α keeps |qᵀp|; that of the others oscillates at O(Δt²).
 

@@ -225,7 +225,7 @@ def test_a_file_from_before_times_had_all_digits(tmp_path):
     assert np.array_equal(again.q, run.q)
 
 
-@pytest.mark.parametrize("real", WIDE)
+@pytest.mark.parametrize("real", [pytest.param(WIDE[0], marks=pytest.mark.slow), WIDE[1]])
 def test_a_store(real, tmp_path):
     step, out = pushed(real), tmp_path / "run.zarr"
     recording = record(step, BEGIN, steps=STEPS, out=out, **RUN)
