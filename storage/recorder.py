@@ -321,7 +321,7 @@ class Recorder:
             self.state = replace(self.state, status=status)
             self._commit(writer)
             return
-        work_of_steps = self._report(self.state).work
+        work_of_steps = self.binding.work_done(state.record)
         new_events = partial_run.impacts or partial_run.events
         crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, work_of_steps,
                                               self._latest.get(name))
@@ -378,7 +378,6 @@ class Recorder:
         self.state = replace(self.state, status=-1 - end.event)
         row_in_block = self.state.steps // self.run.every + 1 - self.first_row
         self.rows.assign(np.s_[row_in_block : row_in_block + 1], end.row)
-        self.rows.work[row_in_block] += self._report(self.state).work
         self.end = end.at.t  # in scaled time τ
 
     # ------------------------------------------------------------ committing
@@ -427,7 +426,8 @@ class Recorder:
             report = self.observer.add_impacts(report, int(self.counts.sum()))
         if self.last_part is None:
             return report
-        to_end = report_to_end(report, self.last_part, report.work + float(self.last_part.work[-1]))
+        work = self.binding.work_done(run.record) + self.last_part.work[-1]
+        to_end = report_to_end(report, self.last_part, float(work))
         return replace(to_end, impacts=report.impacts)
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:

@@ -237,6 +237,15 @@ class Compiled:
         """Return a copy of a running record; an entry of ``reports`` does not own its memory."""
         return cast(RunRecord, self.ffi.new(f"{self.name}_report *", report))
 
+    def work_done(self, record: RunRecord) -> Any:
+        """Return the work of the forces up to a running record, in J: 0 without forces."""
+        if not self.has_forces:
+            return 0.0
+        if self.dtype is not np.longdouble:
+            return record.work
+        # float() of cffi's long double would round it to double
+        return np.frombuffer(self.ffi.buffer(self.ffi.addressof(record, "work")), self.dtype)[0]
+
     def image(self, struct: RunRecord | WorkMemory) -> NDArray[np.uint8]:
         """Return the bytes of a running record or of work memory, to read and to write."""
         return np.frombuffer(self.ffi.buffer(struct), dtype=np.uint8)

@@ -40,6 +40,7 @@ class RunRecord(Protocol):
     iterations: int
     iterations_max: int
     newton_steps: int
+    work: Any
     energy_start: Any
     energy_error_max: Any
     energy_error_sum: Any

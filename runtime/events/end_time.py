@@ -110,6 +110,7 @@ class EndTimeObserver:
         binding.works.give_back(work_memory)
         tau, row = best_end[1]
         row.q[0, -1] = t_end  # to the last bit, which it is but for round-off
+        row.work[:] += binding.work_done(state.record)
         steps = np.array([state.steps])
         elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
         return TerminalEvent(0, Crossings(run.t0 + elapsed, row.q, row.p, steps,

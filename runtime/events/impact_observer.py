@@ -230,7 +230,7 @@ class ImpactObserver:
         t, q, p = run.t0 + elapsed, state.q[None].copy(), state.p[None].copy()
         # multipliers and iterations are of steps
         row = Rows(q, p, binding.new(1, binding.multipliers) + np.nan, np.zeros(1, np.intc),
-                   binding.new(1))
+                   binding.new(1) + self._stepper.binding.work_done(state.record))
         return TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)
 
 

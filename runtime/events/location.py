@@ -93,8 +93,6 @@ def first_terminal_event(
 @dataclass(frozen=True)
 class TerminalEvent:
     """The end of a run by an event: the event's index, its crossing, the row of the partial step.
-
-    The work of the row is the work of the partial step.
     """
 
     event: int

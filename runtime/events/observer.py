@@ -116,8 +116,8 @@ def with_events(
     """
     end = observer.end
     if end is not None:
-        row = replace(end.row, work=trajectory.report.work + end.row.work)
-        trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed), row)
+        trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed),
+                              end.row)
     return observer.results(trajectory, {
         name: crossings.shown(stepper.binding) for name, crossings in crossings_by_name.items()})
 
@@ -284,7 +284,8 @@ class Observer:
     def _row_to(self, state: RunState, event: Crossings) -> Rows:
         """Return the row at an event: a partial step from the state before it.
 
-        The row has the state of the crossing, and the multipliers and work of the partial step.
+        The row has the state of the crossing, the multipliers of the partial step, and the work
+        since the start of the run.
         """
         stepper, run, binding = self._stepper, self._run, self._binding
         # counted from the start of the run, as the crossing's time is
@@ -299,4 +300,5 @@ class Observer:
 
         states_of_step = run_together(stepper, state.q[None], state.p[None], t0, partial_step,
                                       parameters, fill, 1)
-        return replace(states_of_step.rows[:, 1], q=event.q, p=event.p)
+        row = states_of_step.rows[:, 1]
+        return replace(row, q=event.q, p=event.p, work=binding.work_done(state.record) + row.work)

@@ -104,7 +104,7 @@ class Report:
             momentum_constraint_mean=float(record.hidden_sum) / states,
             q=tuple(map(float, q[: binding.shown].tolist())),
             p=tuple(map(float, p[: binding.shown].tolist())),
-            work=float(record.work) if binding.has_forces else 0.0,
+            work=float(binding.work_done(record)),
             energy_waits=int(getattr(record, "energy_waits", 0)),
             time_step_min=float(record.time_step_min) if binding.clocked else 0.0,
             time_step_max=float(record.time_step_max) if binding.clocked else 0.0,

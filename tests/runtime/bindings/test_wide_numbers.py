@@ -242,6 +242,19 @@ def test_a_store(real, tmp_path):
     assert again.status == "complete"
 
 
+@pytest.mark.parametrize("real", WIDE)
+@pytest.mark.parametrize("end", ["age", "t_end"])
+def test_the_work_until_an_end_between_two_steps_has_all_digits(end, real, tmp_path):
+    """H − H₀ = W in the last row, too: at a terminal event, and at t_end."""
+    time = Fraction(1, 3) + Fraction(11, 2) * DT
+    span = {"t_end": time} if end == "t_end" else {
+        "events": gs.Event("age", level=time, terminal=True), "steps": STEPS, "every": 2}
+    run = pushed(real).integrate(BEGIN, **RUN, **span)
+    assert float(run.t[-1]) == pytest.approx(float(time))
+    assert_near(run.energy_error(), [Fraction(0)] * len(run), real)
+    assert_same(pushed(real).integrate(BEGIN, **RUN, **span, out=tmp_path / "run.zarr"), run)
+
+
 @pytest.fixture(scope="module")
 def of_two_steps(tmp_path_factory):
     """A stepper, the store of a run of two steps, and its arguments."""
