@@ -25,8 +25,9 @@ pytest_plugins = ["budget", "root_folder"]
 os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
 
 # SymPy and parsed files make millions of objects that stay, which the collector would look through
-# again and again.
+# again and again. What is there when all tests are collected, it never looks at.
 gc.set_threshold(100_000, 20, 50)
+gc.disable()
 
 # They start hundreds of processes of Python: what the first compiles of a module the others read,
 # for without it each takes a second and more to import SymPy.
@@ -55,6 +56,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         "--update", action="store_true",
         help="rewrite generated/ from the generator instead of comparing with it",
     )
+
+
+def pytest_collection_finish():
+    gc.freeze()
+    gc.enable()
 
 
 def _without_quad(outcome):

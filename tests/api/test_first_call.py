@@ -25,14 +25,13 @@ def test_the_constraint_on_the_momenta_is_derived_once(scheme, monkeypatch):
 
 def test_what_is_imported_for_good_is_not_looked_through(monkeypatch):
     """The collector rests meanwhile; nothing is done for what is there already."""
-    try:
-        with imported_for_good("gyrospark"):
-            assert gc.isenabled()
-        assert gc.get_freeze_count() == 0
-        monkeypatch.delitem(sys.modules, "gyrospark.core.lazy_imports")
-        with imported_for_good("gyrospark.core.lazy_imports"):
-            assert not gc.isenabled()
+    before = gc.get_freeze_count()  # what was there when all tests were collected
+    with imported_for_good("gyrospark"):
         assert gc.isenabled()
-        assert gc.get_freeze_count() > 0
-    finally:
-        gc.unfreeze()
+    assert gc.get_freeze_count() <= before
+    monkeypatch.delitem(sys.modules, "gyrospark.core.lazy_imports")
+    kept = [[] for _ in range(1000)]
+    with imported_for_good("gyrospark.core.lazy_imports"):
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() >= before + len(kept) // 2
