@@ -186,6 +186,7 @@ class JointMotion:
         the middle of a step: a state takes the mean as well, and the first and the last go on from
         their neighbours in a straight line. Errors fall as Δt^s with G-L of s stages, as Δt^(s−1)
         with LIIIA-B and Radau-L, as Δt² with IMS and EMS: more slowly than those of the motion.
+        A last state between two steps, at ``t_end`` or an event, takes the force of its own step.
         Where the states are not those after every step (``every`` > 1, ``t_eval``, ``at``), each
         takes the force of the step that ends there, to the first order with IMS and EMS, and the
         first is NaN. Where some constraints of a joint were left out because others imply them, it
@@ -315,8 +316,10 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
 
     A state takes the mean of the ends of the two steps that meet there; the first and the last
     state take that of their one step. Schemes with one multiplier a step, in its middle,
-    extrapolate there: λ_0 = 2 λ_1 − λ_2. If states of steps are missing, or an impact follows
-    within the next step, a state takes the end of its step, the first state NaN.
+    extrapolate there: λ_0 = 2 λ_1 − λ_2. A last state between two steps takes the end of its own
+    step, after which the others are those of the run of whole steps. If states of steps are
+    missing, or an impact follows within the next step, a state takes the end of its step, the first
+    state NaN.
     """
     step_multipliers = _multipliers_of_steps(trajectory)
     state_multipliers = np.full((len(trajectory), step_multipliers.shape[2]), np.nan,
@@ -329,15 +332,16 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
         scale = trajectory.quantity(clock.scale)[:, None]
         at_begin, at_end = at_begin / scale[:-1], at_end / scale[1:]
     state_multipliers[1:] = at_end
-    if _is_whole(trajectory):
-        state_multipliers[1:-1] = (at_end[:-1] + at_begin[1:]) / 2
-        state_multipliers[0] = at_begin[0]
-        if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
+    steps = _whole_steps(trajectory)
+    if steps:
+        after_steps = state_multipliers[: steps + 1]
+        after_steps[1:-1] = (at_end[: steps - 1] + at_begin[1:steps]) / 2
+        after_steps[0] = at_begin[0]
+        if step_multipliers.shape[1] == 1 and steps > 2:
             # one multiplier a step, in its middle, to which the scheme adds a term of alternating
             # sign: means of neighbours are without it, the first and last multiplier are not
             for end, neighbour, second_neighbour in ((0, 1, 2), (-1, -2, -3)):
-                state_multipliers[end] = (2 * state_multipliers[neighbour]
-                                          - state_multipliers[second_neighbour])
+                after_steps[end] = 2 * after_steps[neighbour] - after_steps[second_neighbour]
         # a step with an impact has the multipliers after it, which the state before has not yet
         before = _rows_before_impacts(trajectory)
         state_multipliers[before] = at_end[before - 1]
@@ -355,7 +359,8 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     refuse_together(joint_gradients="gradients of forces in joints",
                     scaled=trajectory.manifest.system.clock is not None and "a time_scale")
     step_multipliers, w = _multipliers_of_steps(trajectory), w.copy()
-    if not len(step_multipliers) or not _is_whole(trajectory):
+    steps = _whole_steps(trajectory)
+    if not steps:
         raise InputError("A function of multipliers at states needs the state after every step; "
                          "integrate with every = 1, or give cotangents of \"multipliers\".")
     # zeros of the type and shape of the multipliers
@@ -363,15 +368,17 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     before = _rows_before_impacts(trajectory)
     cotangents[before[before > 0] - 1, -1] += w[before[before > 0]]
     w[before] = 0 * w[before]
-    if step_multipliers.shape[1] == 1 and len(step_multipliers) > 2:
+    cotangents[steps:, -1] += w[steps + 1 :]  # of a last state between two steps
+    after_steps, of_steps = w[: steps + 1], cotangents[:steps]
+    if step_multipliers.shape[1] == 1 and steps > 2:
         for end, neighbour, second_neighbour in ((0, 1, 2), (-1, -2, -3)):
-            w[neighbour] += 2 * w[end]
-            w[second_neighbour] -= w[end]
-            w[end] = 0 * w[end]
-    cotangents[:-1, -1] += w[1:-1] / 2
-    cotangents[1:, 0] += w[1:-1] / 2
-    cotangents[0, 0] += w[0]
-    cotangents[-1, -1] += w[-1]
+            after_steps[neighbour] += 2 * after_steps[end]
+            after_steps[second_neighbour] -= after_steps[end]
+            after_steps[end] = 0 * after_steps[end]
+    of_steps[:-1, -1] += after_steps[1:-1] / 2
+    of_steps[1:, 0] += after_steps[1:-1] / 2
+    of_steps[0, 0] += after_steps[0]
+    of_steps[-1, -1] += after_steps[-1]
     return cotangents.reshape(trajectory.multipliers.shape)
 
 
@@ -389,13 +396,17 @@ def _rows_before_impacts(trajectory: Trajectory) -> Array:
         impacts.steps for impacts in trajectory.impacts.values())]))
 
 
-def _is_whole(trajectory: Trajectory) -> bool:
-    """Whether a trajectory has exactly the states after every step of its run."""
-    scaled = trajectory.manifest.system.clock is not None
-    t = (trajectory.tau if scaled else trajectory.t).astype(float)
-    dt, count = float(trajectory.dt), len(trajectory)
-    return count == trajectory.report.steps + 1 and bool(
-        (np.abs(t - t[0] - dt * np.arange(count)) < 1e-3 * abs(dt)).all())
+def _whole_steps(trajectory: Trajectory) -> int:
+    """Return the number of steps of a run whose states a trajectory has all; 0 if one is missing.
+
+    Behind these it may have one more state, at which the run ends between two steps.
+    """
+    scaled, steps = trajectory.manifest.system.clock is not None, trajectory.report.steps
+    t = (trajectory.tau if scaled else trajectory.t).astype(float)[: steps + 1]
+    dt = float(trajectory.dt)
+    is_complete = len(t) == steps + 1 and len(trajectory) <= steps + 2 and bool(
+        (np.abs(t - t[0] - dt * np.arange(len(t))) < 1e-3 * abs(dt)).all())
+    return steps if is_complete else 0
 
 
 def shortest_rotation(a: Array, b: Array, normal: Array) -> Array:

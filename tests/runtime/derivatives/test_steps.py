@@ -10,7 +10,10 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from gyrospark.runtime.results.joint_motion import multipliers_at_states
+from gyrospark.runtime.results.joint_motion import (
+    cotangents_of_multipliers,
+    multipliers_at_states,
+)
 
 x, v, t = sp.symbols("x v t", real=True)
 m, c = sp.symbols("m c", positive=True)
@@ -68,7 +71,8 @@ def test_a_loss_may_be_an_expression():
             loss=sp.Symbol("z"))
 
 
-def test_a_loss_may_have_reactions():
+@pytest.mark.parametrize("span", [{"steps": 12}, {"t_end": 0.1137}])
+def test_a_loss_may_have_reactions(span):
     """The tension of a rod is its multiplier; by parameters and dt, against differences."""
     step, case = systems.differentiable("two_rods"), systems.case("two_rods")
     loss = sp.Symbol("lambda_1")**2 * (1 + sp.Symbol("x1", real=True))
@@ -78,7 +82,7 @@ def test_a_loss_may_have_reactions():
         numbers[name] += change
         dt = numbers.pop("dt")
         q, p = step.project(case.q, case.p, parameters=numbers)
-        run = step.integrate(q, p, dt=dt, steps=12, every=every, parameters=numbers)
+        run = step.integrate(q, p, dt=dt, every=every, parameters=numbers, **span)
         return run, run.gradient(loss=loss, wrt=["g", "dt"])
 
     run, slopes = gradient()
@@ -91,6 +95,20 @@ def test_a_loss_may_have_reactions():
         assert slopes[name] == pytest.approx(slope, rel=1e-7)
     with pytest.raises(gs.InputError, match="every = 1"):
         gradient(every=5)
+
+
+@pytest.mark.parametrize("scheme", ["G-L", "IMS"])
+def test_multipliers_at_states_before_an_end_between_two_steps(scheme):
+    """They are those of the whole steps, then of the last part; their cotangents the transpose."""
+    step, dt = systems.stepper("two_rods", scheme), systems.case("two_rods").dt
+    whole = systems.run("two_rods", step, 6)
+    run = systems.run("two_rods", step, None, t_end=6.4 * dt)
+    at_states = multipliers_at_states(run)
+    assert np.array_equal(at_states[:-1], multipliers_at_states(whole))
+    assert np.array_equal(at_states[-1], run.multipliers[-1, -1])
+    w = np.random.default_rng(2).normal(size=at_states.shape)
+    assert (cotangents_of_multipliers(run, w) * run.multipliers).sum() == pytest.approx(
+        (w * at_states).sum(), rel=1e-13)
 
 
 @pytest.mark.parametrize("real", ["double", "float128"])
