@@ -32,6 +32,7 @@ class Wrong(Build):
         return super().compile(source, target)
 
 
+@pytest.mark.slow  # three compilations, of a study that only slow tests make
 def test_a_wrong_digit_is_not_explained_by_rounding():
     kind = next(iter(COMPILERS), None) or pytest.skip("gcc and clang are not installed")
     made = compare(source("heavy_top_gl1_gamma"), [Wrong(kind, ("-O0",))], POINTS)

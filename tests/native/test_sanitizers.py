@@ -33,7 +33,8 @@ STEPPERS = {
     "rolling": (Spec("G-L", 2), "sleigh", False),
     "splitting": (Spec.from_arguments("splitting", order=2), "heavy_top", True),
     "frame": (Spec("G-L", 2).with_frame("symmetries"), "heavy_top_in_frame", True),
-    "discrete gradient": (Spec("EMS"), "two_rods", True),
+    "discrete gradient": (Spec("EMS"), "two_rods", False),
+    "its derivatives": (Spec("EMS"), "two_rods", True),
 }
 
 
