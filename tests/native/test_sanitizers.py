@@ -144,7 +144,7 @@ def test_an_index_that_is_off_by_one_is_seen(right, wrong, tmp_path):
     text = header.read_text(encoding="ascii")
     assert text.count(right) == 1
     header.write_text(text.replace(right, wrong), encoding="ascii")
-    build("discrete gradient", tmp_path, engine)
+    build("its derivatives", tmp_path, engine)
     done = call([tmp_path / "program"])
     assert done.returncode != 0
     assert "steps.h" in done.stderr
