@@ -56,7 +56,11 @@ def sweep(
     from ..sweeps.study_file import load_study
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
-    _check_targets(store, plot, dry_run=dry_run)
+    _check_targets(store, plot)
+    for option, given in (("--plot", plot), ("--resume", resume), ("--dask", dask)):
+        if dry_run and given:
+            raise InputError(f"{option} belongs to cells that are computed, and --dry-run leaves "
+                             "them out; leave one out.")
     loaded = load_study(study)
     fields = fields_of(loaded.study, loaded.keep)
     names = [f.name for f in fields if not f.inner]  # a picture shows one number of each cell
@@ -89,13 +93,11 @@ def sweep(
     return exit_code_of(trouble or failure, interrupts, "sweep")
 
 
-def _check_targets(store: Path, plot: Path | None, *, dry_run: bool) -> None:
-    """Refuse a store and a picture that cannot be written, and a picture of a dry run."""
+def _check_targets(store: Path, plot: Path | None) -> None:
+    """Refuse a store and a picture that cannot be written."""
     check_writable("--out", store, folder=True)
     check_ending("--out", store, ("", ".zarr"))
     if plot is not None:
-        if dry_run:
-            raise InputError("--plot draws results, which --dry-run has none of; leave one out.")
         check_picture(plot)
 
 

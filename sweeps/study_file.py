@@ -35,7 +35,7 @@ from ..core.event import Event, event_of_text
 from ..core.former_names import former_argument
 from ..core.registry import RULES
 from ..core.start import Rule
-from ..generator.models.toml_tables import load_toml
+from ..generator.models.toml_tables import load_toml, number_of_text
 from ..generator.parsing.text_file import UnusableFileError, read_text
 from ..generator.spec import is_model_file
 from .plan import plan
@@ -126,7 +126,7 @@ def _events(table: Mapping[str, Any]) -> list[Event]:
         if not isinstance(text, str):
             raise InputError(f'[events] {name} = {text!r} is not text; write for example {name} = '
                              '"height=0.1 down".')
-    return [event_of_text(text, name) for name, text in table.items()]
+    return [event_of_text(text, name, number_of_text) for name, text in table.items()]
 
 
 def _text(content: dict[str, Any], key: str) -> str:

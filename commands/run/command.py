@@ -94,7 +94,7 @@ class RunCommand(Grouped):
                    "without, ignore=limits,collision or ignore=all.")
 @click.option("--event", "events", metavar="TEXT", multiple=True,
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
-                   '"height=0 down", "x=1.5 up stop" (the run ends there); with a name '
+                   '"height=0 down", "x=pi/2 up stop" (the run ends there); with a name '
                    '"landing: height=0". Beside [events] of a model file.')
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
               help="Write the states: .zarr (streamed, for runs of any length), or at the end "

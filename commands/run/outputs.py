@@ -94,8 +94,11 @@ def events_of(
 
 def _parse_event(text: str) -> Event:
     """Return the event that "height=0 down" says, or with a name "landing: height=0 down"."""
+    from ...generator.models.toml_tables import number_of_text
+
     name, colon, condition = text.partition(":")
-    return event_of_text(condition, name.strip()) if colon else event_of_text(text)
+    return event_of_text(condition if colon else text, name.strip() if colon else "",
+                         number_of_text)
 
 
 def _is_store(out: Path | None) -> bool:

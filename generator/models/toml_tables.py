@@ -18,7 +18,7 @@ from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from .formulas import CONSTANTS, FUNCTIONS, parse_number
 
-__all__ = ["SYMBOL", "Known", "TomlTable", "Units", "load_toml"]
+__all__ = ["SYMBOL", "Known", "TomlTable", "Units", "load_toml", "number_of_text"]
 
 #: Python's reader of TOML takes time quadratic in the number of parts of a dotted key.
 MAX_DOTS = 64
@@ -45,6 +45,12 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
     except ValueError as problem:
         raise error(f"it is not TOML ({shorten(str(problem), 120)}); correct that place.") from None
     return TomlTable(content, "", error)
+
+
+def number_of_text(text: str) -> Any:
+    """Return a number as decimals, as arithmetic such as "pi/2", or with a unit, "30 deg"."""
+    number = decimal(text)
+    return TomlTable({text: text}, "", InputError).number(text, UNITS) if number is None else number
 
 
 def _exact_double(text: str) -> float:

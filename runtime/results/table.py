@@ -463,6 +463,9 @@ def _write_netcdf(table: Table, path: Path) -> None:
                 for index, arrays in blocks:
                     for variable in _netcdf_variables(part_table, arrays):
                         _write_rows(file, part_table, index, *variable)
+            if "trajectory" in table.along:
+                file.create_variable("trajectory", ("trajectory",),
+                                     data=np.arange(table.along["trajectory"]))
             for dimension, (names, meaning) in table.labels.items():
                 if dimension in file.dimensions:
                     labels = file.create_variable(dimension, (dimension,),

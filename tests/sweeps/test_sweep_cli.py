@@ -101,7 +101,9 @@ dt = [0.1, 0.2]
 
 @pytest.mark.parametrize("arguments", [
     ["--out", "none/s.zarr"], ["--out", "s.csv"], ["--workers", "x"],
-    ["--workers", "0"], ["--dry-run", "--plot", "s.png"], ["--show", "q"], ["--plot", "s.txt"],
+    ["--workers", "0"], ["--dry-run", "--plot", "s.png"],
+    ["--dry-run", "--resume"], ["--dry-run", "--dask", "tcp://127.0.0.1:1"], ["--show", "q"],
+    ["--plot", "s.txt"],
     pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
 def test_wrong_options_end_in_one_sentence(arguments, tmp_path, gyrospark):
     study_file(tmp_path)

@@ -311,7 +311,7 @@ def test_a_model_file_has_events(tmp_path) -> None:
     assert abs(run.events["half"].t[0] - np.sqrt(0.5)) < 1e-14
     command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json"]
     for _ in range(2):  # the second time from what is kept of the file
-        done = CliRunner().invoke(gyrospark, [*command, "--event", "x=0.75", "--event",
+        done = CliRunner().invoke(gyrospark, [*command, "--event", "x=3/4", "--event",
                                               "second: x = 1.125 up"], standalone_mode=False)
         assert done.exception is None, done.output
         found = json.loads(done.output)["events"]
@@ -321,6 +321,8 @@ def test_a_model_file_has_events(tmp_path) -> None:
     twice = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
                                standalone_mode=False)
     assert "'half'" in str(twice.exception)
+    wrong = CliRunner().invoke(gyrospark, [*command, "--event", "x=3/o"], standalone_mode=False)
+    assert "3/o" in str(wrong.exception)
     changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
 

@@ -91,6 +91,7 @@ def test_files(real: str, tmp_path) -> None:
                              decode_times=False) as file:
         assert np.array_equal(file.q, many.q.astype(float))
         assert file.status.values.tolist() == ["complete"] * 3
+        assert file.trajectory.values.tolist() == [0, 1, 2]
         assert file.event_side_trajectory.values.tolist() == np.repeat(
             np.arange(3), many.events["side"].count).tolist()
     with many.save(tmp_path / "run.csv").open(newline="") as file:
