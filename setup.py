@@ -51,11 +51,11 @@ class BuildWithSteppers(build_py):
         super().run()
         if self.editable_mode:
             return
-        built = Path(self.build_lib).resolve()
-        packages = os.pathsep.join([str(built), *filter(None, sys.path)])  # of pip wheel, too
+        folder = Path(self.build_lib).resolve()
+        packages = os.pathsep.join([str(folder), *filter(None, sys.path)])  # of pip wheel, too
         for program, names in ((DERIVE, []), *([(PREBUILD, PREBUILT)] if PREBUILT else [])):
             subprocess.run([sys.executable, "-B", "-c", program, *names], check=True,
-                           env=os.environ | {"PYTHONPATH": packages}, cwd=built)
+                           env=os.environ | {"PYTHONPATH": packages}, cwd=folder)
 
 
 class WithModules(Distribution):

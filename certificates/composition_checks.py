@@ -123,9 +123,9 @@ def _size(interval: Any) -> str:
 
 def _interval_text(interval: Any) -> str:
     """Return an interval in three digits, rounded outwards."""
-    ends = [Context(prec=3, rounding=rounding).create_decimal(mp.nstr(mp.mpf(end), STORED))
+    bound_texts = [Context(prec=3, rounding=rounding).create_decimal(mp.nstr(mp.mpf(end), STORED))
             for end, rounding in ((interval.a, ROUND_FLOOR), (interval.b, ROUND_CEILING))]
-    return "[{:.2e}, {:.2e}]".format(*ends)
+    return "[{:.2e}, {:.2e}]".format(*bound_texts)
 
 
 def _order_in_letters(composition: Composition) -> Condition:

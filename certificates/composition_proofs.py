@@ -206,27 +206,27 @@ class OrderConditions:
 
         maps X into its interior, X contains one and only one solution, and it is in K(X).
         """
-        x, solved = self.unknowns, self.solved_unknowns
-        if len(solved) != len(self.words):  # as many equations as unknowns are needed
+        x, indices = self.unknowns, self.solved_unknowns
+        if len(indices) != len(self.words):  # as many equations as unknowns are needed
             return None
         with intervals() as interval:
             centre = [interval(number) for number in x]
             box = list(centre)
-            for i in solved:
+            for i in indices:
                 box[i] = centre[i] + interval(RADIUS) * mp.iv.mpf([-1, 1])
             enclosure = list(centre)
             residual, _ = self.evaluate(centre, interval)
             _, slopes = self.evaluate(box, interval)
             # Y need not be exact: any matrix is allowed, a good one makes K(X) small
             try:
-                Y = mp.inverse(mp.matrix([[mp.mpf(row[i].mid) for i in solved] for row in slopes])
-                               ) if solved else mp.matrix(0, 0)
+                Y = mp.inverse(mp.matrix([[mp.mpf(row[i].mid) for i in indices] for row in slopes])
+                               ) if indices else mp.matrix(0, 0)
             except ZeroDivisionError:  # singular: not an isolated solution
                 return None
-            for k, i in enumerate(solved):
-                inverse_row = [mp.iv.mpf(Y[k, b]) for b in range(len(solved))]
+            for k, i in enumerate(indices):
+                inverse_row = [mp.iv.mpf(Y[k, b]) for b in range(len(indices))]
                 image = centre[i] - _dot(inverse_row, residual)  # entry k of K(X)
-                for m, j in enumerate(solved):
+                for m, j in enumerate(indices):
                     slope = _dot(inverse_row, [row[j] for row in slopes])
                     image += ((k == m) - slope) * (box[j] - centre[j])
                 if not (box[i].a < image.a and image.b < box[i].b):  # not in the interior

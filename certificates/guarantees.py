@@ -119,7 +119,7 @@ def _not_exact(J: MomentumMap) -> Guarantee:
     if J.on_constraints:
         return no_guarantee("{J, H} = 0 on the constraints only, as far as random points show: "
                             "the motion keeps it, stages do not; write V for any q")
-    return no_guarantee(f"{{J, H}} is not 0 but up to {J.broken:.1e} of its terms: a near "
+    return no_guarantee(f"{{J, H}} is not 0 but up to {J.symmetry_defect:.1e} of its terms: a near "
                         "symmetry, J drifts as far as that allows")
 
 

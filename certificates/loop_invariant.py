@@ -163,20 +163,20 @@ def loop_drift(
     (``loop_integral``). The result is for the largest loop and the fewest points with which the
     spectrum of the curve is resolved at the start, at the end and at seven instants between.
     """
-    best: LoopDrift | None = None
+    smoothest: LoopDrift | None = None
     for radius in _RADII:
         for points in _POINTS:
             drift = _integrated_loop(stepper, q0, p0, sizes, rounded, radius, points, dt, steps,
                                      parameters)
             if drift is None:
                 break  # too large a loop: no step or no projection from some of its states
-            if best is None or drift.tail < best.tail:
-                best = drift
+            if smoothest is None or drift.tail < smoothest.tail:
+                smoothest = drift
             if drift.is_resolved:
                 return drift
             if drift.tail > 1e-3:
                 break  # more points would not be enough
-    return best
+    return smoothest
 
 
 def _integrated_loop(

@@ -492,18 +492,18 @@ class Examination:
             slopes = ", ".join(f"{slope:.2f}" for slope in measurement.slopes)
             return info_line(quantity, f"slopes {slopes}", str(derived_order),
                         "no two neighbours agree to 0.2: steps are too long for the order to show")
-        measured = f"{measurement.order:.2f} at Δt = {measurement.dt:.2g}"
+        estimate = f"{measurement.order:.2f} at Δt = {measurement.dt:.2g}"
         if self.switching.description:
-            return info_line(quantity, measured, f"{derived_order} between crossings",
+            return info_line(quantity, estimate, f"{derived_order} between crossings",
                              f"steps across {self.switching.description} have a lower one",
                              measurement.order)
         if self.decay * measurement.dt > 1:
-            return info_line(quantity, measured, f"{derived_order} once λΔt is small",
+            return info_line(quantity, estimate, f"{derived_order} once λΔt is small",
                              f"dampers are stiff, λΔt = {self.decay * measurement.dt:.2g}: orders "
                              "fall to about the stage order", measurement.order)
         lacking = derived_order - measurement.order  # a run may happen to be better than its method
         guarantee = make_guarantee("|y_h − y_(h/2)| over halved steps lacks at most 0.3")
-        return bound_line(quantity, measured, f"at least {derived_order}", guarantee, lacking, 0.3)
+        return bound_line(quantity, estimate, f"at least {derived_order}", guarantee, lacking, 0.3)
 
     def _quantities(self) -> Iterator[CertificateLine]:
         """Yield for each quantity of the system its first value and its largest drift."""

@@ -201,15 +201,15 @@ def _closest_slopes(errors: list[float], h: float) -> MeasuredOrder | None:
     # an error that does not fall is round-off, as are all after it
     slopes = list(takewhile(lambda measured_slope: measured_slope > _NO_ORDER,
                             (math.log2(a / b) for a, b in pairwise(errors))))
-    best: MeasuredOrder | None = None
+    closest: MeasuredOrder | None = None
     for k, (first_slope, next_slope) in enumerate(pairwise(slopes)):
-        if best is not None and best.agrees and next_slope < first_slope - 0.3:
+        if closest is not None and closest.agrees and next_slope < first_slope - 0.3:
             break
         # slope k + 1 is of e(h/2^(k+1)) and e(h/2^(k+2)), whose shorter steps are h/2^(k+3)
         candidate = MeasuredOrder(next_slope, abs(next_slope - first_slope), h / 2 ** (k + 3),
                                   tuple(slopes))
-        best = candidate if best is None or candidate.spread < best.spread else best
-    return best
+        closest = candidate if closest is None or candidate.spread < closest.spread else closest
+    return closest
 
 
 def _halving_errors(

@@ -67,10 +67,11 @@ class MomentumMap:
     proof : str
         The evidence: "expanded", which is a proof, "exact arithmetic at random points", or "random
         points" in doubles.
-    broken : float
+    symmetry_defect : float
         The largest |dJ/dt| at random points, relative to its terms; 0 if it vanishes everywhere.
     on_constraints : bool
-        Whether ``broken`` is round-off on g = 0: the motion then conserves J as far as measured.
+        Whether ``symmetry_defect`` is round-off on g = 0: the motion then conserves J as far as
+        measured.
     """
 
     name: str
@@ -81,7 +82,7 @@ class MomentumMap:
     everywhere: bool
     turns_constraints: bool
     proof: str
-    broken: float = 0.0
+    symmetry_defect: float = 0.0
     on_constraints: bool = False
 
     def values(self, q: Floats, p: Floats) -> Floats:
@@ -123,22 +124,22 @@ def momentum_maps(
     parameter_values = {s: float(parameters[str(s)]) for s in system.parameters if s not in weights}
     exact_values = {s: sp.Rational(x) for s, x in parameter_values.items()}  # of doubles, exactly
     points = RandomPoints(system, parameter_values, np.asarray(q0, float), np.asarray(p0, float))
-    named, n = known_fields(system), system.n
+    named_fields, n = known_fields(system), system.n
     full = n <= MAX_COORDINATES
     # one entry each of (A | a), n × (n + 1); for many coordinates fields with a name alone
     units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
-    exact = SymmetrySpace(system, units if full else named, exact_values)
+    exact = SymmetrySpace(system, units if full else named_fields, exact_values)
     general = SymmetrySpace(system, exact.fields, {}, within=exact)
     independent = _IndependentMaps(points)
     maps: list[MomentumMap] = []
     # maps for any parameters first; then those that need the values. Named ones come first in both,
     # so that a basis has as many names as it can
     for space, any_parameters in ((general, True), (exact, False)):
-        in_space = [field for field in named if space.contains(field)]
+        in_space = [field for field in named_fields if space.contains(field)]
         for field in [*in_space, *(with_name(f, system) for f in space.basis)]:
             if independent.accepts(field, 1e-9):
                 maps.append(_exact_map(field, system, {} if any_parameters else exact_values))
-    return maps + list(_near_maps(points, named, independent, full))
+    return maps + list(_near_maps(points, named_fields, independent, full))
 
 
 def momentum_map_of(
@@ -177,23 +178,24 @@ def _exact_map(
 
 
 def _near_maps(
-    points: RandomPoints, named: Sequence[LinearField], independent: _IndependentMaps, full: bool
+    points: RandomPoints, named_fields: Sequence[LinearField], independent: _IndependentMaps,
+    full: bool,
 ) -> Iterator[MomentumMap]:
     """Yield fields whose momentum is conserved at random points, to ``NEAR`` or on g = 0 alone.
 
-    ``named`` fields are tried first, with ``full`` also the fields of the null space beside them.
+    ``named_fields`` are tried first, with ``full`` also the fields of the null space beside them.
     Fields of nearly conserved momenta count as independent if they differ by a thousandth.
     """
     system = points.system
-    unnamed_fields = _echelon(points.null_space(named), system) if full else []
-    for field in [*named, *unnamed_fields]:
-        broken, on_constraints = points.symmetry_defect(field)
-        is_round_off = on_constraints and broken <= _ROUNDING
-        if broken <= NEAR and independent.accepts(field, 1e-9 if is_round_off else 1e-3):
+    unnamed_fields = _echelon(points.null_space(named_fields), system) if full else []
+    for field in [*named_fields, *unnamed_fields]:
+        defect, on_constraints = points.symmetry_defect(field)
+        is_round_off = on_constraints and defect <= _ROUNDING
+        if defect <= NEAR and independent.accepts(field, 1e-9 if is_round_off else 1e-3):
             yield MomentumMap(
                 field.name, field.momentum(system.q, system.p), field.A, field.a,
                 any_parameters=False, everywhere=False, turns_constraints=False,
-                proof="random points", broken=broken, on_constraints=is_round_off)
+                proof="random points", symmetry_defect=defect, on_constraints=is_round_off)
 
 
 # ---------------------------------------------------------------- a basis for people

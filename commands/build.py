@@ -52,10 +52,10 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
 
 def _line(target: Target) -> str:
     """Return a target, its description, and missing tools with their cure."""
-    missing = [f"to {action} it: {TOOLS[name].cure}"
+    missing_tools = [f"to {action} it: {TOOLS[name].cure}"
                for action, names in (("build", target.needs), ("check", target.checks))
                for name in names if TOOLS[name].find() is None]
-    return f"{target.name:<9}{target.about}" + "".join(f"\n{'':9}{line}" for line in missing)
+    return f"{target.name:<9}{target.about}" + "".join(f"\n{'':9}{line}" for line in missing_tools)
 
 
 @click.group(cls=Targets, no_args_is_help=True, context_settings=_HELP,
@@ -130,7 +130,7 @@ def _write(
                              "once.")
     # a cluster's or a supervisor's SIGTERM must leave no half-written artefact behind
     with imported_for_good("sympy"), catch_termination():
-        built = build_artefact(
+        artefact = build_artefact(
             target.name, _model(model, settings),
             stages=None if stages is None else whole_number("--stages", stages),
             order=None if order is None else whole_number("--order", order),
@@ -139,12 +139,12 @@ def _write(
             # a word of Python, which no parameter of a function can have as its name
             platforms=scheme_options.pop("for", None),
             **scheme_options)
-    click.echo(f"{built.path}: {target.about}, of {built.stepper.name}")
-    for name in built.files:
+    click.echo(f"{artefact.path}: {target.about}, of {artefact.stepper.name}")
+    for name in artefact.files:
         click.echo(f"  {name}")
     try:
         if check:
-            click.echo(f"  {built.check()}")
+            click.echo(f"  {artefact.check()}")
     except DifferentBitsError as error:
         click.echo(f"gyrospark: {error}", err=True)
         return 1

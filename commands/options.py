@@ -164,13 +164,13 @@ def real_number(name: str, text: str) -> float:
 def solver_from(text: str) -> Solver:
     """Return the solver that an option's text says: ``newton,tolerance=1e-12,max_iterations=20``.
     """
-    kind, *parts = (part.strip() for part in text.split(","))
+    kind, *parts = (entry.strip() for entry in text.split(","))
     readers = {"tolerance": real_number, "max_iterations": whole_number}
     settings: dict[str, Any] = {}
-    for part in parts:
-        name, sign, number_text = (x.strip() for x in part.partition("="))
+    for entry in parts:
+        name, sign, number_text = (x.strip() for x in entry.partition("="))
         if not sign or name in settings or name not in readers:
-            raise InputError(f"--solver {text!r} has {part!r}; write NAME,KEY=VALUE with KEY once "
+            raise InputError(f"--solver {text!r} has {entry!r}; write NAME,KEY=VALUE with KEY once "
                              f"among {join_or(readers)}{proposal(name, readers)}.")
         settings[name] = readers[name](f"--solver {name}", number_text)
     return Solver(choose("solver", kind, get_args(SolverName)), **settings)

@@ -103,8 +103,8 @@ def _print(problem: Reference, runs: Sequence[WorkPrecisionRun]) -> None:
     """Print where the digits come from, and error, cost and invariants of each run."""
     click.echo(f"{problem.title}, t = {problem.seconds} s; digits: {problem.truth.made}")
     if problem.published is not None:
-        worst, off = max(problem.deviations.items(), key=lambda deviation: deviation[1])
-        click.echo(f"  published ({problem.published.source}): off by up to {off:.0e}, in {worst}")
+        label, off = max(problem.deviations.items(), key=lambda deviation: deviation[1])
+        click.echo(f"  published ({problem.published.source}): off by up to {off:.0e}, in {label}")
     for run in runs:
         invariants = ", ".join(f"{name} {error:.0e}" for name, error in run.invariants.items())
         click.echo(f"  {run.label:<10} {run.steps:>6} steps  error {run.error:.1e}  "

@@ -248,10 +248,10 @@ def _draw(
         "allow_invalid": True, "energy": choice["energy"], "frame": choice["frame"],
         "order": None if spec.composition else spec.order,
         "composition": spec.composition or None})
-    measured = accuracy(step, problem.q0, problem.p0, dt=certificate.dt, steps=certificate.steps,
+    study = accuracy(step, problem.q0, problem.p0, dt=certificate.dt, steps=certificate.steps,
                         parameters=certificate.parameters)
-    draw(certificate.model, measured, plot)
-    return {"plot": str(plot), "accuracy": asdict(measured)}
+    draw(certificate.model, study, plot)
+    return {"plot": str(plot), "accuracy": asdict(study)}
 
 
 def _model(name: str, rep: str | None) -> Model | Problem:

@@ -315,10 +315,10 @@ def _warn_of_length(label: str, values: Any, norms: Floats) -> None:
     # decimals of the entries as they are written; 400 entries show those of a long table
     decimals = max(-int(Decimal(repr(float(x))).as_tuple().exponent) for x in array.ravel()[:400])
     bound = 10.0 ** -min(max(decimals, 2), 17) + 4 * max(eps, _EPS)
-    worst = int(np.abs(norms - 1).argmax())
-    if abs(norms[worst] - 1) > bound:
-        where = "" if len(norms) == 1 else f" in row {worst + 1}"
-        warn(f"The {label}{where} has length {norms[worst]:.9g}, not 1, and was divided by it; "
+    worst_row = int(np.abs(norms - 1).argmax())
+    if abs(norms[worst_row] - 1) > bound:
+        where = "" if len(norms) == 1 else f" in row {worst_row + 1}"
+        warn(f"The {label}{where} has length {norms[worst_row]:.9g}, not 1, and was divided by it; "
              "write a unit quaternion if another was meant.")
 
 

@@ -183,7 +183,7 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
     q ← q − θ Gᵀ(GGᵀ)⁻¹ g, where θ is halved until |g| falls or is round-off.
     """
     g = system.g(q)
-    best = q  # the last step may raise |g| within round-off
+    closest_q = q  # the last step may raise |g| within round-off
     for _ in range(100):  # damped steps, each of which lowers |g|, may be many
         G = system.G(q)
         step = _newton_step(system, G, G @ G.T, g)
@@ -196,20 +196,20 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
         # a step below the round-off of q: g cannot become smaller
         is_round_off = np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(q), EPS)
         if _norm(g_new) <= _norm(g):
-            best = q_new
+            closest_q = q_new
         if is_round_off:
-            return best
+            return closest_q
         # the slope of |g|² along the step is −2 |g|²: where 20 halvings find no descent, G is
         # nearly singular and the step far too long
         if fraction <= 1e-6:
             break
         q, g = q_new, g_new
     if _norm(g) <= _round_off_of_g(system.G(q), q):
-        return best
-    worst = int(np.argmax(np.abs(g)))
+        return closest_q
+    mu = int(np.argmax(np.abs(g)))
     raise InputError(
-        f"No state near the given one meets all constraints: {system.constraint_names[worst]!r} "
-        f"stays at |g| = {abs(g[worst]):.3e}; check its points and lengths, or give a nearer start."
+        f"No state near the given one meets all constraints: {system.constraint_names[mu]!r} "
+        f"stays at |g| = {abs(g[mu]):.3e}; check its points and lengths, or give a nearer start."
     )
 
 
@@ -228,10 +228,10 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
             return p
         if not np.isfinite(p).all():
             break
-    worst = int(np.argmax(np.abs(f)))
+    mu = int(np.argmax(np.abs(f)))
     raise InputError(
-        f"No momenta near the given ones satisfy {_names(system)[worst]!r}: "
-        f"its rate stays at {abs(f[worst]):.3e}; give a nearer start."
+        f"No momenta near the given ones satisfy {_names(system)[mu]!r}: "
+        f"its rate stays at {abs(f[mu]):.3e}; give a nearer start."
     )
 
 

@@ -48,6 +48,7 @@ class Solver:
             raise InputError(f"tolerance = {shown(self.tolerance)} is not positive and finite; "
                              "give none for round-off.")
         count = as_integer(self.max_iterations)
+        # a whole number that a store keeps as an int64; the C counts to 2³¹ − 1 at most
         if count is None or not 0 < count < 2**63:
             raise InputError(f"max_iterations = {shown(self.max_iterations)} is no whole number; "
                              "give at least 1.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from ..core.arguments import few
 from ..core.errors import TableauError
@@ -120,10 +120,10 @@ def generate(
     if coefficients is not None and spec.order is None and not allow_invalid:
         refuse_violations(coefficients, constrained=system.m > 0)
     reduced, constants = hoist_constants(system)
-    scheme, method, method_name = _scheme(spec, system, reduced, constants, coefficients)
+    scheme, title, c_name = _method(spec, system, reduced, constants, coefficients)
     # 4. kernels and templates
-    name = join_name(system.name, method_name, rep, spec.real, framed=frame is not None)
-    source = emit(Derived(name, method, scheme, system, constants, REALS[spec.real],
+    name = join_name(system.name, c_name, rep, spec.real, framed=frame is not None)
+    source = emit(Derived(name, title, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives or second, second, model), structured)
     return Generated(source, scheme, system, coefficients)
 
@@ -138,23 +138,30 @@ def _in_normal_form(system: System, *, framed: bool) -> tuple[System, CoMovingFr
     return with_work_of_time(system), frame
 
 
-def _scheme(
+class _Method(NamedTuple):
+    scheme: SparkScheme | MeanScheme | SplittingScheme  # the equations of a step
+    title: str
+    c_name: str
+
+
+def _method(
     spec: Spec, system: System, reduced: System, constants: Constants, tableau: Tableau | None
-) -> tuple[SparkScheme | MeanScheme | SplittingScheme, str, str]:
-    """Return the equations of a step, the method's title, and its name in C.
+) -> _Method:
+    """Return the method of a spec.
 
     ``reduced`` is the system with subexpressions that are constant in a run as ``constants``.
     """
     if spec.order is not None:
-        return (splitting_scheme(system, reduced, constants, spec.order, spec.composition),
-                spec.title, spec.method)
+        scheme = splitting_scheme(system, reduced, constants, spec.order, spec.composition)
+        return _Method(scheme, spec.title, spec.method)
     if tableau is None:
-        return (mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete), spec.scheme,
-                spec.method)
-    scheme = SparkScheme(reduced, tableau, spec.energy)
+        return _Method(mean_scheme(reduced, discrete=scheme_named(spec.scheme).discrete),
+                       spec.scheme, spec.method)
+    spark = SparkScheme(reduced, tableau, spec.energy)
+    if spec.stages:
+        return _Method(spark, spec.title, spec.method)
     # a user's tableau has no stages in its spec, and a name of its own
-    return (scheme, spec.title, spec.method) if spec.stages else (
-        scheme, f"SPARK {tableau.name}", tableau.name)
+    return _Method(spark, f"SPARK {tableau.name}", tableau.name)
 
 
 def _refuse_features(

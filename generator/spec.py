@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..core.arguments import as_flag, as_integer, choose, join_or, shown
 from ..core.errors import InputError
@@ -78,8 +78,8 @@ class Spec:
 
         Raises InputError naming the value and the allowed ones.
         """
-        chosen = "full" if profile is None else choose("profile", profile, PROFILES)
-        return replace(self, profile=chosen)
+        name = "full" if profile is None else choose("profile", profile, PROFILES)
+        return replace(self, profile=name)
 
     @classmethod
     def from_arguments(
@@ -109,8 +109,8 @@ class Spec:
         record = scheme_named(scheme)
         count = _stages(record, stages)
         chosen_order, composed = _composition(record, order, composition)
-        named, model, chosen = _system(system, rep)
-        return cls(scheme, count, chosen, named, _real(real), None, model,
+        source = _system_source(system, rep)
+        return cls(scheme, count, source.rep, source.name, _real(real), None, source.file,
                    order=chosen_order, composition=composed)
 
     @classmethod
@@ -122,8 +122,8 @@ class Spec:
 
         Raises InputError naming the value, the allowed ones and the cure.
         """
-        named, model, chosen = _system(system, rep)
-        return cls(OWN, None, chosen, named, _real(real), tableau, model)
+        source = _system_source(system, rep)
+        return cls(OWN, None, source.rep, source.name, _real(real), tableau, source.file)
 
     @property
     def method(self) -> str:
@@ -160,20 +160,25 @@ def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = F
     return "_".join(word for word in parts if word)
 
 
-def _system(system: str | None, rep: Any) -> tuple[str, Path | None, str]:
-    """Return (system, model file, representation); a model chooses it unless ``rep`` is given.
-    """
-    chosen = "" if rep is None else choose("representation", rep, REPS)
+class _SystemSource(NamedTuple):
+    name: str
+    file: Path | None  # of a model file
+    rep: str  # the inertia representation; "" where a model file chooses it
+
+
+def _system_source(system: str | None, rep: Any) -> _SystemSource:
+    """Return the source of a system: a model file, or a name; by default the heavy top."""
+    rep_name = "" if rep is None else choose("representation", rep, REPS)
     if system is not None and is_model_file(system):
-        return system, Path(system), chosen
-    named = (system or "heavy_top").replace("-", "_")
-    if named not in {*SYSTEMS, *MODELS}:
-        problem = PROBLEMS.get(named.replace("_", "-"))
+        return _SystemSource(system, Path(system), rep_name)
+    name = (system or "heavy_top").replace("-", "_")
+    if name not in {*SYSTEMS, *MODELS}:
+        problem = PROBLEMS.get(name.replace("_", "-"))
         if problem is not None:
             raise InputError(f"{shown(system)} is a problem, not a system; choose its system, "
                              f"{problem.make().system}.")
         raise unknown_name("system", system, [*SYSTEMS, *MODELS])
-    return named, None, chosen or ("gamma" if named in SYSTEMS else "")
+    return _SystemSource(name, None, rep_name or ("gamma" if name in SYSTEMS else ""))
 
 
 def _real(real: Any) -> RealName:

@@ -183,9 +183,9 @@ class DiscreteFlow:
             if isinstance(number, str):
                 raise InputError(f"Parameter {name} = {number!r} is no number; give one, such as "
                                  "gs.gamma(inertia).")
-        missing = [name for name in self.names if name not in parameters and name not in rates]
-        if missing:
-            raise InputError(f"Parameter {missing[0]!r} is not given; this stepper needs "
+        unset = [name for name in self.names if name not in parameters and name not in rates]
+        if unset:
+            raise InputError(f"Parameter {unset[0]!r} is not given; this stepper needs "
                              f"{', '.join(name for name in self.names if name not in rates)}.")
         return [parameters.get(name, 0.0) for name in self.names]
 

@@ -113,9 +113,9 @@ class Reference:
                    for group, names in self.groups.items())
 
 
-def largest_error(computed: Sequence[Any], exact: Sequence[Fraction]) -> float:
+def largest_error(numbers: Sequence[Any], exact: Sequence[Fraction]) -> float:
     """Return max |x_i − y_i| / max |y_i| of computed numbers x and exact ones y."""
-    differences = [abs(Fraction(*_ratio(x)) - y) for x, y in zip(computed, exact, strict=True)]
+    differences = [abs(Fraction(*_ratio(x)) - y) for x, y in zip(numbers, exact, strict=True)]
     return float(max(differences) / max(map(abs, exact)))
 
 

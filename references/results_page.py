@@ -57,12 +57,14 @@ def _summary(measured: Sequence[tuple[Reference, Sequence[WorkPrecisionRun]]]) -
     for problem, runs in measured:
         # peers are beside ours in the tables of the problems
         accurate_runs = [run for run in runs if run.error <= LIMIT and not run.peer]
-        best = min(accurate_runs, key=lambda run: run.cpu_seconds, default=None)
+        cheapest = min(accurate_runs, key=lambda run: run.cpu_seconds, default=None)
         # scheme, steps, error and CPU ms
-        cells = ["missed"] * 4 if best is None else [
-            best.scheme, f"{best.steps}", f"{best.error:.0e}", f"{best.cpu_seconds * 1e3:.1f}"]
-        worst = max(problem.deviations.values(), default=None)
-        table_rows.append([f"`{problem.name}`", *cells, "–" if worst is None else f"{worst:.0e}"])
+        cells = ["missed"] * 4 if cheapest is None else [
+            cheapest.scheme, f"{cheapest.steps}", f"{cheapest.error:.0e}",
+            f"{cheapest.cpu_seconds * 1e3:.1f}"]
+        deviation = max(problem.deviations.values(), default=None)
+        table_rows.append([f"`{problem.name}`", *cells,
+                           "–" if deviation is None else f"{deviation:.0e}"])
     return _table(["problem", f"cheapest to {LIMIT:.0e}", "steps", "error", "CPU ms",
                    "error of the published values"], table_rows)
 

@@ -29,6 +29,7 @@ from ..runtime.events.detection import TAIL, Memory
 __all__ = ["CheckpointState", "EventProgress", "checkpoint_size", "pack", "unpack"]
 
 Events = Sequence[Event | Impact]
+#: Bytes of SHA-256.
 _DIGEST = 32
 _UNSOUND = "the checkpoint holds numbers that no run leaves"
 

@@ -319,10 +319,10 @@ class Recording(Trajectory):
         self._refuse_unless_begun()
         manifest, run = self.manifest, self.attributes["run"]
         refuse_missing_blocks(self.path, self._group, row_range.start, row_range.stop)
-        missing = [name for output in OUTPUTS for name in names_in_files(output, manifest)
+        missing_names = [name for output in OUTPUTS for name in names_in_files(output, manifest)
                    if name not in self.attributes["arrays"]]
-        if missing:
-            raise written_by(self.path, run.get("gyrospark"), f"it has no {join_or(missing)}")
+        if missing_names:
+            raise written_by(self.path, run.get("gyrospark"), f"it has no {join_or(missing_names)}")
         arrays: dict[str, Any] = {}
         for output in OUTPUTS:
             # outputs of steps have no entry for the start

@@ -151,15 +151,15 @@ def stored_arrays(
 
     An output that is split, such as multipliers by constraint, has several fields.
     """
-    filled = slice(0, batch.count)
+    block = slice(0, batch.count)
     batch_rows, row_numbers = batch.rows, np.arange(batch.first, batch.first + batch.count)
     # the last row may follow fewer than ``every`` steps
     t = binding.times(run.t0, run.dt, np.minimum(row_numbers * run.every, run.steps))
     if batch.end is not None:  # the run ended between two steps, at t_end or at a terminal event
         t[-1:] = batch.end
-    states = States(binding, manifest, parameters, t, batch_rows.q[filled], batch_rows.p[filled],
-                    batch_rows.multipliers[filled], batch_rows.iterations[filled],
-                    batch_rows.work[filled])
+    states = States(binding, manifest, parameters, t, batch_rows.q[block], batch_rows.p[block],
+                    batch_rows.multipliers[block], batch_rows.iterations[block],
+                    batch_rows.work[block])
     arrays: dict[str, Array] = {}
     for output in OUTPUTS:
         if names_in_files(output, manifest):

@@ -62,6 +62,15 @@ class _Kind(NamedTuple):
     numbers: list[list[int]]  # for each flow the indices of its numbers among those of all flows
 
 
+class _FlowTables(NamedTuple):
+    """The flows of a composition, whose numbers are constants + slopes · x of the unknowns x."""
+
+    factors: list[str]  # words, and the words that products of flows make on the way to them
+    kinds: list[_Kind]
+    constants: Floats  # shape (numbers,)
+    slopes: Floats  # shape (numbers, unknowns)
+
+
 @dataclass(frozen=True)
 class FloatConditions:
     """F(x) and F′(x) of a composition in doubles, as products of matrices."""
@@ -79,20 +88,17 @@ class FloatConditions:
         return [*self.conditions.words, *map("".join, error)]
 
     @cached_property
-    def _tables(self) -> tuple[list[str], list[_Kind], Floats, Floats]:
-        """Words of products, kinds of flows, and the numbers of all flows as constants and slopes.
-
-        The numbers are constants + slopes · x, shapes (numbers,) and (numbers, unknowns): a
-        palindrome and a prescribed sum determine those that are no unknowns.
-        """
-        parts = factors_of(self.words)
+    def _tables(self) -> _FlowTables:
+        """The flows of the composition: a palindrome and a prescribed sum determine the numbers
+        of flows that are no unknowns."""
+        factors = factors_of(self.words)
         flows = list(self.conditions.flows(self.words))
         kinds: dict[int, _Kind] = {}
         numbers: list[Affine] = []
         for i, (flow, flow_numbers) in enumerate(flows):
             # drifts and kicks are one object each: their matrices are computed once
             if id(flow) not in kinds:
-                kinds[id(flow)] = _Kind(*_matrices(flow, parts), [], [])
+                kinds[id(flow)] = _Kind(*_matrices(flow, factors), [], [])
             kinds[id(flow)].places.append(i)
             kinds[id(flow)].numbers.append(
                 list(range(len(numbers), len(numbers) + len(flow_numbers))))
@@ -101,7 +107,8 @@ class FloatConditions:
         for row, (_, terms) in zip(slopes, numbers, strict=True):
             for i, k in terms.items():
                 row[i] = k
-        return parts, list(kinds.values()), np.array([float(c) for c, _ in numbers]), slopes
+        return _FlowTables(factors, list(kinds.values()),
+                           np.array([float(c) for c, _ in numbers]), slopes)
 
     def evaluate(self, x: Floats) -> tuple[Floats, Floats]:
         """Return F(x), shape (words,), and F′(x), shape (words, unknowns).
@@ -110,8 +117,8 @@ class FloatConditions:
         flow. A flow is a matrix that multiplies rows of coefficients, and the composition is the
         product F₁ F₂ …: its slope by a number of flow i is F₁ … F_(i−1) (dF_i) F_(i+1) ….
         """
-        parts, kinds, constants, affine = self._tables
-        size, values = len(parts), constants + affine @ x
+        factors, kinds, constants, slopes = self._tables
+        size, values = len(factors), constants + slopes @ x
         count = sum(len(kind.places) for kind in kinds)
         flows = np.empty((count, size, size))
         for kind in kinds:
@@ -120,7 +127,7 @@ class FloatConditions:
         # left[i]: the row F₁ … F_i, of the empty word; right[i]: F_(i+1) F_(i+2) … at the words
         left, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
         left[0, 0] = 1
-        right[-1] = np.eye(size)[:, [parts.index(word) for word in self.words]]
+        right[-1] = np.eye(size)[:, [factors.index(word) for word in self.words]]
         for i in range(count):
             left[i + 1] = left[i] @ flows[i]
             right[-2 - i] = flows[-1 - i] @ right[-1 - i]
@@ -137,7 +144,7 @@ class FloatConditions:
                 by_number[list(indices)] = (
                     scale[:, None] @ left_times_matrices @ right_of_flows)[:, 0]
         exact = np.array([float(target(word)) for word in self.words])
-        return left[-1] @ right[-1] - exact, by_number.T @ affine
+        return left[-1] @ right[-1] - exact, by_number.T @ slopes
 
     def objective(self, x: Floats) -> float:
         """Return the objective of the search at x.
@@ -174,11 +181,19 @@ def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Float
     return np.array(monomials), matrices
 
 
+class SearchResult(NamedTuple):
+    """The best solution of a search."""
+
+    x: Floats
+    objective: float
+    solution_count: int  # starts that led to a solution
+
+
 def search(
     name: str, seed: int = 1, starts: int = 100, hops: int = 0, width: float = 0.5,
     middle: float = 1.0, largest_weight: float = 1.5,
-) -> tuple[Floats, float, int]:
-    """Return the best solution found, its objective, and how many starts led to a solution.
+) -> SearchResult:
+    """Search a composition with the smallest objective from random starts.
 
     Parameters
     ----------
@@ -226,7 +241,7 @@ def search(
             y_objective, y = _slide(floats, y, floats.objective(y), largest_weight)
             if y_objective < objective:
                 objective, x = y_objective, y
-    return x, objective, solution_count
+    return SearchResult(x, objective, solution_count)
 
 
 def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats | None:
@@ -291,8 +306,8 @@ def store(name: str, x: Sequence[float], note: str) -> None:
     Free unknowns are rounded before; ``note`` says how the solution was found.
     """
     conditions = OrderConditions(composition_named(name))
-    free = conditions.composition.free
-    start = [Fraction(f"{number:.{_FREE}f}" if i in free else repr(float(number)))
+    free_indices = conditions.composition.free
+    start = [Fraction(f"{number:.{_FREE}f}" if i in free_indices else repr(float(number)))
              for i, number in enumerate(x)]
     with mp.workdps(DIGITS):
         digits = [mp.nstr(number, DIGITS - 10, min_fixed=-mp.inf, max_fixed=mp.inf)
@@ -301,7 +316,7 @@ def store(name: str, x: Sequence[float], note: str) -> None:
     last_place, context = Decimal(1).scaleb(-STORED), Context(prec=DIGITS)
     texts = [f"{Decimal(text).quantize(last_place, context=context):f}" for text in digits]
     # free unknowns are short decimals
-    texts = [text.rstrip("0") if i in free else text for i, text in enumerate(texts)]
+    texts = [text.rstrip("0") if i in free_indices else text for i, text in enumerate(texts)]
     stored = json.loads(PATH.read_text(encoding="utf-8"))
     for kind_of_numbers in ("weights", "drifts", "kicks", "gradients"):
         if kind_of_numbers in stored[name]:

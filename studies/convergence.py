@@ -140,8 +140,8 @@ def _range(values: Sequence[float]) -> str:
 
 def _slope_claim(engine: Engine, study: ConvergenceStudy) -> Claim:
     """Return the claim that one curve has the slope of its order, within ± 0.15."""
-    slope, used = fit_slope(*measure(engine, study))
-    return Claim(f"{study.name}: slope in the log-log plot ({used} points)", f"{slope:.2f}",
+    slope, point_count = fit_slope(*measure(engine, study))
+    return Claim(f"{study.name}: slope in the log-log plot ({point_count} points)", f"{slope:.2f}",
                  f"{study.order} ± {_TOLERANCE}", abs(slope - study.order) <= _TOLERANCE)
 
 

@@ -134,9 +134,9 @@ def _stages_are_constraint_nodes(t: Tableau) -> bool:
     equal_pairs = [("A_tilde", "A_hat"), ("A_bar", "A"), ("b_tilde", "b_hat"), ("b_hat", "b"),
                    ("c_tilde", "c")]
     last_column = basis["A_tilde"] * t.constraints.at(-1).transpose()
-    ends = [e.centre for e in (t.enclosures["c"][0], t.enclosures["c"][-1])]
+    end_nodes = [e.centre for e in (t.enclosures["c"][0], t.enclosures["c"][-1])]
     return bool(all(basis[x] == basis[y] for x, y in equal_pairs) and last_column.is_zero_matrix
-                and ends == [0, 1])
+                and end_nodes == [0, 1])
 
 
 # ---------------------------------------------------------------- measured
@@ -148,31 +148,31 @@ def trajectories_claim(steps: int) -> Claim:
     The measure is the largest relative difference over s = 2..5 and ``steps`` of the fast top.
     """
     weight = mean_inertia(fast_top().inertia)
-    worst = 0.0
+    maximum = 0.0
     for s in STAGES:
         runs = [run("LIIIA-B", s, DT, steps, weight, rep=rep) for rep in ("alpha", "gamma")]
-        worst = max(worst, _difference(runs[0].q, runs[1].q), _difference(runs[0].p, runs[1].p))
+        maximum = max(maximum, _difference(runs[0].q, runs[1].q), _difference(runs[0].p, runs[1].p))
     return Claim(
         f"Fast top, s = 2..5, Δt = {DT}, {steps} steps, α = γ = γ_m: largest relative difference "
         "of q and p.",
-        f"{worst:.1e}", "< 1e-11 (round-off)", worst < 1e-11,
+        f"{maximum:.1e}", "< 1e-11 (round-off)", maximum < 1e-11,
     )
 
 
 def multipliers_claim() -> Claim:
     """Return the claim Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ), measured in one step for s = 2..5."""
     weight = mean_inertia(fast_top().inertia)
-    worst = 0.0
+    maximum = 0.0
     for s in STAGES:
         (P, Lambda_alpha), (_, Lambda_gamma) = (
             _stages(stepper("LIIIA-B", s, rep), s, rep, weight) for rep in ("alpha", "gamma")
         )
         # without the last stage: its multiplier belongs to the projection of the momentum
         expected = (P[:-1] ** 2).sum(axis=1) / (8 * weight)
-        worst = max(worst, _difference(Lambda_gamma - Lambda_alpha, expected))
+        maximum = max(maximum, _difference(Lambda_gamma - Lambda_alpha, expected))
     return Claim(
         f"Λ_(i−1)^γ − Λ_(i−1)^α = |P_i|²/(8γ) in one step of Δt = {DT}, s = 2..5: relative defect.",
-        f"{worst:.1e}", "< 1e-10 (round-off)", worst < 1e-10,
+        f"{maximum:.1e}", "< 1e-10 (round-off)", maximum < 1e-10,
     )
 
 

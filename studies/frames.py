@@ -113,9 +113,9 @@ def _ems_claim(engine: Engine) -> Claim:
     floor = float(np.finfo(float).eps * case.steps * size)
     mean_energy_error = float(abs(energy - energy[0]).mean())
     H = engine.mean(case, "H")
-    measured = "round-off" if mean_energy_error <= floor else f"{mean_energy_error:.1e}"
+    errors_measured = "round-off" if mean_energy_error <= floor else f"{mean_energy_error:.1e}"
     return Claim("Table 4, EMS, γ = γ_m in the chosen frame: it conserves H − ωJ, and H to its "
-                 "order only.", f"{measured}; {H:.0e} J",
+                 "order only.", f"{errors_measured}; {H:.0e} J",
                  "round-off; more than that", mean_energy_error <= floor < H)
 
 

@@ -64,12 +64,12 @@ def motion_claim(body: TrialBody, trials: list[Trial], times: tuple[float, ...])
     ``trials`` are the methods for the body; each has the largest ratio of its three axes at
     ``times`` (s), 0 where the motion is lost with γ_m at all of them.
     """
-    worst = [float(np.nanmax(trial.ratios(times=times), initial=0)) for trial in trials]
+    worst_ratios = [float(np.nanmax(trial.ratios(times=times), initial=0)) for trial in trials]
     text = ", ".join(f"{trial.method} {_ratio(ratio)}"
-                     for trial, ratio in zip(trials, worst, strict=True))
+                     for trial, ratio in zip(trials, worst_ratios, strict=True))
     return Claim(f"{body.name}, γ chosen for the motion: distance of each of the body's three axes "
                  f"over that with γ_m, up to {_spoken(times)}; the largest.", text,
-                 f"all at most {ALLOWED}", max(worst) <= ALLOWED)
+                 f"all at most {ALLOWED}", max(worst_ratios) <= ALLOWED)
 
 
 def gain_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
@@ -100,13 +100,13 @@ def price_claim(trials: list[Trial], times: tuple[float, ...]) -> Claim:
 
     A trial counts if some axis is more than 5 % worse than with γ_m, at one of ``times``.
     """
-    worst = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
-    worst_trial = max(worst, key=lambda trial: worst[trial])
-    count, gain = sum(w > ALLOWED for w in worst.values()), worst_trial.energy_gain("γ_m")
+    prices = {trial: float(np.nanmax(trial.price(times), initial=0)) for trial in trials}
+    worst_trial = max(prices, key=lambda trial: prices[trial])
+    count, gain = sum(w > ALLOWED for w in prices.values()), worst_trial.energy_gain("γ_m")
     return Claim("γ chosen for the energy: number of these motions with an error of some axis "
                  "more than 5 % above γ_m.",
                  f"{count} of {len(trials)}; most {worst_trial.body.name}, {worst_trial.method}: "
-                 f"{_short(worst[worst_trial])} times, for an energy error {_short(gain)} times "
+                 f"{_short(prices[worst_trial])} times, for an energy error {_short(gain)} times "
                  "smaller",
                  "not none: the two criteria differ", count > 0)
 
@@ -195,9 +195,9 @@ def idle_claim(trial: Trial) -> Claim:
 # ---------------------------------------------------------------- text and panels
 
 
-def _ratio(worst: float) -> str:
+def _ratio(ratio: float) -> str:
     """Return a ratio of distances, or "lost" for 0: the motion was lost at every time."""
-    return f"{worst:.2f}" if worst else "lost"
+    return f"{ratio:.2f}" if ratio else "lost"
 
 
 def _short(gain: float) -> str:

@@ -213,8 +213,8 @@ class Trial:
         Without ``rule``, the best of the four recommendations is taken.
         """
         names = list(MEANS.values()) if rule is None else [rule]
-        best = min(self.energy_error(self.rule(name), times) for name in names)
-        return best / self.energy_error(self.gamma("energy"), times)
+        least_error = min(self.energy_error(self.rule(name), times) for name in names)
+        return least_error / self.energy_error(self.gamma("energy"), times)
 
     def at_round_off(self, times: int = 1) -> bool:
         """Whether the energy error with some rule is round-off, so that ratios mean nothing.

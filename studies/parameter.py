@@ -210,9 +210,9 @@ def _law_claim(engine: Engine, statement: str, sweeps: tuple[ParameterSweep, ...
         inverses, errors = measure(engine, sweep)
         variable = inverses if follows_inverse(sweep) else [1 / inverse for inverse in inverses]
         lines.append(fit_line(variable, errors))
-    worst = min(lines, key=lambda line: line.r_squared)
-    return Claim(f"{statement}: least R² of {len(lines)}", worst.quality, "at least 0.999",
-                 worst.r_squared >= 0.999)
+    worst_line = min(lines, key=lambda line: line.r_squared)
+    return Claim(f"{statement}: least R² of {len(lines)}", worst_line.quality, "at least 0.999",
+                 worst_line.r_squared >= 0.999)
 
 
 def _line_claim(statement: str, line: FittedLine) -> Claim:

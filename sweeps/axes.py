@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -172,9 +172,14 @@ def _space(name: str, table: Mapping[str, Any]) -> Array:
     return np.linspace(low, high, count)
 
 
-def _range(name: str, table: Any) -> tuple[float, float, str]:
-    """Return the ends and the spacing, "linear" or "log", of a range; InputError for an unusable
-    one."""
+class _Range(NamedTuple):
+    low: float
+    high: float
+    spacing: str  # "linear" or "log"
+
+
+def _range(name: str, table: Any) -> _Range:
+    """Return the range of a table ``{ from, to, spacing }``; InputError for an unusable one."""
     if not isinstance(table, Mapping) or not {"from", "to"} <= table.keys() <= {
             "from", "to", "spacing"}:
         raise InputError(f"{name} = {_short(table)} is no range; write "
@@ -192,7 +197,7 @@ def _range(name: str, table: Any) -> tuple[float, float, str]:
     if not math.isfinite(width) or (spacing == "log" and width == 0):
         raise InputError(f"{name}: a range from {low} to {high} is wider than a double can say; "
                          "choose nearer ends.")
-    return low, high, spacing
+    return _Range(low, high, spacing)
 
 
 def _short(value: Any) -> str:

@@ -65,9 +65,9 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     except InputError:  # a part of a step of some cell does not converge, though its steps did
         if len(group) > 1:
             half = len(group) // 2
-            return _join([run_with_events(study, stepper, steps, cells, group[part], q[part],
-                                          p[part])
-                          for part in (slice(half), slice(half, None))])
+            return _join([run_with_events(study, stepper, steps, cells, group[side], q[side],
+                                          p[side])
+                          for side in (slice(half), slice(half, None))])
         crossings = []
         if not ensemble_states.status[0]:  # a cell that failed before keeps its reason
             ensemble_states.status[0] = NOT_CONVERGED
@@ -88,11 +88,11 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
 
 def _join(parts: list[CellEnds]) -> CellEnds:
     """Return the ends of several groups of cells as one group."""
-    q, p, reports, status = (np.concatenate([getattr(part, name) for part in parts])
+    q, p, reports, status = (np.concatenate([getattr(group, name) for group in parts])
                              for name in ("q", "p", "reports", "status"))
-    samples = tuple(map(np.concatenate, zip(*(part.samples for part in parts), strict=True)))
+    samples = tuple(map(np.concatenate, zip(*(group.samples for group in parts), strict=True)))
     return CellEnds(q, p, reports, status, samples, {
-        name: np.concatenate([part.event_results[name] for part in parts])
+        name: np.concatenate([group.event_results[name] for group in parts])
         for name in parts[0].event_results})
 
 

@@ -71,16 +71,16 @@ def _run(
         if not study.has_axis("q") or REALS[stepper.manifest.real].wide:
             _project_starts(study, stepper, equal_constraints, structs, q0, p0)
             q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # e of the projected start
-        ends = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
+        outcome = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
                 _run_without_events(study, stepper, steps, structs, dt, q0, p0))
-        q, p, reports, status = ends.q, ends.p, ends.reports, ends.status
+        q, p, reports, status = outcome.q, outcome.p, outcome.reports, outcome.status
         unusable = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
         unusable |= ~np.isfinite(reports["energy_start"])
         status[unusable], reports["steps"][unusable] = BAD_START, 0
         results = _report_results(reports) | {STATUS: status}
-        results |= _quantities(study, stepper, structs, reports, dt, q, p) | ends.event_results
+        results |= _quantities(study, stepper, structs, reports, dt, q, p) | outcome.event_results
     # without samples the second dict is empty
-    states = {"q": q, "p": p} | dict(zip(("q_samples", "p_samples"), ends.samples, strict=False))
+    states = {"q": q, "p": p} | dict(zip(("q_samples", "p_samples"), outcome.samples, strict=False))
     for name, array in states.items():
         results[name] = array[..., : stepper.n]
         if stepper.binding.clocked and name.startswith("q"):  # the last coordinate is t
@@ -271,8 +271,8 @@ def _groups_of_constraints(
         return [np.arange(len(group))]
     group_index = np.unique(np.column_stack(columns), axis=0, return_inverse=True)[1].reshape(-1)
     cells_by_group = np.argsort(group_index, kind="stable")
-    ends = np.cumsum(np.bincount(group_index))
-    return np.split(cells_by_group, ends[:-1])
+    group_ends = np.cumsum(np.bincount(group_index))
+    return np.split(cells_by_group, group_ends[:-1])
 
 
 def run_tiles(

@@ -324,8 +324,8 @@ def _tiles_with_files(path: Path, group: zarr.Group, name: str) -> set[tuple[int
     """
     root, axes = path / name / "c", array_of(group, STATUS).ndim
     places = (p.relative_to(root).parts for p in _files(root))
-    return {tuple(map(int, place[:axes])) for place in places
-            if all(index.isdigit() for index in place)}
+    return {tuple(map(int, tile_index[:axes])) for tile_index in places
+            if all(index.isdigit() for index in tile_index)}
 
 
 def _refuse_missing_files(path: Path, group: zarr.Group, names: Iterable[str]) -> None:
@@ -420,7 +420,7 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
 
     Keys: "least", "most", "least_at", "most_at"; None where all cells failed.
     """
-    ends: dict[str, tuple[float, tuple[int, ...]]] = {}
+    extrema: dict[str, tuple[float, tuple[int, ...]]] = {}
     for tile, stored_values in _tiles_in(study, path, name):
         tile_values = stored_values.astype(float)
         if not np.isfinite(tile_values).any():
@@ -429,14 +429,14 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
                                          ("most", np.nanargmax, np.greater)):
             index = np.unravel_index(int(argument_of(tile_values)), tile_values.shape)
             extremum = float(tile_values[index])
-            if end not in ends or better(extremum, ends[end][0]):
+            if end not in extrema or better(extremum, extrema[end][0]):
                 # the index of the cell in the whole grid
-                ends[end] = extremum, tuple(s.start + int(i) for s, i in
+                extrema[end] = extremum, tuple(s.start + int(i) for s, i in
                                             zip(tile.slices, index, strict=True))
-    if not ends:
+    if not extrema:
         return {"least": None, "most": None}
-    return {end: extremum for end, (extremum, _) in ends.items()} | {
-        f"{end}_at": _values_at(study, index) for end, (_, index) in ends.items()}
+    return {end: extremum for end, (extremum, _) in extrema.items()} | {
+        f"{end}_at": _values_at(study, index) for end, (_, index) in extrema.items()}
 
 
 def _values_at(study: Study, cell_index: tuple[int, ...]) -> dict[str, Any]:

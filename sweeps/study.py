@@ -21,7 +21,7 @@ from ..core.solver import Solver
 from ..core.start import Rule
 from ..runtime.bindings.array_checks import as_positive_count, as_real, as_step
 from ..runtime.bindings.binding import SOLVERS, SolverName
-from ..runtime.integration.manifest_symmetries import refuse_broken
+from ..runtime.integration.manifest_symmetries import refuse_asymmetric
 from ..runtime.integration.run_arguments import as_parameters, warn_of_negative
 from .axes import SCHEME, START, Axis
 
@@ -186,15 +186,15 @@ def _checked_parameters(study: Study) -> dict[str, float]:
     """Return the parameters that all cells share as doubles, by name; refuse unusable ones."""
     stepper = study.steppers[0]
     domains = stepper.parameter_domains
-    fixed = {name: number for name, number in study.parameters.items() if not study.has_axis(name)}
+    shared = {name: number for name, number in study.parameters.items() if not study.has_axis(name)}
     # the first cell stands for all: the columns of axes have been checked
-    first_cell = fixed | {name: float(axis.columns[name][0]) for axis in study.axes
+    first_cell = shared | {name: float(axis.columns[name][0]) for axis in study.axes
                           for name in axis.columns if name in domains}
     doubles = as_parameters(first_cell, domains, symmetries=stepper.symmetries)
     warn_of_negative(doubles | {name: values for axis in study.axes
                                 for name, values in axis.columns.items() if name in domains})
-    _refuse_broken_frames(study, doubles)
-    return {name: doubles[name] for name in fixed}
+    _refuse_asymmetric_frames(study, doubles)
+    return {name: doubles[name] for name in shared}
 
 
 def _checked_end(study: Study) -> float | None:
@@ -222,11 +222,11 @@ def _events(study: Study) -> tuple[Event, ...]:
     return events
 
 
-def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
+def _refuse_asymmetric_frames(study: Study, shared_parameters: Mapping[str, float]) -> None:
     """Refuse cells whose co-moving frame turns about an axis of no symmetry at their parameters.
 
-    ``symmetry.name`` is the parameter with the rate of the frame; ``fixed`` are the parameters
-    that no axis varies.
+    ``symmetry.name`` is the parameter with the rate of the frame; ``shared_parameters`` are
+    those that no axis varies.
     """
     for symmetry in study.steppers[0].symmetries:
         if not symmetry.condition:
@@ -240,7 +240,7 @@ def _refuse_broken_frames(study: Study, fixed: Mapping[str, float]) -> None:
                 axes.append([{name: float(x[i]) for name, x in columns.items()}
                              for i in range(len(axis))])
         for points in product(*axes):
-            refuse_broken([symmetry], {**fixed, **ChainMap(*points)})
+            refuse_asymmetric([symmetry], {**shared_parameters, **ChainMap(*points)})
 
 
 def _refuse_repetition(study: Study) -> None:

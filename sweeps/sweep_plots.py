@@ -99,8 +99,8 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     array = dataset[name]
     # two axes are drawn, with at most _MOST values each; the others are held at their first value
     longest = sorted(array.dims, key=lambda d: -array.sizes[d])[:2]
-    fixed = [_axis(array, str(d)) for d in array.dims if d not in longest]
-    array = array.isel({axis.dimension: 0 for axis in fixed})
+    fixed_axes = [_axis(array, str(d)) for d in array.dims if d not in longest]
+    array = array.isel({axis.dimension: 0 for axis in fixed_axes})
     strides = {d: math.ceil(array.sizes[d] / _MOST) for d in longest}
     array = array.isel({d: slice(None, None, stride) for d, stride in strides.items()})
     figure = figure_class()(figsize=(7.2, 5), layout="constrained")
@@ -112,7 +112,7 @@ def draw(dataset: xarray.Dataset, name: str, path: str | os.PathLike[str] | None
     else:
         along = next(axis for axis in drawn_axes if axis is not line_axis)
         _lines(axes, array, along, line_axis)
-    fixed_values = ", ".join(f"{axis.label} = {axis.names[0]}" for axis in fixed)
+    fixed_values = ", ".join(f"{axis.label} = {axis.names[0]}" for axis in fixed_axes)
     axes.set_title("\n".join(filter(None, [dataset.attrs.get("title", ""), fixed_values])),
                    fontsize=11)
     if target is not None:
@@ -141,10 +141,10 @@ def _axis(array: xarray.DataArray, dimension: str) -> _Axis:
     return _Axis(dimension, label, np.arange(size), names, numeric=False)
 
 
-def _line_axis(shown: list[_Axis]) -> _Axis | None:
+def _line_axis(axes: list[_Axis]) -> _Axis | None:
     """Return the axis each of whose cells is a line over the other; None for colours."""
-    short_axes = [axis for axis in shown if len(axis) <= _LINES]
-    if len(shown) < 2 or not short_axes:
+    short_axes = [axis for axis in axes if len(axis) <= _LINES]
+    if len(axes) < 2 or not short_axes:
         return None
     # names before numbers, which have an order that colours of lines would not show
     return min(short_axes, key=lambda axis: (axis.numeric, len(axis)))

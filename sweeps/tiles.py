@@ -25,6 +25,7 @@ __all__ = ["Cells", "Tile", "cells_of", "tile_counts", "tile_shape", "tiles_of"]
 #: Steps times unknowns of a tile: some tenths of a second to some seconds of one core, so that
 #: neither writing it nor losing it matters; what stays in memory costs nothing to write.
 _LEAST_STORED, _LEAST_KEPT, _MOST_WORK = 4 * 10**7, 10**7, 4 * 10**8
+#: Cells of a tile: more of short runs make no call cheaper, and take memory.
 _MOST_CELLS = 2**16
 #: Tiles of a study, where its work allows: for that many cores.
 _TILES = 32

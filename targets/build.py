@@ -145,9 +145,9 @@ def build(
         if path is None:
             path = Path(f"{steppers[0].name}{chosen_target.suffix}")
             check_out(path, chosen_target.suffix)
-        built = _write(chosen_target, platform_names, path, options)
+        artefact = _write(chosen_target, platform_names, path, options)
         end_stage()
-        return built
+        return artefact
 
 
 def _write(target: Target, platforms: tuple[str, ...], path: Path, options: Options) -> Built:
@@ -221,9 +221,9 @@ def _spec(
     scheme: Any, stages: Any, order: Any, composition: Any, rep: Any, real: Any, system: Any
 ) -> Spec:
     """Return the checked spec of one stepper, of profile control."""
-    named = system.system if isinstance(system, Problem) else (
+    system_source = system.system if isinstance(system, Problem) else (
         system if isinstance(system, str) else None)
-    return Spec.from_arguments(scheme, stages, rep, named, real, None, order, composition
+    return Spec.from_arguments(scheme, stages, rep, system_source, real, None, order, composition
                                ).with_profile("control")
 
 

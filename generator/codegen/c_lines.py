@@ -7,6 +7,7 @@ import textwrap
 
 __all__ = ["WIDTH", "wrap_lines"]
 
+#: Characters of a line of C, as of the Python here.
 WIDTH = 100
 _EMPTY = re.compile(r"\n{3,}")
 

@@ -111,17 +111,17 @@ def condensation_of(
     block_of = _kinetic_blocks(structure)
     if block_of is None:
         return None
-    free = _free_coordinates(structure, block_of)
-    columns, by_momenta, elements = _couplings(structure, block_of, free)
+    free_q = _free_coordinates(structure, block_of)
+    columns, by_momenta, elements = _couplings(structure, block_of, free_q)
     # each row begins with the entries of H_pp, H_pq and X, which end at ``momentum_ends``
     entries = [(a, b) for a in range(structure.system.n)
                for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
     stored, nonzero = _jacobian_entries(structure, constraints)
     # Free coordinates are eliminated if that narrows the band: it couples the multipliers of all
     # joints of a body to each other, which widens the band of a body with many joints.
-    positions, band, eliminated = min(
-        (_positions(structure, scheme, elements, nonzero, candidates)
-         for candidates in (free, frozenset())), key=lambda choice: choice[1])
+    bands = {coordinates: _band(structure, scheme, elements, nonzero, coordinates)
+             for coordinates in (free_q, frozenset[int]())}
+    eliminated, band = min(bands.items(), key=lambda choice: choice[1].half_width)
     nonzero.sort(key=lambda entry: entry[1] not in eliminated)  # stable: eliminated columns first
     place_of = {entry: k for k, entry in enumerate(stored)}
     first = [0, *accumulate(map(len, columns))]
@@ -139,10 +139,10 @@ def condensation_of(
         pairs=_pairs_in_columns(nonzero, eliminated),
         largest=max(len(template.p) * max(len(template.p), len(template.q))
                     for template in structure.templates),
-        positions=positions,
-        band=band,
-        unknowns=max(positions) + 1,
-        tables=_tables(structure, entries, free, constraints),
+        positions=band.positions,
+        band=band.half_width,
+        unknowns=max(band.positions) + 1,
+        tables=_tables(structure, entries, free_q, constraints),
     )
 
 
@@ -299,14 +299,20 @@ def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> fr
     return frozenset(range(structure.system.n)) - bound
 
 
-def _positions(
+class _Band(NamedTuple):
+    """The unknowns δk, δΛ in the order of a band matrix."""
+
+    positions: list[int]  # of each unknown in the band, −1 of an eliminated one
+    half_width: int
+
+
+def _band(
     structure: Structure, scheme: SparkScheme | MeanScheme, elements: list[set[int]],
     constraint_entries: list[tuple[int, int]], free: frozenset[int],
-) -> tuple[list[int], int, frozenset[int]]:
-    """Return the places of the unknowns δk, δΛ in a narrow band, half its width, and ``free``.
+) -> _Band:
+    """Return a narrow band of the unknowns δk, δΛ, the rates of the ``free`` q eliminated.
 
-    All stages of a coordinate, and all nodes of a constraint, are neighbours in the band. The
-    coordinates ``free`` are eliminated: the place of their rates is −1.
+    All stages of a coordinate, and all nodes of a constraint, are neighbours in the band.
     """
     n, m = structure.system.n, structure.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
@@ -325,9 +331,9 @@ def _positions(
             positions[unknown] = position
             position += 1
     # from the first unknown of a node to the last of its neighbour
-    band = max((first[b] + count[b[0]] - 1 - first[a]
-                for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)
-    return positions, band, free
+    half_width = max((first[b] + count[b[0]] - 1 - first[a]
+                      for a, adjacent in neighbours.items() for b in (a, *adjacent)), default=0)
+    return _Band(positions, half_width)
 
 
 def _coupling_graph(

@@ -180,13 +180,13 @@ class Emitter:
         for kernel, use in kernels:
             # C has no arrays of length 0
             inputs = {array: symbols for array, symbols in kernel.inputs.items() if symbols}
-            named = Kernel(f"{prefix}_{kernel.name}", kernel.doc, inputs, kernel.outputs,
+            prefixed_kernel = Kernel(f"{prefix}_{kernel.name}", kernel.doc, inputs, kernel.outputs,
                            kernel.compensated)
-            scalar = emit_kernel(named, self.constants, self.real)
-            lanes = emit_kernel(named, self.constants, self.real, Target.lanes({}))
-            entries = _entries([*named.outputs.values()])
-            emitted.append({"name": kernel.name, "inputs": list(named.inputs),
-                            "outputs": list(named.outputs),
+            scalar = emit_kernel(prefixed_kernel, self.constants, self.real)
+            lanes = emit_kernel(prefixed_kernel, self.constants, self.real, Target.lanes({}))
+            entries = _entries([*prefixed_kernel.outputs.values()])
+            emitted.append({"name": kernel.name, "inputs": list(prefixed_kernel.inputs),
+                            "outputs": list(prefixed_kernel.outputs),
                             "nonzero": [k for k, e in enumerate(entries) if e != 0],
                             "scalar": scalar if use != LANES else None,
                             "lanes": lanes if use != NUMBERS else None,

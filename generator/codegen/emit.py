@@ -353,20 +353,25 @@ def _with_functions(lanes: LaneIteration, functions: frozenset[str]) -> LaneIter
                    switches=sorted({*lanes.switches, *(functions & ON_LANES)}))
 
 
-def _iterations(
-    derived: Derived, elements: Elements | None, flows: Flows | None
-) -> tuple[LaneIteration | None, PlainIteration | None, str]:
-    """Return (lanes, plain, reason): the fixed-point iteration on lanes or on plain numbers.
+class _Iterations(NamedTuple):
+    """The fixed-point iteration on lanes or on plain numbers: one of the two at most."""
 
-    One of the two at most is not None; ``reason`` says why profile ``full`` has none. Compositions
-    of flows solve no equations: their "iteration" is the lanes of many trajectories.
+    lanes: LaneIteration | None = None
+    plain: PlainIteration | None = None
+    refusal: str = ""  # why profile ``full`` has none
+
+
+def _iterations(derived: Derived, elements: Elements | None, flows: Flows | None) -> _Iterations:
+    """Return the fixed-point iteration of a step.
+
+    Compositions of flows solve no equations: their "iteration" is the lanes of many trajectories.
     """
     if flows is not None:
-        return (flow_lanes(derived, flows) if derived.profile == "full" else None), None, ""
+        return _Iterations(flow_lanes(derived, flows) if derived.profile == "full" else None)
     if derived.profile == "full":
         lanes, refusal = lane_iteration(derived, elements)
-        return lanes, None, refusal
-    return None, plain_iteration(derived), ""
+        return _Iterations(lanes, refusal=refusal)
+    return _Iterations(plain=plain_iteration(derived))
 
 
 def _step_kernels(derived: Derived, flows: Flows | None) -> list[EmittedKernel]:

@@ -107,8 +107,8 @@ def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, 
 
 def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
     """Return the functions that kernels on lanes call: one lane a call, and all lanes a call."""
-    called = set[str]().union(*(k.functions for k in kernels))
-    return {"functions": sorted(called - ON_LANES), "switches": sorted(called & ON_LANES)}
+    names = set[str]().union(*(k.functions for k in kernels))
+    return {"functions": sorted(names - ON_LANES), "switches": sorted(names & ON_LANES)}
 
 
 def _history(derived: Derived) -> int:

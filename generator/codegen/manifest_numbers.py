@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from typing import Any
 
 import sympy as sp
@@ -33,28 +33,30 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
     system, model = derived.system, derived.model
     units = units_of(system, model.units if model else {})
     start = _start(derived, model, states) if model else {}
-    inputs = {*system.inputs}
+    if system.time is not None:
+        units[str(system.time)] = "s"
+    velocities = states.velocities if states else []
+    if states and velocities:
+        # components of Ω, or the rate of a coordinate x, with the unit of x per second
+        units |= {name: "rad/s" if x is None else _rate(units[str(x)])
+                  for name, x in zip(velocities, states.own.rate_of, strict=True)}
     manifest: list[NumberManifest] = []
 
-    def add(role: Any, names: Sequence[str], domain: Domain = "real", **override: Any) -> None:
-        """Add numbers of a role; ``override`` may have a ``unit`` in place of the system's."""
-        for name in names:
-            manifest.append(NumberManifest(
-                name=name, role=role, domain=domain, unit=override.get("unit", units.get(name)),
-                start=start.get(name)))
+    def add(role: Any, names: Iterable[Any], domain: Domain = "real") -> None:
+        """Add numbers of a role."""
+        for name in map(str, names):
+            manifest.append(NumberManifest(name=name, role=role, domain=domain,
+                                           unit=units.get(name), start=start.get(name)))
 
     # within a role names have the order of the members of the C structs
     for x in system.parameters:
-        add("input" if x in inputs else "parameter", [str(x)], domain_of(x))
+        add("input" if x in system.inputs else "parameter", [x], domain_of(x))
     if system.is_nonautonomous:
-        add("time", [str(system.time)], unit="s")
-    add("q", [str(x) for x in system.q])
-    add("p", [str(x) for x in system.p])
-    if states and states.velocities:
-        # components of Ω, or the rate of a coordinate x, with the unit of x per second
-        for name, x in zip(states.velocities, states.own.rate_of, strict=True):
-            add("velocity", [name], unit="rad/s" if x is None else _rate(units[str(x)]))
-    add("quantity", [*system.quantities])
+        add("time", [system.time])
+    add("q", system.q)
+    add("p", system.p)
+    add("velocity", velocities)
+    add("quantity", system.quantities)
     return manifest
 
 

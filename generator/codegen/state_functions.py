@@ -36,10 +36,10 @@ def quantity_kernel(derived: Derived) -> EmittedKernel | None:
         return None
     velocities = {*system.velocities} - {*system.parameters}
     for name, expression in system.quantities.items():
-        if used := expression.free_symbols & velocities:
+        if used_velocities := expression.free_symbols & velocities:
             raise InputError(
                 f"Quantity {name!r} of system {system.name!r} contains the velocity "
-                f"{min(map(str, used))!r}; write it in q and p, {few(system.p)}, take "
+                f"{min(map(str, used_velocities))!r}; write it in q and p, {few(system.p)}, take "
                 "the system of system.legendre(), or compute it from run.velocities.")
     time = {} if system.time is None else {"t": [system.time]}
     return _emit(Kernel("quantities", "What the user asked for of a state",

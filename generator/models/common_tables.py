@@ -18,6 +18,7 @@ from .toml_tables import Known, TomlTable
 
 __all__ = ["Formulas", "ParameterValues", "divisors", "run_length"]
 
+#: Far more than a system typed by hand has: the C has a struct member for each.
 MAX_PARAMETERS = 200
 #: Characters of all formulas of a file together.
 MAX_CHARACTERS = 20_000

@@ -261,13 +261,13 @@ class _Formulas:
     def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
         """Return conditions joined by ``and`` or ``or``; those that are decided need no code."""
         # one true condition decides "or", one false condition decides "and"
-        ends = word == "or"
-        if any(c.holds is ends for c in conditions):
-            return _Condition(conditions[0].chooser, ends, ())
+        deciding_value = word == "or"
+        if any(c.holds is deciding_value for c in conditions):
+            return _Condition(conditions[0].chooser, deciding_value, ())
         undecided = [c for c in conditions if c.holds is None]
         if not undecided:
-            return _Condition(conditions[0].chooser, not ends, ())
-        together = switching_functions.any_of if ends else switching_functions.every
+            return _Condition(conditions[0].chooser, not deciding_value, ())
+        together = switching_functions.any_of if deciding_value else switching_functions.every
         return _Condition(together([c.chooser for c in undecided]), None,
                           tuple(t for c in undecided for t in c.compared))
 

@@ -294,12 +294,12 @@ class MjcfBuilder(RobotBuilder):
         The points are the sites' origins, or the first six numbers of ``data`` in the bodies' axes.
         """
         points = np.zeros((2, 3)) if equality.sites else equality.data[:6].reshape(2, 3)
-        ends = []
+        anchors = []
         for (body, site), point in zip(equality.ends, points, strict=True):
             placement, limb = self._at_reference(body).then(site), self.robot.limb(body)
-            ends.append((limb, self._on(limb, self.at_reference,
+            anchors.append((limb, self._on(limb, self.at_reference,
                                         placement.x + placement.R @ point)))
-        (a, on_a), (b, on_b) = ends
+        (a, on_a), (b, on_b) = anchors
         self.builder.ball(name, self.frames[a], self.frames[b], on_a=on_a, on_b=on_b)
 
     def _weld(self, name: str, equality: MjcfEquality) -> None:

@@ -20,6 +20,7 @@ from .xml_numbers import NUMBER
 
 __all__ = ["check_document", "is_within"]
 
+#: Included files, and bytes of all of them together: a file may come from a stranger.
 MAX_FILES = 16
 MAX_BYTES = 2**20
 #: Attributes that name folders; those that begin with "file" name files.

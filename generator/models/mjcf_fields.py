@@ -207,6 +207,6 @@ def _field(model: Any, name: str) -> Any:
 def flags_of(bits: int, members: Iterable[tuple[str, int]]) -> set[str]:
     """Return the names of the set bits, from MuJoCo's enumeration; "" stands for unnamed bits."""
     # mjDSBL_CONTACT is called "contact"; members without "_" are counts
-    named = {name.partition("_")[2].lower(): int(bit) for name, bit in members if "_" in name}
-    flags = {name for name, bit in named.items() if bits & bit}
-    return flags | ({""} if bits & ~sum(named.values()) else set())
+    bit_of = {name.partition("_")[2].lower(): int(bit) for name, bit in members if "_" in name}
+    flags = {name for name, bit in bit_of.items() if bits & bit}
+    return flags | ({""} if bits & ~sum(bit_of.values()) else set())

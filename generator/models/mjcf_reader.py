@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -34,7 +34,7 @@ from .mjcf_meshes import MeshGeom, remove_files
 from .robot_tree import Placement, Robot, RobotBody, RobotJoint, RobotLink
 from .robot_visuals import Look, colour_of
 
-__all__ = ["EXTRAS", "MjcfActuator", "MjcfEquality", "MjcfKey",
+__all__ = ["EXTRAS", "CompiledMjcf", "MjcfActuator", "MjcfEquality", "MjcfKey",
            "MjcfRobot", "MjcfTendon", "compile_mjcf", "read_mjcf_robot"]
 
 #: Ignorable part of a file → its meaning.
@@ -129,15 +129,22 @@ class MjcfRobot(Robot):
     extras: Counter[str] = field(default_factory=Counter)
 
 
-def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfCable]]:
-    """Return MuJoCo's model of a text that was read from a file, its geoms of meshes, its cables.
+class CompiledMjcf(NamedTuple):
+    """A file compiled by MuJoCo, and the contents that its compiler does not see."""
+
+    model: Any  # mujoco.MjModel
+    meshes: list[MeshGeom]
+    cables: list[MjcfCable]
+
+
+def compile_mjcf(text: str, path: Path) -> CompiledMjcf:
+    """Compile a text that was read from a file; cables are compiled as chains of bodies.
 
     Raises InputError with the reason and the cure, MuJoCo's own words among them;
     MissingDependencyError without MuJoCo.
     """
     top, files = check_document(text, path)
     cables = expand_cables(top)
-    # the text with chains of bodies in place of cables
     if cables:
         text = write_xml(top)
     try:
@@ -162,7 +169,7 @@ def compile_mjcf(text: str, path: Path) -> tuple[Any, list[MeshGeom], list[MjcfC
     for message in dict.fromkeys(str(warning.message) for warning in captured):
         warn(f"MuJoCo warns of {str(path)!r}: {message}.")
     check_fields(fields_of(model), mujoco.__version__)
-    return model, meshes, cables
+    return CompiledMjcf(model, meshes, cables)
 
 
 def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
@@ -171,9 +178,10 @@ def read_mjcf_robot(text: str, path: Path) -> MjcfRobot:
     Raises InputError with the fault of the text and its cure; MissingDependencyError without
     MuJoCo.
     """
-    model, meshes, cables = compile_mjcf(text, path)
-    robot = _Reader(model, {mesh.name: mesh for mesh in meshes}, path.stem).read()
-    robot.cables = cables
+    compiled = compile_mjcf(text, path)
+    meshes = {mesh.name: mesh for mesh in compiled.meshes}
+    robot = _Reader(compiled.model, meshes, path.stem).read()
+    robot.cables = compiled.cables
     return robot
 
 
@@ -305,14 +313,15 @@ class _Reader:
                 "that MuJoCo compensates nothing there; leave actuatorgravcomp or gravcomp out.")
         is_limited = m.jnt_limited[k] and kind != "free" and "limit" not in disabled
         low, high = map(float, m.jnt_range[k])
-        # body 0 of MuJoCo is the world, −1 here
         return RobotJoint(
-            self._joint_names[k], kind, int(m.jnt_bodyid[k]) - 1, np.array(m.jnt_axis[k]),
-            np.array(m.jnt_pos[k]), float(m.qpos0[q]) if has_coordinate else 0.0,
-            0.0 if "spring" in disabled else float(m.jnt_stiffness[k]),
-            float(m.qpos_spring[q]) if has_coordinate else 0.0,
-            self._damping(f"joint {shown(self._joint_names[k])}", m.dof_damping[v]),
-            float(m.dof_armature[v]), (low, high) if is_limited else None)
+            name=self._joint_names[k], kind=kind,
+            body=int(m.jnt_bodyid[k]) - 1,  # body 0 of MuJoCo is the world, −1 here
+            axis=np.array(m.jnt_axis[k]), point=np.array(m.jnt_pos[k]),
+            ref=float(m.qpos0[q]) if has_coordinate else 0.0,
+            stiffness=0.0 if "spring" in disabled else float(m.jnt_stiffness[k]),
+            rest=float(m.qpos_spring[q]) if has_coordinate else 0.0,
+            damping=self._damping(f"joint {shown(self._joint_names[k])}", m.dof_damping[v]),
+            armature=float(m.dof_armature[v]), range=(low, high) if is_limited else None)
 
     def _damping(self, owner: str, coefficient: float) -> float:
         """Return a damper's coefficient, or 0 where a flag disables dampers; refuse one below 0."""
@@ -338,9 +347,9 @@ class _Reader:
             if mesh is not None and mesh.shape is not None:
                 look = placement.then(mesh.inner), mesh.shape(colour)
             elif mesh is None and kind in _DRAWN:
-                drawn, sizes = _DRAWN[kind]
+                shape_kind, sizes = _DRAWN[kind]
                 size = np.array(m.geom_size[k])[[*sizes]]
-                look = placement, Shape(drawn, size, colour=colour)
+                look = placement, Shape(shape_kind, size, colour=colour)
             else:
                 continue
             looks.append((int(m.geom_group[k]), look))
@@ -445,19 +454,19 @@ class _Reader:
         numbers = [int(n) for n in (m.eq_obj1id[k], m.eq_obj2id[k])]
         sites = self._kind("mjtObj", m.eq_objtype[k]) == "site"
         if kind in ("connect", "weld"):
-            ends: list[Any] = [self._end(m.site_bodyid[n], m.site_pos[n], m.site_quat[n])
+            joined_parts: list[Any] = [self._end(m.site_bodyid[n], m.site_pos[n], m.site_quat[n])
                                if sites else (n - 1, Placement(np.zeros(3), np.eye(3)))
                                for n in numbers]
         elif kind in ("joint", "tendon"):
             names = self._joint_names if kind == "joint" else [*robot.tendons]
-            ends = [names[n] for n in numbers if n >= 0]
+            joined_parts = [names[n] for n in numbers if n >= 0]
         # flexible parts are counted as deformable
         elif kind.startswith("flex"):
             return
         else:
             raise InputError(f"<{kind}> {shown(name)} is no equality of bodies, joints or tendons; "
                              "remove it.")
-        robot.equalities.append(MjcfEquality(name, kind, tuple(ends), sites, data))
+        robot.equalities.append(MjcfEquality(name, kind, tuple(joined_parts), sites, data))
 
     def _key(self, k: int) -> None:
         """Add a keyframe; a moved mocap body is noted, as it is refused if the keyframe is chosen.

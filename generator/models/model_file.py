@@ -115,16 +115,16 @@ def load_model(
         With file, key and cure, for whatever in the file is no model.
     """
     file = as_path("path", path, "top.toml")
-    chosen = None if rep is None else choose("representation", rep, REPS)
+    chosen_rep = None if rep is None else choose("representation", rep, REPS)
     text = model_text(file)
     present = {name: value for name, value in options.items() if value is not None}
     if not is_robot(file):
         refuse_other_options("TOML", ("set",), present)
         settings = as_mapping("set", present.get("set", {}), "{'m': 2.0}")
-        return read_model(text, file, chosen, {
+        return read_model(text, file, chosen_rep, {
             key: _toml_text(key, value) for key, value in settings.items()}).model
     with capture_warnings() as messages:
-        model = robot_model(text, file, chosen, present)
+        model = robot_model(text, file, chosen_rep, present)
     _warn_of_file(file, messages)
     return replace(model, visuals=locate_all(model.visuals, file))
 

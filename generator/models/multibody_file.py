@@ -358,7 +358,7 @@ def join(
     kind = _kind(table, {kind: tuple(names) for kind, names in keys.items()})
     table.require("name", *(key for key, parameter in keys[kind].items()
                             if parameter.default is parameter.empty))
-    ends: Sequence[Frame | str] = (
+    frames: Sequence[Frame | str] = (
         _joints(table, kind) if kind in ON_JOINTS else
         _frames(table, bodies, 2 if "b" in JOINTS[kind] else 1))
     values: dict[str, Any] = {}
@@ -373,10 +373,10 @@ def join(
         elif "tuple" in annotation:
             values[key] = table.vector(key, 2)
         else:
-            units = (_units_of(builder, ends[1], f"{table.text('name')!r}") if key == "offset"
+            units = (_units_of(builder, frames[1], f"{table.text('name')!r}") if key == "offset"
                      else WITH_UNITS.get(key, {}))
             values[key] = table.number(key, units)
-    getattr(builder, kind)(table.symbol("name", table.text("name")), *ends, **locate(values))
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *frames, **locate(values))
 
 
 def _force(
@@ -399,19 +399,19 @@ def _force(
         # a joint spring may be a damper alone, which has no rest
         is_damper = kind == "joint_spring" and "damping" in table and "rest" not in table
         table.require("name", *([] if is_damper else ["stiffness"]))
-        ends: Sequence[Frame | str] = (
+        frames: Sequence[Frame | str] = (
             _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
         numbers: dict[str, Any] = {}
         for key in FORCES[kind]:
             if key not in table or key in POINTS:
                 continue
             # an interval of rest has two numbers
-            units = (_units_of(builder, ends[0], f"Spring {table.text('name')!r}")
+            units = (_units_of(builder, frames[0], f"Spring {table.text('name')!r}")
                      if key == "rest" else {})
             has_interval = key == "rest" and isinstance(table.content[key], list)
             numbers[key] = (tuple(table.vector(key, 2, units)) if has_interval
                             else table.number(key, units))
-        getattr(builder, kind)(table.symbol("name", table.text("name")), *ends,
+        getattr(builder, kind)(table.symbol("name", table.text("name")), *frames,
                                **numbers, **points)
         return
     table.require(kind)
@@ -459,8 +459,8 @@ def _stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     table.allow("name", "joint", "lower", "upper", "restitution")
     table.require("name", "joint")
     units = _units_of(builder, table.text("joint"), f"Stop {table.text('name')!r}")
-    ends = {key: table.number(key, units) for key in ("lower", "upper") if key in table}
-    builder.stop(table.text("name"), table.text("joint"), **ends, **_restitution(table, formulas))
+    bounds = {key: table.number(key, units) for key in ("lower", "upper") if key in table}
+    builder.stop(table.text("name"), table.text("joint"), **bounds, **_restitution(table, formulas))
 
 
 def _units_of(builder: Multibody, joint: Any, label: str) -> Units:
@@ -484,9 +484,9 @@ def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:
     """Return the type of a joint or force; refuse keys other than ``kinds[type]``."""
     table.require("type")
     kind = table.choice("type", tuple(kinds), "")
-    ends = "joints" if kind in ON_JOINTS else "bodies"
-    table.require(ends)
-    table.allow("name", "type", ends, *kinds[kind])
+    frames_key = "joints" if kind in ON_JOINTS else "bodies"
+    table.require(frames_key)
+    table.allow("name", "type", frames_key, *kinds[kind])
     return kind
 
 

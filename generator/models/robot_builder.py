@@ -103,10 +103,10 @@ def refuse_extras(
         listing = ", ".join(f"{name} ({descriptions[name]}, {count} of them)"
                             for name, count in remaining.items())
         ignored = [*ignore, *remaining]
-        ends = "" if "limits" not in remaining else (
+        limits_cure = "" if "limits" not in remaining else (
             "to read the ends of hinges and slides, write limits=\"stops\", or a stiffness, "
             "limits=1000.0 (--set limits=stops, limits=1000); ")
-        raise InputError(f"it has {listing}, which the model would leave out; {ends}to run "
+        raise InputError(f"it has {listing}, which the model would leave out; {limits_cure}to run "
                          f"without, write ignore={ignored} in Python, --set ignore="
                          f"{','.join(ignored)} after run or build; other commands need a "
                          "file without.")
@@ -387,7 +387,7 @@ class RobotBuilder:
         joints, parent = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
         kinds = [joint.kind for joint in joints]
         first = joints[0]
-        ends = self.frames[parent], self.frames[limb]
+        frames = self.frames[parent], self.frames[limb]
         axes = [self.poses.axes[joint.name] for joint in joints]
         points = [self.poses.points[joint.name] for joint in joints]
         # a body has six coordinates anyway: nothing to constrain
@@ -398,20 +398,20 @@ class RobotBuilder:
             name = self.joint_name[first.name]
             coordinate = float(self.start.coordinates[first.name][0])
             if first.kind == "ball":
-                ball = build.ball(name, *ends, at=points[0])
+                ball = build.ball(name, *frames, at=points[0])
                 if first.armature:
                     build.flywheel(self.joint_names.free(f"{first.name}_rotor"), ball,
                                    inertia=first.armature)
                 return
             line: dict[str, Any] = {"at": points[0], "axis_in_space": axes[0]}
             self._set_coordinate(
-                first, build.revolute(name, *ends, **line, angle=coordinate)
+                first, build.revolute(name, *frames, **line, angle=coordinate)
                 if first.kind == "hinge" else
-                build.prismatic(name, *ends, **line, travel=coordinate))
+                build.prismatic(name, *frames, **line, travel=coordinate))
         # coordinates with inertias of their own need no bodies between the joints
         elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
-            self._chain(limb, ends, axes, points)
-        elif not self._special(limb, ends, axes, points):
+            self._chain(limb, frames, axes, points)
+        elif not self._special(limb, frames, axes, points):
             raise InputError(
                 f"{robot.part} {shown(robot.bodies[limb].name)} has the joints {', '.join(kinds)} "
                 "in a row, and not each has an inertia; write armature=\"…\" above 0 for each, or "
@@ -428,7 +428,8 @@ class RobotBuilder:
         self.coordinates[joint.name] = link
 
     def _chain(
-        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats], points: Sequence[Floats]
+        self, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
+        points: Sequence[Floats],
     ) -> None:
         """Add the joints of a limb as a chain of coordinates, with a flywheel for each armature."""
         joints, build = self.robot.bodies[limb].joints, self.builder
@@ -441,12 +442,13 @@ class RobotBuilder:
                 coordinate: float(self.start.coordinates[joint.name][0]),
                 rate: float(self.start.rates[joint.name][0])})
         name = self.joint_names.free(f"{self.robot.bodies[limb].name}_joints")
-        chain = build.chain(name, *ends, rows)
+        chain = build.chain(name, *frames, rows)
         for joint, link in zip(joints, chain.links, strict=True):
             self.coordinates[joint.name] = link.coordinate
 
     def _special(
-        self, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats], points: Sequence[Floats]
+        self, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
+        points: Sequence[Floats],
     ) -> bool:
         """Add several joints of a limb as one joint of the builder; return whether there is one.
 
@@ -463,25 +465,25 @@ class RobotBuilder:
         slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
         has_armature = any(joint.armature for joint in joints)
         name = self.joint_name[joints[-1].name]
-        if set(kinds[:slides]) == {"slide"} and ends[0] is GROUND and len(kinds) <= 3 and (
+        if set(kinds[:slides]) == {"slide"} and frames[0] is GROUND and len(kinds) <= 3 and (
                 len(kinds) - slides <= 1):
-            return self._slides(name, limb, ends, axes, points)
+            return self._slides(name, limb, frames, axes, points)
         if kinds in (["hinge", "slide"], ["slide", "hinge"]) and axes[0] @ axes[1] > 1 - _SAME:
             hinge, slide = kinds.index("hinge"), kinds.index("slide")
-            link = build.cylindrical(name, *ends, axis_in_space=axes[hinge], at=points[hinge],
+            link = build.cylindrical(name, *frames, axis_in_space=axes[hinge], at=points[hinge],
                                      angle=coordinates[hinge], travel=coordinates[slide])
             self.coordinates[joints[slide].name] = link
             return not has_armature
         if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not has_armature:
-            return self._cross(name, limb, ends, axes, points)
+            return self._cross(name, limb, frames, axes, points)
         if kinds == ["hinge"] * 3 and not has_armature and all(
                 np.allclose(points[0], point, rtol=0, atol=_SAME) for point in points):
-            build.ball(name, *ends, at=points[0])
+            build.ball(name, *frames, at=points[0])
             return True
         return False
 
     def _slides(
-        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats],
+        self, name: str, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats]
     ) -> bool:
         """Add two or three slides of the ground; the last may be a hinge normal to them.
@@ -503,21 +505,21 @@ class RobotBuilder:
                 return False
             angle = float(self.start.coordinates[joints[-1].name][0])
             self._set_coordinate(joints[-1], build.planar(
-                name, *ends, axis_in_space=axes[-1], at=point, angle=angle))
+                name, *frames, axis_in_space=axes[-1], at=point, angle=angle))
         else:
-            build._join(Translation(name, *ends, at=point, normal=normal))
+            build._join(Translation(name, *frames, at=point, normal=normal))
         # d = Σ s_i e_i has s_i = d · dual_i
         duals = np.linalg.pinv(directions).T
         for joint, dual in zip(joints, duals, strict=False):
             label = self.joint_names.free(f"{joint.name}_slide")
             self._set_coordinate(joint, build._join(Slide(
-                label, *ends, at=point, hinge=Align(label, *ends, unit(dual)),
+                label, *frames, at=point, hinge=Align(label, *frames, unit(dual)),
                 scale=float(np.linalg.norm(dual)),
                 travel=float(self.start.coordinates[joint.name][0]))))
         return True
 
     def _cross(
-        self, name: str, limb: int, ends: tuple[Frame, Frame], axes: Sequence[Floats],
+        self, name: str, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats]
     ) -> bool:
         """Add two hinges at right angles as a universal joint, with the angles about both arms.
@@ -532,10 +534,10 @@ class RobotBuilder:
             return False
         # the point of the first axis next to the second's point, for axes at right angles
         point = points[0] + (axes[0] @ offset) * axes[0]
-        build.universal(name, *ends, axis_a=axes[0], axis_b=axes[1], at=point)
+        build.universal(name, *frames, axis_a=axes[0], axis_b=axes[1], at=point)
         for k, joint in enumerate(joints):
             self.coordinates[joint.name] = build._join(Arm(
-                self.joint_names.free(f"{joint.name}_arm"), *ends, arms=(axes[0], axes[1]), own=k,
+                self.joint_names.free(f"{joint.name}_arm"), *frames, arms=(axes[0], axes[1]), own=k,
                 angle=float(self.start.coordinates[joint.name][0])))
         return True
 
@@ -592,16 +594,16 @@ class RobotBuilder:
         if None not in (self.robot.limits, loop.range):
             self._limit(connection.name, connection, loop.range or (0.0, 0.0))
 
-    def _limit(self, name: str, connection: Connection, ends: tuple[float, float]) -> None:
+    def _limit(self, name: str, connection: Connection, bounds: tuple[float, float]) -> None:
         """Add the ends of the range of a coordinate: stops, or springs beyond them."""
-        build, limits, (lower, upper) = self.builder, self.robot.limits, ends
+        build, limits, (lower, upper) = self.builder, self.robot.limits, bounds
         label = self.joint_names.free(f"{name}_limits")
         if limits == "stops":
             build.stop(label, connection, restitution=self.restitution,
                        lower=None if lower <= -UNLIMITED else lower,
                        upper=None if upper >= UNLIMITED else upper)
         else:
-            build.joint_spring(label, connection, stiffness=limits or 0.0, rest=ends)
+            build.joint_spring(label, connection, stiffness=limits or 0.0, rest=bounds)
 
     @cached_property
     def restitution(self) -> sp.Symbol:
@@ -663,12 +665,12 @@ class Names:
         An identifier in use gets the suffix ``kind``, or a number.
         """
         identifier = plain_name(name)
-        free, count = identifier, 1
-        while free in self._taken:
-            free = f"{identifier}_{kind}" if kind and count == 1 else f"{identifier}_{count}"
+        unique_name, count = identifier, 1
+        while unique_name in self._taken:
+            unique_name = f"{identifier}_{kind}" if kind and count == 1 else f"{identifier}_{count}"
             count += 1
-        self._taken.add(free)
-        return free
+        self._taken.add(unique_name)
+        return unique_name
 
 
 def plain_name(name: str) -> str:

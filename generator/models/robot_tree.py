@@ -171,20 +171,20 @@ class LoopJoint:
         a, b = (mounts[body] for body in self.bodies)
         inner_a, inner_b = (mount.inner.then(placement)
                             for mount, placement in zip((a, b), self.places, strict=True))
-        ends: dict[str, Any] = {"a": a.frame, "b": b.frame, "on_a": inner_a.x, "on_b": inner_b.x}
+        frames: dict[str, Any] = {"a": a.frame, "b": b.frame, "on_a": inner_a.x, "on_b": inner_b.x}
         # the axis is given in the axes of the joint on a
         axis = a.space.R @ self.places[0].R @ self.axis
         if self.kind == "ball":
-            return builder.ball(name, **ends)
+            return builder.ball(name, **frames)
         if self.kind == "fixed":
-            return builder.fixed(name, **ends, rotation=inner_a.R @ inner_b.R.T)
+            return builder.fixed(name, **frames, rotation=inner_a.R @ inner_b.R.T)
         if self.kind == "universal":
             across = b.space.R @ self.places[1].R @ np.asarray(self.across)
-            return builder.universal(name, **ends, axis_a=axis, axis_b=across)
+            return builder.universal(name, **frames, axis_a=axis, axis_b=across)
         angle, travel = self._coordinates(a.space, b.space) if self.has_axes_on_b else (0.0, 0.0)
         if self.kind == "prismatic":
-            return builder.prismatic(name, **ends, axis_in_space=axis, travel=travel)
-        return builder.revolute(name, **ends, axis_in_space=axis, angle=angle)
+            return builder.prismatic(name, **frames, axis_in_space=axis, travel=travel)
+        return builder.revolute(name, **frames, axis_in_space=axis, angle=angle)
 
     def _coordinates(self, a: Placement, b: Placement) -> tuple[float, float]:
         """Return the angle and the travel of the joint with its bodies at ``a`` and ``b`` in space.
@@ -485,8 +485,8 @@ def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
                              "alone; remove one of them.")
     roots = [name for name in links if name not in edge_to]
     if len(roots) > 1:
-        named = ", ".join(map(shown, roots[:6]))
-        raise InputError(f"it has {len(roots)} roots, {named}, and a tree has one; "
+        root_names = ", ".join(map(shown, roots[:6]))
+        raise InputError(f"it has {len(roots)} roots, {root_names}, and a tree has one; "
                          "join the others by <joint>.")
     # the chain of ancestors of each link
     for name in links:

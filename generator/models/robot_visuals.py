@@ -47,8 +47,8 @@ def draw(
             _is_readable(shape, path) for _, shape in colliding):
         shapes = colliding
     for pose, shape in shapes:
-        place = placement.then(pose).then(Placement(shape.centre, shape.axes))
-        builder.visual(frame, replace(shape, centre=place.x, axes=place.R))
+        shape_placement = placement.then(pose).then(Placement(shape.centre, shape.axes))
+        builder.visual(frame, replace(shape, centre=shape_placement.x, axes=shape_placement.R))
 
 
 def add_visuals(

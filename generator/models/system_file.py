@@ -15,6 +15,8 @@ from .toml_tables import TomlTable
 
 __all__ = ["read_system"]
 
+#: H is one expression here, without the element templates of a multibody: its n² second
+#: derivatives are expressions, too.
 MAX_COORDINATES = 64
 
 

@@ -97,8 +97,8 @@ class TomlTable:
         """Refuse every other key."""
         for key in self.content:
             if key not in keys:
-                shown = repr(shorten(key))
-                raise self.file_error(f"the key {self.where}{shown} is unknown; allowed are "
+                key_text = repr(shorten(key))
+                raise self.file_error(f"the key {self.where}{key_text} is unknown; allowed are "
                                       f"{', '.join(keys)}{proposal(key, keys)}.")
 
     def require(self, *keys: str) -> None:

@@ -246,16 +246,16 @@ def _loop(links: Mapping[str, RobotLink], name: str, element: Element) -> LoopJo
     if kind not in LOOPS:
         raise InputError(f"its type is {shown(kind)}; choose {join_or(LOOPS)}"
                          f"{proposal(kind, LOOPS)}.")
-    ends, places, axes = [], [], []
+    names, places, axes = [], [], []
     for side in ("parent", "child"):
-        ends.append(_text(element, side, "link"))
-        if ends[-1] not in links:
-            raise InputError(f"it joins {shown(ends[-1])}, which is no link"
-                             f"{proposal(ends[-1], links)}; correct it.")
+        names.append(_text(element, side, "link"))
+        if names[-1] not in links:
+            raise InputError(f"it joins {shown(names[-1])}, which is no link"
+                             f"{proposal(names[-1], links)}; correct it.")
         places.append(place_of(element, f"{side}_origin"))
         has_axis = (side == "parent" and kind not in ("ball", "fixed")) or kind == "universal"
         axes.append(_axis(element, kind, f"{side}_axis") if has_axis else np.zeros(3))
-    return LoopJoint(name, kind, (ends[0], ends[1]), (places[0], places[1]), axes[0], axes[1])
+    return LoopJoint(name, kind, (names[0], names[1]), (places[0], places[1]), axes[0], axes[1])
 
 
 def _axis(element: Element, kind: str, key: str = "axis") -> Floats:

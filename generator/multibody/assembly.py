@@ -163,9 +163,9 @@ class Assembly:
         # numbers that are not finite end in a refusal
         with np.errstate(all="ignore"):
             g = constraints.g(self.q0)
-            worst = int(np.abs(g).argmax()) if g.size else 0
-            if g.size and not abs(g[worst]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
-                raise InputError(f"{constraints.names[worst]!r} is open by {g[worst]:.3g} in the "
+            mu = int(np.abs(g).argmax()) if g.size else 0
+            if g.size and not abs(g[mu]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
+                raise InputError(f"{constraints.names[mu]!r} is open by {g[mu]:.3g} in the "
                                  "start; give start=run[-1] of a run with this constraint, or of "
                                  "one that ended where its latch closes.")
         self._refuse_half_turns(self._poses_at(self.q0), "where its latch closes; give a start "

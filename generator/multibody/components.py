@@ -96,16 +96,16 @@ class Components:
 
     def end(self, frame: Any) -> BeamEnd | None:
         """Return an end of a beam, given as an object or by name; None for other frames."""
-        ends = self.ends
-        return ends.get(frame) if isinstance(frame, str) else next(
-            (end for end in ends.values() if end is frame), None)
+        ends_by_name = self.ends
+        return ends_by_name.get(frame) if isinstance(frame, str) else next(
+            (end for end in ends_by_name.values() if end is frame), None)
 
     def frames(self, name: str, a: Frame | str, b: Frame | str) -> tuple[Frame, Frame]:
         """Return the two frames of a connection, at least one of them a body."""
-        ends = [self.frame(frame, shown(name)) for frame in (a, b)]
-        if ends[0] is ends[1] or not any(isinstance(frame, Body) for frame in ends):
+        pair = [self.frame(frame, shown(name)) for frame in (a, b)]
+        if pair[0] is pair[1] or not any(isinstance(frame, Body) for frame in pair):
             raise InputError(f"{name!r} joins a body to itself, or the ground; give two bodies.")
-        return ends[0], ends[1]
+        return pair[0], pair[1]
 
     def frame(self, frame: Any, label: str) -> Frame:
         """Return the ground, a moving point or a body, given as an object or by name.

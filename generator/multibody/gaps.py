@@ -52,25 +52,25 @@ def points_of(name: str, on_a: Any, box: ArrayLike | None) -> Array:
 
 
 def gaps_of_plane(
-    name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, normal: ArrayLike,
+    name: str, frames: tuple[Frame, Frame], points: Array, on_b: Array, normal: ArrayLike,
     radius: Any, store: Store,
 ) -> list[sp.Expr]:
     """Return the gap φ = R_b n · d − ϱ of each point of a, or sphere about it, to a plane of b.
 
-    ``ends`` are the frames a and b; ``on_b`` is a point of the plane, and ``normal`` n, in axes of
-    b. Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
+    ``frames`` are a and b; ``on_b`` is a point of the plane, and ``normal`` n, in axes of b.
+    Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
     negative radius.
     """
     direction = vector(f"normal of {name!r}", normal)
     if not direction.any():
         raise InputError(f"The normal of {name!r} is zero; give its direction.")
     (size,) = _radii(name, radius, 1, store)
-    n = ends[1].direction(unit_vector(f"{name}_normal", unit(direction), store))
-    return [dot(n, d) - size for d in _distances(name, ends, points, on_b, store)]
+    n = frames[1].direction(unit_vector(f"{name}_normal", unit(direction), store))
+    return [dot(n, d) - size for d in _distances(name, frames, points, on_b, store)]
 
 
 def gaps_of_spheres(
-    name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, radius: Any, store: Store
+    name: str, frames: tuple[Frame, Frame], points: Array, on_b: Array, radius: Any, store: Store
 ) -> list[sp.Expr]:
     """Return the gap φ = |d| − ϱ_a − ϱ_b of each sphere of a to a sphere of b.
 
@@ -82,14 +82,14 @@ def gaps_of_spheres(
         raise InputError(f"{name!r} has two points, which never touch; give radius=, or normal= "
                          "of a plane of the second body.")
     return [sp.sqrt(dot(d, d)) - sp.Add(*radii)
-            for d in _distances(name, ends, points, on_b, store)]
+            for d in _distances(name, frames, points, on_b, store)]
 
 
 def _distances(
-    name: str, ends: tuple[Frame, Frame], points: Array, on_b: Array, store: Store
+    name: str, frames: tuple[Frame, Frame], points: Array, on_b: Array, store: Store
 ) -> list[Sequence[sp.Expr]]:
     """Return d = x_a + R_a r_a − x_b − R_b r_b, three expressions, for each point r_a."""
-    a, b = ends
+    a, b = frames
     point_b = b.point(named_vector(f"{name}_b", on_b.tolist(), store))
     # NAME_a of a single point, NAME_a1, NAME_a2, … of several
     labels = [f"{name}_a{i}" for i in range(1, len(points) + 1)] if len(points) > 1 else [
@@ -111,6 +111,6 @@ def _radii(name: str, radius: Any, count: int, store: Store) -> list[sp.Expr]:
     radii = finite(f"radius of {name!r}", [radius] * count if is_common else radius, (count,))
     if radii.min() < 0:
         raise InputError(f"radius of {name!r} is {shown(radius)}; give 0 or more.")
-    ends = [""] * count if is_common or count == 1 else ["_a", "_b"]
+    suffixes = [""] * count if is_common or count == 1 else ["_a", "_b"]
     return [named_number(f"{name}_radius{end}", r, store)
-            for end, r in zip(ends, radii.tolist(), strict=True)]
+            for end, r in zip(suffixes, radii.tolist(), strict=True)]

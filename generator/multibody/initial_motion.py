@@ -133,8 +133,8 @@ def close_loops(
         q = _minimise_on_constraints(constraints, sines, q)
     g = np.abs(constraints.g(q))
     if not g.max(initial=0.0) <= size:
-        worst = constraints.constraint_names[int(np.argmax(g))]
-        raise InputError(f"No start with the given angles and travels of joints meets {worst!r}: "
+        label = constraints.constraint_names[int(np.argmax(g))]
+        raise InputError(f"No start with the given angles and travels of joints meets {label!r}: "
                          f"it stays at |g| = {g.max():.3e}; leave out some of them.")
     offsets = _offsets(targets, sines, cosines, q)
     if max(map(abs, offsets)) <= size:
@@ -508,9 +508,9 @@ class Velocities:
         has; an entry up to ``scale`` is round-off.
         """
         # the entries of each target in d and the residual end at its entry of ``ends``
-        ends = np.cumsum([len(target.value) for target in targets])
+        offsets = np.cumsum([len(target.value) for target in targets])
         corrections = []
-        for target, indices in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
+        for target, indices in zip(targets, np.split(np.arange(len(d)), offsets[:-1]), strict=True):
             error = float(np.linalg.norm(residual[indices]))
             if error > scale:
                 value, nearest = target.axes @ target.value, target.axes @ (target.rows @ u)

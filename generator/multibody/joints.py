@@ -174,8 +174,8 @@ def propagate(quantity: str, a: Pose, b: Pose, difference: Array) -> bool:
 
 def _short_text(link: Connection) -> str:
     """Return a short text for a joint, a rod or a spring."""
-    ends = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
-    return f"<{type(link).__name__} {link.name}: {', '.join(ends)}>"
+    names = [frame.name if isinstance(frame, Body) else "ground" for frame in (link.a, link.b)]
+    return f"<{type(link).__name__} {link.name}: {', '.join(names)}>"
 
 
 @dataclass(eq=False, repr=False)

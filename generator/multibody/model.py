@@ -185,10 +185,10 @@ class Model:
     def _checked_units(self) -> Mapping[str, Any]:
         """Return the units by name; refuse unknown names and units."""
         units = as_mapping("units", self.units, "{'mgl': 'N.m'}")
-        named = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
+        names_with_units = [*map(str, (*self.system.parameters, *self.system.q, *self.system.p)),
                  *self.system.quantities]
         for name, unit in units.items():
-            choose("name of a number with a unit", name, named)
+            choose("name of a number with a unit", name, names_with_units)
             base_units(unit)
         return units
 
@@ -201,9 +201,9 @@ class Model:
                     f"Model {self.name!r} has a value for {name!r}, which is no parameter of its "
                     f"system; the parameters are {', '.join(sorted(names)) or 'none'}."
                 )
-        missing = sorted(names - {*self.parameters, *self.bodies})
-        if missing:
-            raise InputError(f"Model {self.name!r} has no value for its parameter {missing[0]!r}; "
+        unset = sorted(names - {*self.parameters, *self.bodies})
+        if unset:
+            raise InputError(f"Model {self.name!r} has no value for its parameter {unset[0]!r}; "
                              "give one.")
 
     def __repr__(self) -> str:

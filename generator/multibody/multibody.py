@@ -329,18 +329,18 @@ class Multibody:
         InputError
             For fewer than two points, and points that coincide with the next.
         """
-        ends = real_array(points)
-        if ends is None or ends.ndim != 2 or ends.shape[0] < 2 or ends.shape[1] != 3 or not (
-                np.isfinite(ends).all()):
+        nodes = real_array(points)
+        if nodes is None or nodes.ndim != 2 or nodes.shape[0] < 2 or nodes.shape[1] != 3 or not (
+                np.isfinite(nodes).all()):
             raise InputError(f"points = {shown(points)} is no list of two or more points; give "
                              "rows of three finite numbers.")
-        masses = [mass] * (len(ends) - 1) if is_number(mass) else as_items("mass", mass, "numbers")
-        if len(masses) != len(ends) - 1:
-            raise InputError(f"mass has {len(masses)} numbers for {len(ends) - 1} rods; give one "
+        masses = [mass] * (len(nodes) - 1) if is_number(mass) else as_items("mass", mass, "numbers")
+        if len(masses) != len(nodes) - 1:
+            raise InputError(f"mass has {len(masses)} numbers for {len(nodes) - 1} rods; give one "
                              "of each, or one of all.")
         rods: list[Body] = []
         previous: Frame | str | None = a  # holds the first end of the next rod; None: free
-        for k, (start, end, m) in enumerate(zip(ends[:-1], ends[1:], masses, strict=True), 1):
+        for k, (start, end, m) in enumerate(zip(nodes[:-1], nodes[1:], masses, strict=True), 1):
             if not np.any(end - start):
                 raise InputError(f"Points {k} and {k + 1} of {name!r} coincide; leave out one.")
             rod = self._uniform_rod(f"{name}_{k}", start, end, m, rep, radius)
@@ -1273,17 +1273,17 @@ class Multibody:
         """
         link = self._components.joint(joint, f"Stop {name!r}")
         coordinate = self._measure(link, _coordinate(link))
-        ends = {key: float(finite(f"{key} of {name!r}", end, ())) for key, end in (
+        bounds = {key: float(finite(f"{key} of {name!r}", end, ())) for key, end in (
             ("lower", lower), ("upper", upper)) if end is not None}
-        if not ends or (len(ends) == 2 and ends["lower"] >= ends["upper"]):
+        if not bounds or (len(bounds) == 2 and bounds["lower"] >= bounds["upper"]):
             raise InputError(f"Stop {name!r} has lower = {lower} and upper = {upper}; give one of "
                              "them, or a lower end below the upper one.")
         # φ = c − lower ≥ 0 and φ = upper − c ≥ 0
         signs = {"lower": 1, "upper": -1}
         gaps = [signs[key] * (coordinate - named_number(f"{name}_at_{key}", end,
                                                         self._components.values))
-                for key, end in ends.items()]
-        return self._contact(name, gaps, restitution, [*ends])
+                for key, end in bounds.items()]
+        return self._contact(name, gaps, restitution, [*bounds])
 
     def moving_point(self, name: str, path: Sequence[Any]) -> MovingPoint:
         """Return a moving point of the ground, for joints, rods and springs.

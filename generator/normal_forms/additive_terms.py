@@ -324,7 +324,8 @@ class HamiltonianTerms:
         # terms = c · inner with c = outer · factor: only ``inner`` is completed to a square
         outer, factor, inner = without_common(terms)
         root, remainder = square_root(inner)
-        completion = {multiply_monomials(outer, m)[0]: -a * factor for m, a in remainder.items()}
+        completion = {multiply_monomials(outer, m).monomial: -a * factor
+                      for m, a in remainder.items()}
         # the share a of a term b of the constant: 0 < a/b ≤ 1; a missing term gives a/(−a) = −1
         if root and all(0 < quotient(a, constant.get(m, -a)) <= 1 for m, a in completion.items()):
             square = sp.Mul(term(outer, factor), self.forms.short(root) ** 2)

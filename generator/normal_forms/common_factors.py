@@ -63,7 +63,7 @@ def without_common(terms: Terms) -> Factored:
     primitive = terms
     if outer:
         inverse_outer = inverse(outer)
-        primitive = {multiply_monomials(m, inverse_outer)[0]: a for m, a in terms.items()}
+        primitive = {multiply_monomials(m, inverse_outer).monomial: a for m, a in terms.items()}
     return Factored(outer, content, scale_terms(primitive, quotient(1, content)))
 
 
@@ -108,14 +108,14 @@ def square_root(terms: Terms) -> tuple[Terms, Terms]:
     # the square of k terms has about k²/2 terms: a longer root cannot be one of these terms
     while remainder and len(root) ** 2 <= 4 * len(terms):
         m = min(remainder, key=order)
-        next_term, _, _ = multiply_monomials(m, inverse_first)
+        next_term = multiply_monomials(m, inverse_first).monomial
         a = quotient(remainder[m], 2 * first_coefficient)
         if next_term in root or any(n < 0 for _, n in next_term):
             break  # not divisible: the division would not end
         # (r + t)² = r² + 2 r t + t² for the new term t of the root
         for root_term, b in root.items():
-            add_to(remainder, multiply_monomials(next_term, root_term)[0], -2 * a * b)
-        add_to(remainder, multiply_monomials(next_term, next_term)[0], -a * a)
+            add_to(remainder, multiply_monomials(next_term, root_term).monomial, -2 * a * b)
+        add_to(remainder, multiply_monomials(next_term, next_term).monomial, -a * a)
         root[next_term] = a
     return (root, remainder) if len(root) > 1 else ({}, terms)
 

@@ -217,7 +217,7 @@ class NormalForm:
             m = waiting.pop()
             if m not in quotient_terms:
                 continue
-            cofactor: Terms = {multiply_monomials(m, inverse(lead))[0]: quotient_terms.pop(m)}
+            cofactor: Terms = {multiply_monomials(m, inverse(lead)).monomial: quotient_terms.pop(m)}
             expanded = total_of(self._times(cofactor, head), self._times(cofactor, tail))
             for monomial, b in expanded.items():
                 add_to(quotient_terms, monomial, b)

@@ -71,16 +71,16 @@ def products_of(terms: Terms) -> list[tuple[Terms, Terms]] | None:
         return None
     # all ways to divide the kinds among f and h; the first variable kind belongs to f
     other_kinds = [kind for kind in all_kinds if kind != variable_kinds[0]]
-    best: list[tuple[Terms, Terms]] | None = None
+    products: list[tuple[Terms, Terms]] | None = None
     for count in range(len(other_kinds)):
         for subset in combinations(other_kinds, count):
             f_bases = variable_kinds[0].union(*subset)
             # both factors must depend on variables
             if any(varies(base) for kind in variable_kinds for base in kind - f_bases):
                 pairs = _decomposition(terms, f_bases)
-                if best is None or len(pairs) < len(best):
-                    best = pairs
-    return best if best is not None and 1 < len(best) <= _MOST_PRODUCTS else None
+                if products is None or len(pairs) < len(products):
+                    products = pairs
+    return products if products is not None and 1 < len(products) <= _MOST_PRODUCTS else None
 
 
 def kinds(terms: Terms) -> list[frozenset[sp.Expr]]:
@@ -150,7 +150,7 @@ def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
     for a, root in sums:
         for m, b in root.items():
             for n, c in root.items():
-                add_to(remainder, multiply_monomials(m, n)[0], -a * b * c)
+                add_to(remainder, multiply_monomials(m, n).monomial, -a * b * c)
     return None if remainder else sums
 
 
@@ -166,7 +166,7 @@ def _signs(
     pairs: set[frozenset[Monomial]] = set()
     for m in roots:
         if divides(m, t):
-            n, _, _ = multiply_monomials(t, inverse(m))
+            n = multiply_monomials(t, inverse(m)).monomial
             if n in roots and roots[n] == roots[m]:
                 pairs.add(frozenset([m, n]))
     if len(pairs) > _MOST_ROOT_PAIRS:
@@ -324,8 +324,8 @@ class _PowerSplitter:
         first = min(compared, key=order)
         common: Terms = {}
         for constants in self.constants_of.get(factors[first][0], ()):
-            a = multiply_monomials(constants, inverse(factors[first][1]))[0]
-            ratios = [quotient(self.remainder.get(multiply_monomials(a, k)[0], 0), u[k])
+            a = multiply_monomials(constants, inverse(factors[first][1])).monomial
+            ratios = [quotient(self.remainder.get(multiply_monomials(a, k).monomial, 0), u[k])
                       for k in compared]
             # all ratios have one sign: the smallest is the share of u
             if all(r > 0 for r in ratios) or all(r < 0 for r in ratios):

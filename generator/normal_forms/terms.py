@@ -9,17 +9,17 @@ placeholders whose names sort as their indices do, variables (of a run) before p
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from fractions import Fraction
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 
-__all__ = ["ONE", "Monomial", "Number", "Terms", "add_to", "base_key", "divides", "expression_of",
-           "fraction", "inverse", "is_below", "is_rational", "leading", "multiply_monomials",
-           "order", "placeholder", "plain_exponent", "primitive", "quotient", "rational",
-           "scale_terms", "symbols_in", "term", "total_of", "varies"]
+__all__ = ["ONE", "Monomial", "MonomialProduct", "Number", "Terms", "add_to", "base_key", "divides",
+           "expression_of", "fraction", "inverse", "is_below", "is_rational", "leading",
+           "multiply_monomials", "order", "placeholder", "plain_exponent", "primitive", "quotient",
+           "rational", "scale_terms", "symbols_in", "term", "total_of", "varies"]
 
 Number = int | Fraction
 #: Bases with their exponents: ints, or expressions.
@@ -92,18 +92,25 @@ def is_rational(n: Any) -> bool:
 # ---------------------------------------------------------------- monomials
 
 
-def multiply_monomials(a: Monomial, b: Monomial) -> tuple[Monomial, Number,
-                                                          list[tuple[sp.Expr, int]]]:
-    """Return the product of two monomials as (monomial, number, [(sum, exponent), …]).
+class MonomialProduct(NamedTuple):
+    """number · monomial · Π sum^exponent."""
+
+    monomial: Monomial
+    number: Number = 1
+    sum_powers: Sequence[tuple[sp.Expr, int]] = ()
+
+
+def multiply_monomials(a: Monomial, b: Monomial) -> MonomialProduct:
+    """Return the product of two monomials.
 
     The factors that are no longer irreducible are split off: √u √u gives the sum u to the power 1,
     √2 √2 the number 2.
     """
     if not a or not b:
-        return a or b, 1, []
+        return MonomialProduct(a or b)
     bases, is_plain = _bases(b)
     if is_plain and bases.isdisjoint(_bases(a)[0]):
-        return a | b, 1, []  # the set knows the hashes of its pairs
+        return MonomialProduct(a | b)  # the set knows the hashes of its pairs
     powers = dict(a)
     number: Number = 1
     sum_powers: list[tuple[sp.Expr, int]] = []
@@ -120,7 +127,7 @@ def multiply_monomials(a: Monomial, b: Monomial) -> tuple[Monomial, Number,
                 exponent = plain_exponent(exponent - integer_part)
         if exponent != 0:
             powers[base] = exponent
-    return frozenset(powers.items()), number, sum_powers
+    return MonomialProduct(frozenset(powers.items()), number, sum_powers)
 
 
 @lru_cache(maxsize=2**16)

@@ -31,6 +31,7 @@ __all__ = [
     "value_of",
 ]
 
+#: Largest exponent: (a + b)^64 has 65 terms once it is expanded.
 MAX_EXPONENT = 64
 #: Largest number of bits of numerator and denominator: of a rational, of a radicand, and of an
 #: irrational (a bound of the sum over all terms of its expansion).

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from ...core.errors import InputError
 from ...core.records import dataclass
 
-__all__ = ["RefusedError", "Token", "decimal_parts", "error_at", "names_in", "refuse_at", "shorten",
-           "tokens"]
+__all__ = ["DecimalParts", "RefusedError", "Token", "decimal_parts", "error_at", "names_in",
+           "refuse_at", "shorten", "tokens"]
 
 #: Doubles end at 1e308; 10^400 has 1329 bits, which exact arithmetic handles at once.
 MAX_DECIMAL_EXPONENT = 400
@@ -73,8 +73,16 @@ def refuse_at(text: str, position: int, function: Callable[..., Any], *arguments
         raise error_at(text, position, reason, cure) from None
 
 
-def decimal_parts(literal: str) -> tuple[str, str, int]:
-    """Return the digits before and after the point and the decimal exponent of a literal."""
+class DecimalParts(NamedTuple):
+    """Digits before and after the point of a literal, and its exponent of 10."""
+
+    integer_part: str
+    fraction: str
+    exponent: int
+
+
+def decimal_parts(literal: str) -> DecimalParts:
+    """Return the parts of a decimal literal; refuse a long exponent."""
     mantissa, _, exponent = literal.lower().partition("e")
     integer_part, _, fraction = mantissa.partition(".")
     # by its length first: the conversion of thousands of digits takes long
@@ -83,7 +91,7 @@ def decimal_parts(literal: str) -> tuple[str, str, int]:
             f"The decimal exponent {shorten(exponent, 20)} is not within "
             f"±{MAX_DECIMAL_EXPONENT}; write the number with a smaller one"
         )
-    return integer_part, fraction, int(exponent or 0)
+    return DecimalParts(integer_part, fraction, int(exponent or 0))
 
 
 def shorten(text: str, length: int = 60) -> str:

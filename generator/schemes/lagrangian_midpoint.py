@@ -78,8 +78,8 @@ class LagrangianEMS(LagrangianIMS):
         return [(a + b) / 2 for a, b in zip(*self.ends, strict=True)]
 
     @cached_property
-    def between(self) -> sp.Expr:
-        """The discrete Lagrangian Λ(q, t) = ½ v₀ᵀ M v₁ + b·v̄ − V.
+    def discrete_lagrangian(self) -> sp.Expr:
+        """Λ(q, t) = ½ v₀ᵀ M v₁ + b·v̄ − V at fixed velocities of the ends of a step.
 
         M of a long L is longer still: then Λ = L(v̄) − L(δ) + b·δ − V with δ = (v₁ − v₀)/2, since
         v₀ᵀ M v₁ = v̄ᵀ M v̄ − δᵀ M δ.
@@ -103,7 +103,7 @@ class LagrangianEMS(LagrangianIMS):
     @cached_property
     def _slopes(self) -> list[sp.Expr]:
         """DΛ by q and, with explicit time, by t."""
-        return discrete_gradient(self.between, *with_time(
+        return discrete_gradient(self.discrete_lagrangian, *with_time(
             self.system.q, self.means[0], self.differences[0], self.system.clock))
 
     @cached_property

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cached_property
 from itertools import chain, combinations_with_replacement
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 
@@ -336,16 +336,17 @@ class _Search:
     # ------------------------------------------------------------ parts
 
     def _body(self, b: int, drag: sp.Expr) -> BodyFlow:
-        """Return the rotation of a body: S = a I + Σ d e eᵀ."""
+        """Return the rotation of body b, with ½ mᵀ S m + c·m in H and S = a I + Σ d e eᵀ."""
         m = self.m[b]
         S = {(i, j): self.total[("S", m[i], m[j])] for i in range(3) for j in range(i, 3)}
         c = [self.total[("c", x)] for x in m]
-        a, axes, further = _axes(self.system.name, self.names[b], S, c)
+        rotations = _axis_rotations(self.system.name, self.names[b], S, c)
         symmetric_if = ()
         # one further rotation without an offset: d = 0, two equal moments, makes it the identity
-        if [axis.c for axis in further] == [0]:
-            symmetric_if = tuple(sp.numer(sp.together(axis.d)) for axis in further)
-        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a, axes, further, drag,
+        if [rotation.c for rotation in rotations.further] == [0]:
+            symmetric_if = tuple(sp.numer(sp.together(rotation.d))
+                                 for rotation in rotations.further)
+        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], *rotations, drag,
                         symmetric_if)
 
     def _translation(self, drag: Sequence[sp.Expr]) -> Translation | None:
@@ -574,14 +575,24 @@ def _entries(
     return entries
 
 
-def _axes(
-    system: str, body: str, S: Mapping[tuple[int, int], sp.Expr], c: Sequence[sp.Expr]
-) -> tuple[sp.Expr, tuple[AxisRotation, ...], tuple[AxisRotation, ...]]:
-    """Return a, and the rotations ½ d (e·m)² + c e·m about axes: the first, and the further ones.
+class _AxisRotations(NamedTuple):
+    """½ mᵀ S m + c·m as ½ a |m|² and the rotations ½ d (e·m)² + c e·m about axes e.
 
-    ½ mᵀ S m + c·m is their sum and ½ a |m|². Each commutes with ½ a |m|², but not with the others,
-    so that only the first (or none) belongs to the flow of free rotation. Raises InputError if S is
-    neither diagonal nor a I + b e eᵀ.
+    Each commutes with ½ a |m|², but not with the others, so that only the first (or none) belongs
+    to the flow of free rotation.
+    """
+
+    a: sp.Expr
+    first: tuple[AxisRotation, ...]
+    further: tuple[AxisRotation, ...]
+
+
+def _axis_rotations(
+    system: str, body: str, S: Mapping[tuple[int, int], sp.Expr], c: Sequence[sp.Expr]
+) -> _AxisRotations:
+    """Return the axis rotations of ½ mᵀ S m + c·m.
+
+    Raises InputError if S is neither diagonal nor a I + b e eᵀ.
     """
     a, axes = _eigenaxes(system, body, S)
     rotations = [AxisRotation(e, d, _inner(e, c)) for e, d in axes]
@@ -596,7 +607,7 @@ def _axes(
             length = sp.sqrt(sp.Add(*(x**2 for x in across)))
             rotations.append(AxisRotation(
                 (across[0] / length, across[1] / length, across[2] / length), _ZERO, length))
-    return a, tuple(rotations[:1]), tuple(rotations[1:])
+    return _AxisRotations(a, tuple(rotations[:1]), tuple(rotations[1:]))
 
 
 def _eigenaxes(

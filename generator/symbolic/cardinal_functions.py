@@ -132,5 +132,5 @@ _NAMES = {f.c_name for function in (Sinc, Sinhc, Asinhc, Atanc, Atanhc)
 
 def c_names_with_needs(functions: frozenset[str]) -> frozenset[str]:
     """Return the C names of the cardinal functions among ``functions`` and of those they call."""
-    used = functions & _NAMES
-    return used.union(*(_NEEDS.get(name, ()) for name in used))
+    cardinal_names = functions & _NAMES
+    return cardinal_names.union(*(_NEEDS.get(name, ()) for name in cardinal_names))

@@ -23,8 +23,10 @@ from .switching_functions import Where
 
 __all__ = ["IdentityCheck", "compare", "evaluate", "is_refuted"]
 
+#: Half of the digits may cancel; numbers that agree in the other half count as equal.
 _DIGITS = 60
 _TOLERANCE = mp.mpf(10) ** (-_DIGITS // 2)
+#: Points where two sides are compared, out of so many that are drawn: a root may be real at few.
 _POINTS = 8
 _TRIES = 400
 #: Rational functions with more operations are not brought to a common denominator.
@@ -51,9 +53,9 @@ def compare(
     """
     pairs, differences = _differences(left, right, small)
     count = 0
-    for worst in differences:
-        if worst > _TOLERANCE:
-            return IdentityCheck(False, "refuted", mp.nstr(worst, 3))
+    for difference in differences:
+        if difference > _TOLERANCE:
+            return IdentityCheck(False, "refuted", mp.nstr(difference, 3))
         count += 1
     if all(_is_equal(a, b, thorough) for a, b in pairs):
         return IdentityCheck(True, "proved", "0")
@@ -66,7 +68,7 @@ def is_refuted(
     left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol] = ()
 ) -> bool:
     """Return whether ``compare`` refutes equality; nothing is proved."""
-    return any(worst > _TOLERANCE for worst in _differences(left, right, small)[1])
+    return any(difference > _TOLERANCE for difference in _differences(left, right, small)[1])
 
 
 def _differences(

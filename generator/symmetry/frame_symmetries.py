@@ -229,9 +229,9 @@ class _SymmetrySearch:
             if len(symmetry.conditions) <= 1:
                 break
         if symmetries:
-            best = min(symmetries, key=lambda symmetry: len(symmetry.conditions))
-            self.frame_fields.append(best.field)
-            yield (replace(best, name=self._name(name)),)
+            chosen_symmetry = min(symmetries, key=lambda symmetry: len(symmetry.conditions))
+            self.frame_fields.append(chosen_symmetry.field)
+            yield (replace(chosen_symmetry, name=self._name(name)),)
 
     def _name(self, name: str) -> str:
         """Return the name of a rate, omega_1 and so on where a name is empty or in use."""

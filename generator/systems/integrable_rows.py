@@ -30,8 +30,11 @@ from .system import System
 __all__ = ["RowIntegral", "curls_of", "row_integrals", "warn_of_row_integrals",
            "with_row_integrals"]
 
+#: Step of complex differences, which cancel nothing: their error, its square, is below round-off.
 _TINY = 1e-100
+#: What counts as 0 in a reduced echelon form, beside entries of size 1 and their round-off.
 _SMALL = 1e-9
+#: Random points at which the curl must vanish.
 _POINTS = 3
 #: Largest denominator of a coefficient c_k.
 _DENOMINATOR = 64
@@ -181,10 +184,10 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
         if pivot == len(rows):
             break
         # partial pivoting: the largest entry of the column
-        best = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
-        if abs(rows[best, column]) <= _SMALL * np.abs(rows).max():
+        pivot_row = pivot + int(np.argmax(np.abs(rows[pivot:, column])))
+        if abs(rows[pivot_row, column]) <= _SMALL * np.abs(rows).max():
             continue
-        rows[[pivot, best]] = rows[[best, pivot]]
+        rows[[pivot, pivot_row]] = rows[[pivot_row, pivot]]
         rows[pivot] /= rows[pivot, column]
         other_rows = [i for i in range(len(rows)) if i != pivot]
         rows[other_rows] -= rows[other_rows, column, None] * rows[pivot]

@@ -47,11 +47,11 @@ def distance(a: Any, b: Any, power: float | sp.Expr = 1.5) -> sp.Expr:
     if not exponent.is_positive:
         raise InputError(f"power = {shown(power)} is not positive; steps are to be short where the "
                          "distance is: give 3/2, say.")
-    ends = [_point(name, end) for name, end in (("a", a), ("b", b))]
-    if len(ends[0]) != len(ends[1]):
-        raise InputError(f"a has {len(ends[0])} coordinates and b {len(ends[1])}; give points of "
-                         "the same space.")
-    square: sp.Expr = sp.Add(*((x - y) ** 2 for x, y in zip(*ends, strict=True)))
+    points = [_point(name, end) for name, end in (("a", a), ("b", b))]
+    if len(points[0]) != len(points[1]):
+        raise InputError(f"a has {len(points[0])} coordinates and b {len(points[1])}; give points "
+                         "of the same space.")
+    square: sp.Expr = sp.Add(*((x - y) ** 2 for x, y in zip(*points, strict=True)))
     if square == 0:
         raise InputError("a and b are the same point, at distance 0 at all times; give two points.")
     return square ** (exponent / 2)

@@ -27,6 +27,7 @@ from .system import System
 
 __all__ = ["Continuity", "Switching", "continuity", "on_any_side", "refuse_kinks"]
 
+#: Half of the digits may cancel where two sides of a switch are compared.
 _DIGITS = 50
 _POINTS, _TRIES = 3, 20
 #: Most switching functions that are examined: a system of many bodies repeats them.

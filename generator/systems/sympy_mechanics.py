@@ -116,12 +116,12 @@ def from_mechanics(
     placed, places = (_places(mechanics.motion, method_bodies) if as_flag("bodies", bodies)
                       else ({}, {}))
     # one substitution for all expressions, as each is a pass over their whole graph
-    L, *named = _replace_symbols(mechanics, [mechanics.L - potential, *mechanics.constraints,
+    L, *expressions = _replace_symbols(mechanics, [mechanics.L - potential, *mechanics.constraints,
                                              *mechanics.rates, *places.values()], names)
     g_end = len(mechanics.constraints)
     rows_end = g_end + len(mechanics.rates)
-    g, velocity_constraints = named[:g_end], named[g_end:rows_end]
-    quantities = dict(zip(places, named[rows_end:], strict=True))
+    g, velocity_constraints = expressions[:g_end], expressions[g_end:rows_end]
+    quantities = dict(zip(places, expressions[rows_end:], strict=True))
     _refuse_functions(name, [L, *g, *F])
     # a body that is placed, with velocities that agree with the places, has a velocity that is a
     # rate

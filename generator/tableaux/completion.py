@@ -57,18 +57,20 @@ def complete_tableau(
             "pair.")
     free_parts = {"A": A, "A_hat": parts.get("A_hat") or partner(A, b, b_hat), "b": parts["b"],
                   "b_hat": [[weight] for weight in b_hat], "c": parts["c"]}
-    best: Tableau | None = None
+    best_tableau: Tableau | None = None
     for constraint_parts in _constraint_parts(A, b, c, bool(zero), rounding):
         tableau = _tableau(name, free_parts | constraint_parts, claims, rounding)
         if multiplier_inverse(tableau) is None:
             continue
-        if best is None or (tableau.order, -tableau.p) > (best.order, -best.p):
-            best = tableau
-        if best.order >= best.free_order:
+        # the highest order, and of equal orders the fewest nodes of constraints
+        if best_tableau is None or (
+                (tableau.order, -tableau.p) > (best_tableau.order, -best_tableau.p)):
+            best_tableau = tableau
+        if best_tableau.order >= best_tableau.free_order:
             break  # constraints cannot raise the order
-    assert best is not None  # p = 1 has M = 1/2
-    _refuse_violations(best)
-    return best
+    assert best_tableau is not None  # p = 1 has M = 1/2
+    _refuse_violations(best_tableau)
+    return best_tableau
 
 
 def _refuse_violations(tableau: Tableau) -> None:

@@ -27,8 +27,8 @@ def quadrature_weights(nodes: Nodes) -> Matrix:
     """Solve B(s), (A.8) or (A.10): Σ_i b_i c_i^{k−1} = 1/k for k = 1..s."""
     # a sum over the nodes is a trace: Σ_i b_i c_iᵏ = bᵀ T cᵏ
     system = DomainMatrix.hstack(*[nodes.trace * power(nodes, k) for k in range(nodes.size)])
-    right = column([QQ(1, k + 1) for k in range(nodes.size)], QQ)
-    return system.transpose().lu_solve(right)
+    right_side = column([QQ(1, k + 1) for k in range(nodes.size)], QQ)
+    return system.transpose().lu_solve(right_side)
 
 
 def solve_rows(rows: Nodes, columns: Nodes, count: int, ends: Matrix | None = None) -> Matrix:

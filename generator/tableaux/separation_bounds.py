@@ -24,6 +24,7 @@ from ...core.records import dataclass
 
 __all__ = ["Rounding", "enclosure", "vanishes", "vanishes_to"]
 
+#: The time of a proof grows with the bits: a file may ask for more than anybody waits for.
 MAX_BITS = 100_000
 #: Largest change of a condition per change of an entry.
 _SLOPE = mp.mpf(3) / 2

@@ -51,6 +51,7 @@ from .tableau import FIELDS, Tableau
 
 __all__ = ["butcher_tableau", "read_tableau"]
 
+#: A file may come from a stranger: 32² entries of 60 digits have a tenth of the bytes.
 MAX_BYTES = 2**20
 MAX_STAGES = 32
 #: Characters of all different entries that are not plain numbers; 4-stage Gauss-Lobatto, expanded

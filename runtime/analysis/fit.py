@@ -549,9 +549,9 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
         raise InputError(f"dt = {shown(dt)} is no time step; give a number of seconds above 0.")
     steps = (times - t0) / step_size
     whole_steps = np.rint(steps).astype(int)
-    worst = int(np.argmax(np.abs(steps - whole_steps)))
-    if abs(steps[worst] - whole_steps[worst]) > _OFF_GRID:
-        raise InputError(f"t[{worst}] = {times[worst]:.9g} s is {steps[worst]:.6g} steps of "
+    i = int(np.argmax(np.abs(steps - whole_steps)))
+    if abs(steps[i] - whole_steps[i]) > _OFF_GRID:
+        raise InputError(f"t[{i}] = {times[i]:.9g} s is {steps[i]:.6g} steps of "
                          f"dt = {step_size:g} s from the start: no whole number. Give a dt "
                          "that divides the times of all samples.")
     return dt, whole_steps
@@ -645,11 +645,11 @@ def _result(
 
     If σ is not known, the covariance is scaled by the variance of the residuals.
     """
-    free, coordinates = fitting.free, fitting.coordinates
+    free_names, coordinates = fitting.free, fitting.coordinates
     r, J = fitting.derivatives(point)
     basis, halved = point.basis, fitting.residuals(point, 1)
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
-    estimates = np.array([point.parameters[name] for name in free])
+    estimates = np.array([point.parameters[name] for name in free_names])
     scaled = (r / fitting.sigma).ravel()
     degrees_of_freedom = max(1, len(scaled) - J.shape[2])
     noise = 1.0 if sigma_known else float(np.sqrt(scaled @ scaled / degrees_of_freedom))
@@ -660,8 +660,8 @@ def _result(
     linear = fitting.scale_residuals(point, r, J, coordinates.scales(point.parameters))
     identified = identify(linear, noise_with_truncation)
     covariance = identified.covariance * noise**2
-    names = [*free, *(f"start[{k}]" for k in range(basis.shape[1]))]
-    undetermined = _combinations(identified.null, free, estimates, basis, _start_sizes(point))
+    names = [*free_names, *(f"start[{k}]" for k in range(basis.shape[1]))]
+    undetermined = _combinations(identified.null, free_names, estimates, basis, _start_sizes(point))
     sigma = {name: noise * float(np.sqrt(variance))
              for name, variance in zip(names, identified.variances, strict=True)}
     return Fit(dict(point.parameters), point.q, point.p, names, covariance, sigma, undetermined, r,
@@ -679,7 +679,7 @@ def _start_sizes(point: Point) -> Array:
 
 
 def _combinations(
-    null: Array, free: list[str], estimates: Array, basis: Array, sizes: Array
+    null: Array, free_names: list[str], estimates: Array, basis: Array, sizes: Array
 ) -> list[dict[str, float]]:
     """Return undetermined directions as relative changes, name → change.
 
@@ -687,13 +687,13 @@ def _combinations(
     then the coordinates y of the start, which moves by B y with B = ``basis`` and has ``sizes``.
     The change of "start" is the larger one of |δq| and |δp| over their sizes.
     """
-    count, n = len(free), len(sizes) // 2
+    count, n = len(free_names), len(sizes) // 2
     starts = basis @ null[count:] / sizes[:, None]
     relative = null[:count] / np.where(estimates == 0, 1.0, estimates)[:, None]
     combinations: list[dict[str, float]] = []
     # in reduced echelon form a direction has few names, of which one changes by a factor 1
     for row in reduced_basis(np.concatenate([relative, starts])):
-        weights = dict(zip(free, row[:count].tolist(), strict=True))
+        weights = dict(zip(free_names, row[:count].tolist(), strict=True))
         if basis.shape[1]:
             weights["start"] = float(max(np.linalg.norm(row[count : count + n]),
                                          np.linalg.norm(row[count + n :])))

@@ -87,19 +87,20 @@ class Inertia:
 class Coordinates:
     """Coordinates y of the free parameters, with y = 0 at the current parameters."""
 
-    def __init__(self, step: Stepper, free: Sequence[str],
+    def __init__(self, step: Stepper, free_names: Sequence[str],
                  first_values: Mapping[str, float]) -> None:
         """Take the free parameters and their first values; inertias that are free move as a whole.
         """
-        self._first = {name: float(first_values[name]) for name in free}
-        self.free = list(free)
+        self._first = {name: float(first_values[name]) for name in free_names}
+        self.free = list(free_names)
         self._bodies = [Inertia(body.inertia) for body in bodies_of(step.manifest).values()
-                        if {*body.inertia} <= {*free}]
+                        if {*body.inertia} <= {*free_names}]
         inertia_names = {name for body in self._bodies for name in body.names}
         domains = step.parameter_domains
         #: Whether each free parameter is above 0; its relative changes are those of its logarithm.
-        self.positive = np.array([domains.get(name) == "positive" for name in free], dtype=bool)
-        self._single = [(i, name, bool(self.positive[i])) for i, name in enumerate(free)
+        self.positive = np.array([domains.get(name) == "positive" for name in free_names],
+                                 dtype=bool)
+        self._single = [(i, name, bool(self.positive[i])) for i, name in enumerate(free_names)
                         if name not in inertia_names]
 
     def inside(self, parameters: Mapping[str, float]) -> dict[str, float]:

@@ -25,6 +25,7 @@ from .array_checks import as_numbers
 __all__ = ["BITS", "BYTES", "EPSILON", "as_quads", "exact", "from_bytes", "full", "mpf", "pack",
            "quad", "round_to_quad", "to_bytes", "unpack"]
 
+#: IEEE 754 binary128: bits of the significand, its first one implied; bias of the exponent.
 BITS = 113
 BYTES = 16
 EPSILON = 2.0 ** (1 - BITS)

@@ -61,11 +61,11 @@ class Binding(Compiled):
         work: WorkMemory,
     ) -> tuple[int, Array, Array]:
         """Try one step from (q, p), which stay; return its status and the state after it."""
-        ends = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
+        outputs = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
         iterations = self.ffi.new("int *")
         status = self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
-                                       *map(self.pointer, ends), iterations, work)
-        return int(status), *ends[:2]
+                                       *map(self.pointer, outputs), iterations, work)
+        return int(status), *outputs[:2]
 
     def first_half(
         self, parameters: ParameterStruct, options: OptionStruct, dt: float, q: Array, p: Array,

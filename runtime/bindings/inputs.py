@@ -164,9 +164,9 @@ def _check_names(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[st
     if unknown:
         raise InputError(f"Input {unknown[0]!r} is unknown; this system has {', '.join(names)}"
                          f"{proposal(unknown[0], names)}.")
-    missing = [name for name in names if name not in inputs]
-    if missing:
-        raise InputError(f"Input {missing[0]!r} is not given; give all of {', '.join(names)}.")
+    absent = [name for name in names if name not in inputs]
+    if absent:
+        raise InputError(f"Input {absent[0]!r} is not given; give all of {', '.join(names)}.")
     return names
 
 

@@ -52,7 +52,7 @@ def from_text(value: Any, real: RealName) -> Any:
     """
     if type(value) not in (int, float) and not (REALS[real].wide and type(value) is str):
         raise ValueError(f"{value!r} is no number")
-    # a file could name an integer that takes the memory of the machine
+    # a file could name an integer that takes the memory of the machine: 64 bits are enough
     if type(value) is int and abs(value) >= 2**63:
         raise ValueError("an integer is huge")
     if not REALS[real].wide:
@@ -63,6 +63,7 @@ def from_text(value: Any, real: RealName) -> Any:
     return rounding(real)(number)
 
 
+#: Bytes of a cache line, and of a register of AVX-512.
 ALIGNMENT = 64
 #: Bytes of an x87 number that count.
 _X87_BYTES = 10
@@ -88,6 +89,7 @@ def without_padding(array: NDArray[Any]) -> NDArray[Any]:
     return copy
 
 
+#: Bytes of a long double on x86-64 and AArch64, and of a float128.
 WIDE_BYTES = 16
 
 

@@ -71,8 +71,8 @@ _IN_PLACE: dict[Path, Path] = {}
 
 def cache_folder() -> Path:
     """Return the cache folder: ``GYROSPARK_CACHE``, else the platform's place for caches."""
-    chosen = os.environ.get("GYROSPARK_CACHE")
-    folder = Path(chosen) if chosen else Path(platformdirs.user_cache_dir("gyrospark"))
+    folder_name = os.environ.get("GYROSPARK_CACHE")
+    folder = Path(folder_name) if folder_name else Path(platformdirs.user_cache_dir("gyrospark"))
     return _IN_PLACE.get(folder, folder)
 
 

@@ -152,19 +152,19 @@ def find_compiler() -> Compiler:
     raise CompilerError(f"No C compiler was found (CC, cc, gcc, clang, ziglang). {_CURE}")
 
 
-def _split_command(chosen: str) -> tuple[str, ...]:
+def _split_command(command: str) -> tuple[str, ...]:
     """Return the words of CC, or raise CompilerError for quotes without an end."""
     try:
-        return tuple(shlex.split(chosen))
+        return tuple(shlex.split(command))
     except ValueError as error:
-        raise CompilerError(f"CC={chosen!r} is not a command: {error}. {_CURE}") from error
+        raise CompilerError(f"CC={command!r} is not a command: {error}. {_CURE}") from error
 
 
 @functools.cache
 def _probe(command: tuple[str, ...], label: str) -> Compiler:
     """Return the compiler of a command, which must answer ``--version``; asked once a process."""
     try:
-        answer = subprocess.run([*command, "--version"], capture_output=True, check=False,
+        version = subprocess.run([*command, "--version"], capture_output=True, check=False,
                                 encoding="utf-8", errors="replace", stdin=subprocess.DEVNULL,
                                 timeout=_VERSION_SECONDS)
     except subprocess.TimeoutExpired as error:
@@ -177,11 +177,11 @@ def _probe(command: tuple[str, ...], label: str) -> Compiler:
                       f"CC={shlex.quote(shlex.quote(' '.join(command)))}.")
         raise CompilerError(f"{label} does not start: {error.strerror}.{quoted} {_CURE}",
                             command=list(command)) from error
-    if answer.returncode != 0:
-        raise CompilerError(f"{label} answers --version with exit code {answer.returncode}. "
+    if version.returncode != 0:
+        raise CompilerError(f"{label} answers --version with exit code {version.returncode}. "
                             f"{_CURE}",
-                            command=list(command), stderr=answer.stderr)
-    return Compiler(command, answer.stdout.strip())
+                            command=list(command), stderr=version.stderr)
+    return Compiler(command, version.stdout.strip())
 
 
 def optimisation() -> str:

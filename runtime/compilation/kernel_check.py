@@ -13,7 +13,7 @@ import re
 import sys
 import zlib
 from collections.abc import Iterable, Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -222,49 +222,45 @@ def check_text(functions: Iterable[CheckFunction], source: str) -> str:
     A user's parameter may have the name of one of its macros, which are not needed any more.
     """
     texts = [function.text for function in functions]
-    named = {name for function in functions for kernel in function.kernels
+    names = {name for function in functions for kernel in function.kernels
              for name in (*kernel.fields, *kernel.inputs, *kernel.outputs)}
-    macros = sorted(named & set(re.findall(r"^ *# *define (\w+)", source, re.MULTILINE)))
+    macros = sorted(names & set(re.findall(r"^ *# *define (\w+)", source, re.MULTILINE)))
     return "".join([*(f"#undef {name}\n" for name in macros), _CLEAR, *texts]) if texts else ""
+
+
+class KernelComparison(NamedTuple):
+    """Kernels compared with their statements."""
+
+    mismatches: list[KernelMismatch]  # at most one for each kernel
+    compared: dict[str, int]  # kernel → number of outputs that are finite at two points or more
+    unchecked: dict[str, str]  # kernel with outputs that were not compared → reason
 
 
 def differences(
     module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
-) -> tuple[list[KernelMismatch], dict[str, int], dict[str, str]]:
-    """Return the kernels that differ, the kernels compared, and those that were not.
-
-    ``points`` is how many random points are drawn: a multiple of 16.
-
-    Returns
-    -------
-    list of KernelMismatch
-        At most one for each kernel, of the output that differs most.
-    dict of str to int
-        Kernel → outputs compared at two points or more, where their values are finite.
-    dict of str to str
-        Kernel of which outputs were not compared → why.
-    """
-    mismatches: list[KernelMismatch] = []
-    compared: dict[str, int] = {}
-    unchecked: dict[str, str] = {}
+) -> KernelComparison:
+    """Compare the kernels of a module with their statements at random points, a multiple of 16."""
+    comparison = KernelComparison([], {}, {})
+    mismatches, compared, unchecked = comparison
     working, wide = arithmetic(real, wide=False), arithmetic(real, wide=True)
     for function in functions:
         unchecked |= {name: f"{text} is not read" for name, text in function.unread.items()}
         for number, kernel in enumerate(function.kernels):
-            worst, missing = _worst_mismatch(module, function, number, working, wide, real, points)
-            compared[kernel.name] = len(outputs_of(kernel)) - len(missing)
-            mismatches += [] if worst is None else [worst]
-            if missing:
-                outputs = ", ".join(missing[:3]) + (", ..." if len(missing) > 3 else "")
+            mismatch, nonfinite = _worst_mismatch(module, function, number, working, wide, real,
+                                                  points)
+            compared[kernel.name] = len(outputs_of(kernel)) - len(nonfinite)
+            mismatches += [] if mismatch is None else [mismatch]
+            if nonfinite:
+                outputs = ", ".join(nonfinite[:3]) + (", ..." if len(nonfinite) > 3 else "")
                 unchecked[kernel.name] = f"{outputs or 'its value'} is finite at no random point"
-    return mismatches, compared, unchecked
+    return comparison
 
 
 def _worst_mismatch(
     module: Any, function: CheckFunction, number: int, working: Arithmetic, wide: Arithmetic,
     real: Real, count: int,
 ) -> tuple[KernelMismatch | None, list[str]]:
-    """Return the worst mismatch of a kernel, if there is one, and the outputs not compared.
+    """Return the worst mismatch of a kernel, if there is one, and the outputs nowhere finite.
 
     With the outputs y of the compiled kernel, y₀ of its statements in more digits (``wide``) and y₁
     of its statements in the stepper's type (``working``), at ``count`` random points, an output is
@@ -273,32 +269,30 @@ def _worst_mismatch(
         |y − y₀| ≤ SLACK · max(|y₁ − y₀|, ε |y₀|),
 
     maxima over the points on the right; else if it is within SLACK times the bound of a running
-    error analysis. The worst is the one farthest beyond what is allowed.
+    error analysis. The worst has the largest ratio ``excess`` of error and allowed error.
     """
     kernel = function.kernels[number]
     # the same points in every process, which hash() of a text would not give
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
-    missing, worst, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
+    pending_outputs, worst_mismatch, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
     for lowest, highest in RANGES:
         points = {name: _random_numbers(random, *(POSITIVE if "->" in name else (lowest, highest)),
                                         count)
                   for name in inputs_of(kernel)}
-        expected, in_working = (
-            evaluate(kernel, by, {name: by.array(x) for name, x in points.items()})
-            for by in (wide, working))
-        values = _evaluate_kernel(module, function, number, points, count, wide)
+        y0, y1 = (evaluate(kernel, by, {name: by.array(x) for name, x in points.items()})
+                  for by in (wide, working))
+        y = _evaluate_kernel(module, function, number, points, count, wide)
         bounds: dict[str, Any] = {}
-        for output in list(missing):
-            exact, rounded = (
-                _doubles(outputs[output], count) for outputs in (expected, in_working))
+        for output in list(pending_outputs):
+            exact, rounded = _doubles(y0[output], count), _doubles(y1[output], count)
             finite = np.isfinite(exact) & np.isfinite(rounded)
             if finite.sum() < 2:
                 continue  # outside of where a root or a logarithm is real: drawn from elsewhere
-            del missing[output]
+            del pending_outputs[output]
             with np.errstate(all="ignore"):
-                errors, round_off = (np.abs(_doubles(outputs - expected[output], count)[finite])
-                              for outputs in (values[output], wide.array(in_working[output],
-                                                                       count)))
+                errors, round_off = (
+                    np.abs(_doubles(outputs - y0[output], count)[finite])
+                    for outputs in (y[output], wide.array(y1[output], count)))
             ulp = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
             allowed = SLACK * max(round_off.max(), ulp, sys.float_info.min)
             errors[np.isnan(errors)] = np.inf
@@ -311,12 +305,12 @@ def _worst_mismatch(
                     2.0 ** (1 - real.bits) * _doubles(bounds[output], count)[finite].max()))
             if errors[largest] > excess * allowed:
                 excess = errors[largest] / allowed
-                compiled = _doubles(values[output], count)[finite][largest]
-                worst = KernelMismatch(kernel.name, output, compiled, exact[finite][largest],
-                                       allowed)
-        if not missing:
+                compiled = _doubles(y[output], count)[finite][largest]
+                worst_mismatch = KernelMismatch(kernel.name, output, compiled,
+                                                exact[finite][largest], allowed)
+        if not pending_outputs:
             break
-    return worst, list(missing)
+    return worst_mismatch, list(pending_outputs)
 
 
 def _bounds(

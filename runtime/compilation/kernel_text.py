@@ -12,7 +12,7 @@ import operator
 import re
 from collections.abc import Callable, Iterator, Mapping
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -149,10 +149,16 @@ def _kernel(match: re.Match[str]) -> KernelText | None:
     return KernelText(match["name"], match["returns"], match["constants"], *arrays, match["body"])
 
 
-def _arrays(
-    text: str, returns: str
-) -> tuple[dict[str, tuple[int, ...]], dict[str, tuple[int, ...]], tuple[str, ...]]:
-    """Return shapes of inputs and outputs by name, and the order of the arguments."""
+class _Arrays(NamedTuple):
+    """The array arguments of a kernel: shapes by name, and all names in order."""
+
+    inputs: dict[str, tuple[int, ...]]
+    outputs: dict[str, tuple[int, ...]]
+    order: tuple[str, ...]
+
+
+def _arrays(text: str, returns: str) -> _Arrays:
+    """Return the array arguments in the text of an argument list; "" is a returned number."""
     inputs: dict[str, tuple[int, ...]] = {}
     outputs: dict[str, tuple[int, ...]] = {} if returns == "void" else {"": ()}
     order = []
@@ -162,7 +168,7 @@ def _arrays(
         is_input, name, sizes = array.groups()
         (inputs if is_input else outputs)[name] = tuple(map(int, re.findall(r"\d+", sizes)))
         order.append(name)
-    return inputs, outputs, tuple(order)
+    return _Arrays(inputs, outputs, tuple(order))
 
 
 @lru_cache(maxsize=64)
@@ -481,6 +487,6 @@ def _value(expression: Expression, by: Arithmetic | RunningError, inputs: Mappin
             del stack[len(stack) - count:]
             stack.append(arguments[0] if text == "splat" else by.call(text, arguments))
         else:
-            right, first = stack.pop(), stack.pop()
-            stack.append(_OPERATORS[kind][1](first, right))
+            second, first = stack.pop(), stack.pop()
+            stack.append(_OPERATORS[kind][1](first, second))
     return stack[0]

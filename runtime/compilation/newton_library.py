@@ -79,8 +79,8 @@ static const newton_function *newton_table(void)
         text = declaration or _internal(name, header, function)
         result = text.partition(f"{name}_")[0].strip()
         call = f"((__typeof__(&{name}_{function}))table[{index}])({', '.join(_names(text))})"
-        ends = {"void": f"        {call};\n", "int": f"        return {call};\n    return 1;\n"}
-        end = ends.get(result, f"        return {call};\n    return 0;\n")
+        calls = {"void": f"        {call};\n", "int": f"        return {call};\n    return 1;\n"}
+        end = calls.get(result, f"        return {call};\n    return 0;\n")
         parts.append(f"{text};\n{text}\n{{\n    const newton_function *table = newton_table();\n"
                      f"    if (table)\n{end}}}\n")
     return "\n".join(parts)
@@ -177,10 +177,10 @@ def _internal(name: str, header: str, function: str) -> str:
     match = re.search(rf"^int {name}_T1\([^;]*?\b(\w[\w ]*?) dt\b", header, re.MULTILINE)
     assert match is not None
     real = match[1]
-    ends = (f"{real} *q1, {real} *p1, {real} *multipliers" if function == "object_advance"
+    end_arguments = (f"{real} *q1, {real} *p1, {real} *multipliers" if function == "object_advance"
             else f"{real} *x")
     return (f"int {name}_{function}(void *w, const void *options, {real} dt, const {real} *q, "
-            f"const {real} *p, {ends}, int *iterations)")
+            f"const {real} *p, {end_arguments}, int *iterations)")
 
 
 def _names(declaration: str) -> list[str]:

@@ -68,11 +68,11 @@ def _load_compiled(
                     "second": ": second derivatives", "motion": ": accelerations",
                     "impacts": ": impacts", "jumps": ": derivatives of impacts"}[module_kind]
     with log_task(f"compiling {label}", f"compiled {label}"), build_folder() as folder:
-        built, record = compile_verified(name, files, compiler, folder, module_kind)
+        file, record = compile_verified(name, files, compiler, folder, module_kind)
         record_file = folder / "record.json"
-        record_file.write_text(json.dumps({"sha256": _checksum(built), **record}), encoding="utf-8")
+        record_file.write_text(json.dumps({"sha256": _checksum(file), **record}), encoding="utf-8")
         # the module first: one whose record is missing, after a crash say, is compiled again
-        path = publish(built, path.name)  # elsewhere, if the folder cannot be used
+        path = publish(file, path.name)  # elsewhere, if the folder cannot be used
         publish(record_file, _record_of(path).name)
     return _with_frames(load_built(name, path, compiler, module_kind), record)
 

@@ -59,10 +59,10 @@ def compile_verified(
         # a folder for each attempt: the module of the last one is loaded, its file must not change
         build_folder = folder / str(number)
         build_folder.mkdir()
-        built, checks = compile_module(name, files, compiler, build_folder, module_kind, flags)
+        file, checks = compile_module(name, files, compiler, build_folder, module_kind, flags)
         # the module is loaded from its build folder, before it is published
         mismatches, compared, unchecked = differences(
-            load_built(name, built, compiler, module_kind), checks, real)
+            load_built(name, file, compiler, module_kind), checks, real)
         if not mismatches:
             if usual_mismatches:
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
@@ -76,7 +76,7 @@ def compile_verified(
                 reasons = "; ".join(f"{kernel} ({why})" for kernel, why in unchecked.items())
                 warn(f"After its compilation {name} was not checked in full, so that an error of "
                      f"the compiler in these kernels would stay: {reasons}.")
-            return built, {"flags": list(flags), "kernels": compared,
+            return file, {"flags": list(flags), "kernels": compared,
                            "frames": frames_of(build_folder), "left_out": unchecked}
         usual_mismatches = usual_mismatches or mismatches
     raise CompilerError(

@@ -206,11 +206,11 @@ class DerivativeBinding:
         directions. ``multipliers`` gets the directions of the multipliers, unless it is empty.
         """
         binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
-        ends = binding.new(2 * self.n, dz.shape[1])
+        dz_end = binding.new(2 * self.n, dz.shape[1])
         status = binding.function("tangent")(
             parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x), dz.shape[1],
-            binding.pointer(dz), binding.pointer(ends), binding.pointer(multipliers), memory)
-        return int(status), ends
+            binding.pointer(dz), binding.pointer(dz_end), binding.pointer(multipliers), memory)
+        return int(status), dz_end
 
     def adjoint(
         self, parameters: ParameterStruct, dt: Any, q: Array, p: Array, x: Array, w: Array,

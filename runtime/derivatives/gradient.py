@@ -308,10 +308,10 @@ def _arrays(
     " at the event x" for the crossings of an event, which has no multipliers.
     """
     binding = stepper.binding
-    n, shown = binding.n, binding.shown
+    n, coordinate_count = binding.n, binding.shown
     w, times = binding.new(rows, 2 * n), binding.new(rows)
     # views of w: in scaled time its columns of t and of e = −H are no columns of q and p
-    targets = {"q": w[:, :shown], "p": w[:, n : n + shown], "t": times}
+    targets = {"q": w[:, :coordinate_count], "p": w[:, n : n + coordinate_count], "t": times}
     for name, array in as_mapping("cotangents", cotangents, "{'q': ...}").items():
         if not where and name == "multipliers":
             continue
@@ -528,9 +528,9 @@ def _cotangents_of_multipliers(
         steps.count if len(multipliers) else 0, stepper.binding.multipliers)
     if len(multipliers):
         # the start of these steps is the end of an earlier one
-        ends = run.steps_of_rows(run.steps) - steps.first
-        is_end = (ends > 0) & (ends <= steps.count)
-        cotangents[ends[is_end] - 1] = multipliers[is_end]
+        step_indices = run.steps_of_rows(run.steps) - steps.first
+        is_end = (step_indices > 0) & (step_indices <= steps.count)
+        cotangents[step_indices[is_end] - 1] = multipliers[is_end]
     return cotangents
 
 

@@ -130,9 +130,9 @@ def impact_step(
     part_start, state = 0 * run.dt, (q, p)
     for hit in (run.hits or {})[step]:
         t = start + hit.since
-        part = replace(arguments, q=state[0], p=state[1], dt=hit.since - part_start,
+        partial_run = replace(arguments, q=state[0], p=state[1], dt=hit.since - part_start,
                        t0=start + part_start)
-        _, dZ, v = _linearised_part(stepper, part, directions)
+        _, dZ, v = _linearised_part(stepper, partial_run, directions)
         # φ stays 0 at the end of this part: dh = −(φ_q dZ + φ_θ dθ + φ_t dt)/(φ_q v + φ_t)
         normal = _gap_derivatives(stepper, arguments, t, hit)[hit.gap]
         rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
@@ -142,26 +142,27 @@ def impact_step(
         directions[: 2 * n] = _jump(stepper, arguments, t, hit) @ directions
         part_start, state = hit.since, (hit.q, hit.after)
     # the last part ends with the step, however the impacts move: its length changes by the rest
-    part = replace(arguments, q=state[0], p=state[1], dt=run.dt - part_start, t0=start + part_start)
-    end, dZ, v = _linearised_part(stepper, part, directions)
+    partial_run = replace(arguments, q=state[0], p=state[1], dt=run.dt - part_start,
+                          t0=start + part_start)
+    end, dZ, v = _linearised_part(stepper, partial_run, directions)
     return ImpactStep(step, np.array([q, end[:n]]), np.array([p, end[n:]]),
                       binding.own.new(1, stepper.unknowns),
                       dZ + np.outer(v, d_step - d_part_start))
 
 
 def _linearised_part(
-    stepper: Stepper, part: RunArguments, directions: Array
+    stepper: Stepper, run: RunArguments, directions: Array
 ) -> tuple[Array, Array, Array]:
     """Return the end z = Φ_h of a partial step, dZ at fixed length h, and v = ∂Φ_h/∂h.
 
-    Their shapes are (2 n,), (2 n, k) and (2 n,). ``part`` is a run of this one step; ``directions``
+    Their shapes are (2 n,), (2 n, k) and (2 n,). ``run`` is a run of this one step; ``directions``
     has the directions at its start in k columns, (rows, k), whose row of the length is 0.
     """
-    partial_step = SingleStep(stepper, part)
+    partial_step = SingleStep(stepper, run)
     # one more direction, the length h alone, gives v
     along_length = np.eye(len(directions), dtype=directions.dtype)[:, -2:-1]
-    ends = partial_step.tangent(np.concatenate([directions, along_length], axis=1))
-    return partial_step.end, ends[:, :-1], ends[:, -1]
+    dz_end = partial_step.tangent(np.concatenate([directions, along_length], axis=1))
+    return partial_step.end, dz_end[:, :-1], dz_end[:, -1]
 
 
 def _gap_derivatives(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:

@@ -61,9 +61,9 @@ def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:
         return [steps]
     inside = boundaries[(boundaries > steps.first)
                         & (boundaries < steps.first + steps.count)] - steps.first
-    ends = [0, *inside.tolist(), steps.count]
+    bounds = [0, *inside.tolist(), steps.count]
     return [KeptSteps(steps.first + a, steps.q[a : b + 1], steps.p[a : b + 1], steps.x[a:b])
-            for a, b in pairwise(ends)]
+            for a, b in pairwise(bounds)]
 
 
 def refuse_run(run: RunArguments) -> None:

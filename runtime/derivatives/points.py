@@ -176,10 +176,10 @@ def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
     In scaled time t is the coordinate n − 1, and a fixed time an event of it.
     """
     # times since the start, whose zero is of t0's type, up to the end of a last part of a step
-    ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps + 1]))
-    places = places_of(stepper, run.t0, ends, run.dt, t)
-    fixed = _unit(stepper, stepper.binding.n - 1) if stepper.binding.clocked else None
-    return [replace(_point(run, int(step), remainder), normal=fixed)
+    time_span = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps + 1]))
+    places = places_of(stepper, run.t0, time_span, run.dt, t)
+    clock_normal = _unit(stepper, stepper.binding.n - 1) if stepper.binding.clocked else None
+    return [replace(_point(run, int(step), remainder), normal=clock_normal)
             for step, remainder in zip(places.steps, places.rest.tolist(), strict=True)]
 
 

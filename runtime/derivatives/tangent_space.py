@@ -101,12 +101,12 @@ class TangentSpace:
         # |q|/|p|, by which a change of p compares with one of q; 1 at rest
         self._q_per_p = q_size / (p_size or q_size or 1.0)
         self.g, self.f = binding.constraint_derivatives(parameters, q, p)
-        n, shown = self.n, binding.own.shown
+        n, n_shown = self.n, binding.own.shown
         #: The rows of q and p that users see.
-        self.places = np.r_[:shown, n : n + shown]
+        self.places = np.r_[:n_shown, n : n + n_shown]
         self._G, self._f_p = self.g[:, :n].copy(), self.f[:, n : 2 * n]
         # in scaled time q has t as its last entry: the projection moves q and keeps t
-        self._G[:, shown:] = 0
+        self._G[:, n_shown:] = 0
         self._energy = (binding.energy_derivatives(parameters, q, p) if binding.own.clocked
                         else None)
 
@@ -160,20 +160,20 @@ class TangentSpace:
 
         The bound is |G_μ| (1e-10 |dq| + 64 ε |dp| |q|/|p|): round-off of dq and of a change of p.
         """
-        shown = len(self.places) // 2
-        dq, dp = (block.astype(float) for block in (directions[:shown],
-                                                    directions[shown : 2 * shown]))
-        G = self._G[:, :shown].astype(float)
+        n = len(self.places) // 2
+        dq, dp = (block.astype(float) for block in (directions[:n],
+                                                    directions[n : 2 * n]))
+        G = self._G[:, :n].astype(float)
         # a direction along momenta alone has a dq of round-off
         round_off = _ROUNDING * self._q_per_p * np.linalg.norm(dp, axis=0)
         for mu, row in enumerate(G):
             rates = np.abs(row @ dq)
             bounds = np.linalg.norm(row) * (_OFF * np.linalg.norm(dq, axis=0) + round_off)
-            worst = int(np.argmax(rates - bounds)) if rates.size else 0
-            if rates.size and rates[worst] > bounds[worst]:
+            k = int(np.argmax(rates - bounds)) if rates.size else 0
+            if rates.size and rates[k] > bounds[k]:
                 raise InputError(
-                    f"Direction {worst} leaves the constraint {self._names[mu]!r}: its rate is "
-                    f"{row @ dq[:, worst]:.3g}. Give a direction with G dq = 0, or project=True.")
+                    f"Direction {k} leaves the constraint {self._names[mu]!r}: its rate is "
+                    f"{row @ dq[:, k]:.3g}. Give a direction with G dq = 0, or project=True.")
 
 
 def solve(A: Array, b: Array) -> Array:

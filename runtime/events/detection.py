@@ -145,11 +145,11 @@ class Brackets:
         return cls(*(np.concatenate([getattr(brackets, name) for brackets in groups])
                      for name in names))
 
-    def of(self, chosen: Array) -> Brackets:
+    def of(self, index: Array) -> Brackets:
         """Return the brackets selected by indices or by a mask."""
-        return Brackets(self.event[chosen], self.step[chosen], self.q[chosen], self.p[chosen],
-                        self.before[chosen], self.after[chosen], self.turning[chosen],
-                        self.on_level[chosen], self.past[chosen])
+        return Brackets(self.event[index], self.step[index], self.q[index], self.p[index],
+                        self.before[index], self.after[index], self.turning[index],
+                        self.on_level[index], self.past[index])
 
 
 def _turning(

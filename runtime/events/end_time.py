@@ -63,10 +63,10 @@ class EndTimeObserver:
         if every > 1:
             thin(visited, count, every, rows)
         # t is the last coordinate: the first state at or after t_end
-        ends = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
-        if not len(ends):
+        steps_at_end = np.flatnonzero(self._ahead * (visited.q[:count, -1] - self._t) >= 0)
+        if not len(steps_at_end):
             return status
-        whole_steps = int(ends[0])
+        whole_steps = int(steps_at_end[0])
         # back to the state before that step, which is the last whole one of the run
         row = visited[whole_steps : whole_steps + 1].copy()
         state.assign(binding, start)
@@ -136,9 +136,9 @@ class EndTimeObserver:
 
     def take_crossings(self, stop: Callable[[], bool] = lambda: False) -> dict[str, Crossings]:
         """Return the end as a crossing of its event, or no crossing before it is reached."""
-        binding, none = self._stepper.binding, np.array([], int)
+        binding, no_index = self._stepper.binding, np.array([], int)
         times, states = np.array([], binding.number_type), binding.new(0, binding.n)
-        crossings = (Crossings(times, states, states, none, none.astype(bool), times)
+        crossings = (Crossings(times, states, states, no_index, no_index.astype(bool), times)
                      if self.end is None else self.end.at)
         return {self.events[0].name: crossings}
 

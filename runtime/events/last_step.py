@@ -82,12 +82,12 @@ def joined_with_part(
     is_stored = run.stored_steps is not None or run.steps % run.every == 0
     row_count = len(trajectory) - (not is_stored)
     work = trajectory.work[-1] + partial_run.work[-1:]
-    joined = with_row(stepper, trajectory, row_count, times, row_of(partial_run, work))
+    longer_run = with_row(stepper, trajectory, row_count, times, row_of(partial_run, work))
     crossings = {name: _join(run, of_steps, partial_run.events[name], trajectory)
                  for name, of_steps in trajectory.events.items()}
     impacts = {name: _join(run, of_steps, partial_run.impacts[name], trajectory)
                for name, of_steps in trajectory.impacts.items()}
-    return replace_fields(joined,
+    return replace_fields(longer_run,
                           report=report_to_end(trajectory.report, partial_run, float(work[0])),
                           events=crossings, impacts=impacts, _grid=grid)
 

@@ -266,11 +266,11 @@ def _simple_roots(work: _Work) -> _Roots:
     """Return the roots of steps at whose ends the value has two signs, neither of them 0."""
     brackets = work.brackets
     indices = np.flatnonzero(~brackets.turning & ~brackets.on_level)
-    best = _BestStates(work, indices, *_zero_and_one(work, indices))
+    best_states = _BestStates(work, indices, *_zero_and_one(work, indices))
     before, after = brackets.before[indices], brackets.after[indices]
-    zeros(best, before, after, work.tolerance(indices),
+    zeros(best_states, before, after, work.tolerance(indices),
           cubic_zero(brackets.past[indices], before, after))
-    return best.roots(before < 0)
+    return best_states.roots(before < 0)
 
 
 def _level_roots(work: _Work) -> _Roots:
@@ -294,9 +294,9 @@ def _level_roots(work: _Work) -> _Roots:
     slope_after = work.slopes(indices[ends], 1, (q, p))
     # one more root between the ends, if the value changes its sign there
     inside = np.flatnonzero(start_slope * end_slope < 0)
-    best = _BestStates(work, indices[inside], start_share[inside], end_share[inside],
+    best_states = _BestStates(work, indices[inside], start_share[inside], end_share[inside],
                        on_level[inside])
-    zeros(best, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
+    zeros(best_states, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
     # the end of a step is a root if the value arrives and does not turn back: then it only touches
     # its level
     crossing_ends = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
@@ -305,7 +305,7 @@ def _level_roots(work: _Work) -> _Roots:
                     brackets.step[indices_through], np.ones(len(indices_through)),
                     time_in_step[crossing_ends], q[crossing_ends], p[crossing_ends],
                     slope_before[crossing_ends] < 0)
-    roots = _join([best.roots(start_slope[inside] < 0), at_end])
+    roots = _join([best_states.roots(start_slope[inside] < 0), at_end])
     return _select(roots, _is_accepted(work, roots))
 
 
@@ -317,12 +317,12 @@ def _double_roots(work: _Work) -> _Roots:
     # the place of other sign divides the step into two parts, each with one simple root
     part_indices = np.concatenate([indices, indices])
     low, high = np.concatenate([start_share, inner_share]), np.concatenate([inner_share, end_share])
-    best = _BestStates(work, part_indices, low, high)
+    best_states = _BestStates(work, part_indices, low, high)
     before, after = work.brackets.before[indices], work.brackets.after[indices]
-    zeros(best, np.concatenate([before, inner_value]), np.concatenate([inner_value, after]),
+    zeros(best_states, np.concatenate([before, inner_value]), np.concatenate([inner_value, after]),
           work.tolerance(part_indices) / (high - low))
     rising = np.concatenate([before, inner_value]) < 0
-    roots = best.roots(rising)
+    roots = best_states.roots(rising)
     return _select(roots, _is_accepted(work, roots))
 
 
@@ -561,8 +561,8 @@ def _by_run(
             event_roots.q[:, -1] = levels.rounded[event_index]
         elapsed = event_roots.step * runs.dt[event_roots.owner] + event_roots.time_in_step
         t = runs.t0[event_roots.owner] + elapsed
-        ends = np.searchsorted(event_roots.owner, np.arange(len(runs) + 1))
-        for crossings, start, end in zip(crossings_of_runs, ends[:-1], ends[1:], strict=True):
+        bounds = np.searchsorted(event_roots.owner, np.arange(len(runs) + 1))
+        for crossings, start, end in zip(crossings_of_runs, bounds[:-1], bounds[1:], strict=True):
             row = slice(start, end)
             crossings[event.name] = Crossings(
                 t[row], event_roots.q[row], event_roots.p[row], event_roots.step[row],

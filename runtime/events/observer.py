@@ -85,8 +85,8 @@ def integrate_observed(
 def with_end_apart(trajectory: Trajectory, end_event: str) -> Trajectory:
     """Return a trajectory whose event at t_end in scaled time is none of its events."""
     events_by_name = {**trajectory.events}
-    ends = {end_event: events_by_name.pop(end_event)}
-    return replace_fields(trajectory, events=events_by_name, _end_event=ends)
+    end_events = {end_event: events_by_name.pop(end_event)}
+    return replace_fields(trajectory, events=events_by_name, _end_event=end_events)
 
 
 def observer_of(
@@ -254,7 +254,7 @@ class Observer:
         The location ends early once ``stop()`` is true.
         """
         (crossings,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
-                                    lambda computed: fill_ensemble(computed, threads_of(None),
+                                    lambda states: fill_ensemble(states, threads_of(None),
                                                                    stop))
         return crossings
 
@@ -294,9 +294,9 @@ class Observer:
         parameters = {name: np.array([number], binding.number_type)
                       for name, number in run.at_step(int(event.steps[0])).parameters.items()}
 
-        def fill(computed: EnsembleStates) -> None:
+        def fill(states: EnsembleStates) -> None:
             """Integrate an ensemble in this thread."""
-            fill_ensemble(computed, 1, lambda: False)
+            fill_ensemble(states, 1, lambda: False)
 
         states_of_step = run_together(stepper, state.q[None], state.p[None], t0, partial_step,
                                       parameters, fill, 1)

@@ -104,8 +104,8 @@ class Section:
                              self.p)
         if binding.clocked:  # C has the time among q; quantities do not depend on its momentum
             q, p = np.column_stack([q, t]), np.column_stack([p, 0 * t])
-        ends = np.searchsorted(self.trajectory, np.arange(len(self._parameters) + 1))
-        for parameters, start, end in zip(self._parameters, ends[:-1], ends[1:], strict=True):
+        bounds = np.searchsorted(self.trajectory, np.arange(len(self._parameters) + 1))
+        for parameters, start, end in zip(self._parameters, bounds[:-1], bounds[1:], strict=True):
             points = slice(start, end)
             quantity[points] = binding.quantities(binding.parameters(parameters), t[points],
                                                   q[points], p[points])[:, column]

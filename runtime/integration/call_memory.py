@@ -151,13 +151,13 @@ def _are_same(mapping: Any, last_entries: tuple[list[str], list[Any]] | None) ->
             and all(map(operator.is_, mapping.values(), objects)) and [*mapping] == names)
 
 
-def _is_same(value: Any, kept: Any) -> bool:
+def _is_same(a: Any, b: Any) -> bool:
     """Return whether two arguments are one object, or equal numbers of Python's float or int.
 
     Two solvers are the same if their fields are.
     """
-    if type(value) is Solver and type(kept) is Solver:
-        return (value.kind == kept.kind and value.max_iterations == kept.max_iterations
-                and _is_same(value.tolerance, kept.tolerance))
-    return value is kept or (type(value) is type(kept) and type(value) in (float, int)
-                             and value == kept)
+    if type(a) is Solver and type(b) is Solver:
+        return (a.kind == b.kind and a.max_iterations == b.max_iterations
+                and _is_same(a.tolerance, b.tolerance))
+    return a is b or (type(a) is type(b) and type(a) in (float, int)
+                             and a == b)

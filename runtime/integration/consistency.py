@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..steppers.evaluation import Evaluation
     from .run_arguments import RunArguments
 
-__all__ = ["Defects", "defects_of_starts", "moved_onto_constraints", "refuse_inconsistent",
+__all__ = ["Defects", "ProjectedStart", "defects_of_starts", "project_start", "refuse_inconsistent",
            "refuse_singular_mass", "refuse_undefined_energy", "text_of_move"]
 
 #: Coordinates, of more of which moves of each by itself would take gigabytes.
@@ -79,18 +79,25 @@ def defects_of_starts(
     return defects
 
 
-def moved_onto_constraints(
-    stepper: Evaluation, q: Any, p: Any, parameters: Mapping[str, Any], t: Any
-) -> tuple[Any, Any, str]:
-    """Return the start (q, p) of a model on the constraints of a run, and a sentence or "".
+class ProjectedStart(NamedTuple):
+    """A start on the constraints of a run."""
 
-    The sentence says how far the start has moved, if by more than round-off. A consistent start
-    keeps its bits. A start that cannot be projected is returned unchanged: the check of the run
-    refuses it, after the checks of the other arguments.
+    q: Any
+    p: Any
+    warning: str = ""  # how far the start has moved, if by more than round-off
+
+
+def project_start(
+    stepper: Evaluation, q: Any, p: Any, parameters: Mapping[str, Any], t: Any
+) -> ProjectedStart:
+    """Project the start (q, p) of a model onto g(q) = 0 and g_q H_p = 0 of a run.
+
+    A consistent start keeps its bits. A start that cannot be projected is returned unchanged: the
+    check of the run refuses it, after the checks of the other arguments.
     """
     binding = stepper.binding
     if not binding.conditions:
-        return q, p, ""
+        return ProjectedStart(q, p)
     # constraints depend on no input, γ or rate of a frame: any number serves for those that a
     # search is to find
     values: dict[str, Any] = dict.fromkeys(binding.input_names, 0.0)
@@ -105,15 +112,15 @@ def moved_onto_constraints(
         full_state = binding.start_in_scaled_time(compiled_parameters, *state, t0)
         # the bits of a start that is consistent stay: a projection would round them anew
         if binding.is_consistent(compiled_parameters, *full_state):
-            return q, p, ""
+            return ProjectedStart(q, p)
         with np.errstate(all="ignore"):
             projected_state = stepper._project(*full_state, compiled_parameters)
     except GyrosparkError:
-        return q, p, ""
+        return ProjectedStart(q, p)
     system = stepper.manifest.system
-    q_moved, p_moved = (x[: binding.shown] for x in projected_state)
-    return q_moved, p_moved, (text_of_move(binding, state[0], q_moved, system.coordinates)
-                              or text_of_move(binding, state[1], p_moved, system.momenta))
+    q1, p1 = (x[: binding.shown] for x in projected_state)
+    return ProjectedStart(q1, p1, text_of_move(binding, state[0], q1, system.coordinates)
+                          or text_of_move(binding, state[1], p1, system.momenta))
 
 
 def text_of_move(binding: Binding, start: Array, end: Array, names: Sequence[str]) -> str:
@@ -346,8 +353,8 @@ def _sizes(
     """
     states = []
     for x, size, move in ((q, dq, moves.q), (p, dp, moves.p)):
-        moved = x[:, None] + size[:, None, None] * move  # (rows, moves, n)
-        states.append(np.ascontiguousarray(moved.reshape(-1, binding.n), dtype=binding.dtype))
+        neighbours = x[:, None] + size[:, None, None] * move  # (rows, moves, n)
+        states.append(np.ascontiguousarray(neighbours.reshape(-1, binding.n), dtype=binding.dtype))
     defects = [d.reshape(len(q), len(moves.q), d.shape[1])
                for d in binding.defects(parameters, *states)]
     # the first move is 0: the state itself

@@ -222,9 +222,9 @@ def stored_steps_at(
         raise InputError(f"every = {run.every} and t_eval both say what is stored; give one.")
     if stepper.binding.clocked:
         return None  # which steps are next to them is known when they are done
-    ends = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
-    ends[1] += remainder
-    places = places_of(stepper, run.t0, ends, run.dt, _times(stepper, times))
+    time_span = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
+    time_span[1] += remainder
+    places = places_of(stepper, run.t0, time_span, run.dt, _times(stepper, times))
     # row 1 of ``ends`` is the end of the run; a time there counts no steps from the start
     stored_steps = np.unique(np.append(places.steps[places.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
@@ -437,19 +437,19 @@ def _partial_scaled_steps(
     binding, direction = stepper.binding, 1 if trajectory.dt > 0 else -1
     q, p = states
     dt, zeros = np.full(len(t), trajectory.dt), np.zeros(len(t), binding.number_type)
-    remainders, ends = zeros.copy(), states
+    remainders, end_states = zeros.copy(), states
     structs = binding.parameters(trajectory.parameters)
     for _ in range(_NEWTON):
-        clock_errors = t - ends[0][:, -1].astype(t.dtype)
+        clock_errors = t - end_states[0][:, -1].astype(t.dtype)
         is_open = np.abs(clock_errors) > rounding
         if not is_open.any():
             break
         updated = remainders + np.where(
-            is_open, clock_errors / binding.time_scales(structs, *ends), 0)
+            is_open, clock_errors / binding.time_scales(structs, *end_states), 0)
         # σ may change within a step: an update that leaves the step is taken to its end
         is_beyond, is_inside = direction * updated > direction * dt, direction * updated > 0
         remainders = np.where(is_beyond, dt, np.where(is_inside, updated, zeros))
-        ends = partial_steps(stepper, q, p, zeros, remainders, parameters, fill)
+        end_states = partial_steps(stepper, q, p, zeros, remainders, parameters, fill)
     return remainders
 
 

@@ -188,7 +188,7 @@ def threads_of(workers: int | None) -> int:
 
 
 def fill_ensemble(
-    computed: EnsembleStates, threads: int, stop: Callable[[], bool],
+    states: EnsembleStates, threads: int, stop: Callable[[], bool],
     report: Callable[[int], Any] | None = None,
 ) -> None:
     """Integrate all batches, which fills their rows.
@@ -197,41 +197,41 @@ def fill_ensemble(
     is called in it, with the sum of the steps of all runs so far.
     """
     # no more threads than batches
-    workers, first = min(threads, len(computed.reports)), computed.runs.first
-    if workers == 1 or len(computed.runs) * first.steps * computed.binding.n < _FEW_NUMBERS:
-        _fill_here(computed, stop, report)
+    workers, first = min(threads, len(states.reports)), states.runs.first
+    if workers == 1 or len(states.runs) * first.steps * states.binding.n < _FEW_NUMBERS:
+        _fill_here(states, stop, report)
     else:
-        _fill_on_threads(computed, workers, stop, report)
+        _fill_on_threads(states, workers, stop, report)
 
 
 def _fill_here(
-    computed: EnsembleStates, stop: Callable[[], bool], report: Callable[[int], Any] | None
+    states: EnsembleStates, stop: Callable[[], bool], report: Callable[[int], Any] | None
 ) -> None:
     """Integrate all batches on the calling thread; see ``fill_ensemble``."""
     def stop_and_report() -> bool:
         """Report the steps so far, and return whether to stop."""
         if report is not None:
-            report(computed.steps_done)
+            report(states.steps_done)
         return stop()
 
-    computed.fill(range(len(computed.reports)), stop_and_report)
+    states.fill(range(len(states.reports)), stop_and_report)
     if report is not None:
-        report(computed.steps_done)
+        report(states.steps_done)
 
 
 def _fill_on_threads(
-    computed: EnsembleStates, workers: int, stop: Callable[[], bool],
+    states: EnsembleStates, workers: int, stop: Callable[[], bool],
     report: Callable[[int], Any] | None,
 ) -> None:
     """Integrate all batches on some threads, each of which takes the next one in turn."""
-    batches, broken = SimpleQueue[int | None](), threading.Event()
+    batches, is_stopped = SimpleQueue[int | None](), threading.Event()
     # after the batches one None for each thread, which ends it
-    for batch in (*range(len(computed.reports)), *[None] * workers):
+    for batch in (*range(len(states.reports)), *[None] * workers):
         batches.put(batch)
 
     def work() -> None:
         """Take batches from the queue until it gives None."""
-        computed.fill(iter(batches.get, None), lambda: broken.is_set() or stop())
+        states.fill(iter(batches.get, None), lambda: is_stopped.is_set() or stop())
 
     with ThreadPoolExecutor(workers) as pool:
         futures = [pool.submit(work) for _ in range(workers)]
@@ -243,6 +243,6 @@ def _fill_on_threads(
                 for future in ended:
                     future.result()
                 if report is not None:
-                    report(computed.steps_done)
+                    report(states.steps_done)
         finally:  # after an error, such as full memory, the other threads stop too
-            broken.set()
+            is_stopped.set()

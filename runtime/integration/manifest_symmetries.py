@@ -20,7 +20,7 @@ from ...core.exact_numbers import exact
 from ...core.manifest import Manifest, SymmetryManifest
 from ...core.records import dataclass
 
-__all__ = ["Symmetry", "refuse_broken", "symmetries_of"]
+__all__ = ["Symmetry", "refuse_asymmetric", "symmetries_of"]
 
 #: A polynomial: coefficient and powers of each term.
 Polynomial = Sequence[tuple[Fraction, Mapping[str, int]]]
@@ -107,7 +107,7 @@ def symmetries_of(manifest: Manifest) -> tuple[Symmetry, ...]:
     return tuple(Symmetry.of(symmetry, n) for symmetry in symmetries)
 
 
-def refuse_broken(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any]) -> None:
+def refuse_asymmetric(symmetries: Sequence[Symmetry], parameters: Mapping[str, Any]) -> None:
     """Refuse a frame along a generator that is no symmetry for these parameters.
 
     Raises InputError with the condition and the numbers that do not satisfy it.

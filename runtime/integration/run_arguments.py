@@ -38,7 +38,7 @@ from ..bindings.inputs import InputRows
 from ..bindings.run_memory import RunConstants
 from ..rigid_body.gamma_rules import gamma_by_rule, has_inertia, inertia_names, is_inertia_parameter
 from .consistency import defects_of_starts
-from .manifest_symmetries import Symmetry, refuse_broken
+from .manifest_symmetries import Symmetry, refuse_asymmetric
 
 if TYPE_CHECKING:
     from ..bindings.binding import Binding, SolverName
@@ -542,15 +542,15 @@ def as_parameters(
     # the usual case, numbers for all names, without the checks below: a step takes microseconds
     plain_numbers = _as_plain_parameters(parameters, domains, number)
     if plain_numbers is not None:
-        refuse_broken(symmetries, plain_numbers)
+        refuse_asymmetric(symmetries, plain_numbers)
         refuse_impossible_inertias(bodies, plain_numbers)
         return plain_numbers
     frame = {symmetry.name: 0 for symmetry in symmetries}
     needed = [name for name in domains if name not in frame]
-    missing = [name for name in needed if name not in parameters]
-    if missing:
+    missing_names = [name for name in needed if name not in parameters]
+    if missing_names:
         raise InputError(
-            f"Parameter {missing[0]!r} is not given; this stepper needs {', '.join(needed)}."
+            f"Parameter {missing_names[0]!r} is not given; this stepper needs {', '.join(needed)}."
         )
     refuse_texts(parameters, domains)
     unknown = [str(name) for name in parameters if name not in domains]
@@ -562,15 +562,15 @@ def as_parameters(
     all_numbers = {**frame, **parameters}
     checked_numbers = {name: _as_parameter(name, domain, all_numbers, number)
                        for name, domain in domains.items()}
-    refuse_broken(symmetries, checked_numbers)
+    refuse_asymmetric(symmetries, checked_numbers)
     refuse_impossible_inertias(bodies, checked_numbers)
     return checked_numbers
 
 
 def with_rules(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> Mapping[str, Any]:
     """Return parameters with the rule γ_m, the mean of the moments, for each γ and α left out."""
-    missing = [name for name in _names_with_inertia(tuple(domains)) if name not in parameters]
-    return {**parameters, **dict.fromkeys(missing, GAMMA_M)} if missing else parameters
+    names = [name for name in _names_with_inertia(tuple(domains)) if name not in parameters]
+    return {**parameters, **dict.fromkeys(names, GAMMA_M)} if names else parameters
 
 
 class ParameterCheck:
@@ -726,8 +726,8 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
     late, step = np.abs(np.asarray(t0, float)), np.abs(np.asarray(dt, float))
     with np.errstate(over="ignore"):  # a duration beyond all numbers makes no start late
         rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step
-    if (worst := float(np.max(rounding))) > np.sqrt(binding.epsilon):
-        warn(f"t = {float(np.max(late)):.6g} s of the start rounds times to {worst:.1g} of a step. "
+    if (ratio := float(np.max(rounding))) > np.sqrt(binding.epsilon):
+        warn(f"t = {float(np.max(late)):.6g} s of the start rounds times to {ratio:.1g} of a step. "
              "Sines, cosines and tangents of a t + b in H, g and F keep their digits; what else "
              "depends on t, quantities, and states between steps have errors of that size. Start "
              "at t = 0 to avoid them.")

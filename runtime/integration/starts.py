@@ -18,7 +18,7 @@ from ...core.inertia import as_inertia, refuse_impossible_inertias
 from ...core.start import Rule, Start, as_start, has_start
 from ...core.warnings import capture_warnings, warn
 from ..rigid_body.gamma_rules import inertia_names
-from .consistency import moved_onto_constraints
+from .consistency import project_start
 from .run_arguments import StartNumbers, span_of, step_argument, step_count
 
 if TYPE_CHECKING:
@@ -73,9 +73,9 @@ def merged_start(
     t0 = state.t if t is None else t
     q, p = state.q, state.p
     if state._nominal and not as_it_is:
-        q, p, change = moved_onto_constraints(stepper, q, p, values, t0)
-        if change:
-            warn(change)
+        q, p, warning = project_start(stepper, q, p, values, t0)
+        if warning:
+            warn(warning)
     return StartNumbers(q, p, values, t0, state._excess, _impacts_of(state))
 
 
@@ -309,18 +309,15 @@ def _rows_on_constraints(
         varied = any(np.ndim(parameters.get(name, 0.0)) for name in constraint_parameters)
     varied = varied or bool(np.ndim(t) and stepper.binding.is_timed)
     times = np.broadcast_to(np.asarray(t, dtype=object), size)
-    q_rows, p_rows, moves = [], [], []
+    starts = []
     for i in range(size if varied else 1):
         row_parameters = (parameters[i] if isinstance(parameters, list)
                           else _parameters_of(parameters, i, size))
-        q_row, p_row, move = moved_onto_constraints(stepper, q[i], p[i], row_parameters, times[i])
-        q_rows.append(q_row)
-        p_rows.append(p_row)
-        moves.append(move)
-    if any(moves):  # one warning, of the first row that has moved
-        warn(next(filter(None, moves)))
-    return (np.broadcast_to(np.array(q_rows), q.shape),
-            np.broadcast_to(np.array(p_rows), p.shape))
+        starts.append(project_start(stepper, q[i], p[i], row_parameters, times[i]))
+    if warnings := [start.warning for start in starts if start.warning]:
+        warn(warnings[0])  # one warning, of the first row that has moved
+    return (np.broadcast_to(np.array([start.q for start in starts]), q.shape),
+            np.broadcast_to(np.array([start.p for start in starts]), p.shape))
 
 
 def _parameters_of(columns: Mapping[str, Any], i: int, size: int) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import asdict
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -134,14 +134,20 @@ def ended_at(step: int, steps: int) -> str:
     return f"Stopped at step {step:,} of {steps:,}."
 
 
+class MarchedRun(NamedTuple):
+    """A run up to its end, to a step that fails or to a stop."""
+
+    trajectory: Trajectory
+    status: int  # 0, or the C's of a failed step
+    state: RunState  # the last one
+
+
 def march(
     binding: Binding, manifest: Manifest, run: RunArguments, stop: Callable[[], bool],
     progress: Callable[[int], None] | None = None, observer: Observer | None = None,
     constants: RunConstants | None = None, pace: ChunkSize | None = None,
-) -> tuple[Trajectory, int, RunState]:
-    """Return the trajectory of a run, its status (0, or that of a failed step) and its last state.
-
-    The run goes up to its end, to a step that fails, to the event that ends it, or until
+) -> MarchedRun:
+    """Integrate up to the end of a run, to a step that fails, to the event that ends it, or until
     ``stop()`` is true, which is called between chunks.
     """
     pace = pace or ChunkSize(observer is not None)
@@ -154,8 +160,9 @@ def march(
         status, state, read_rows = binding.integrate_short(
             constants, run.q, run.p, run.steps, run.every)
         pace.end(run.steps)
-        return (trajectory_of(binding, manifest, run, read_rows, state.record, state.q, state.p),
-                status, state)
+        trajectory = trajectory_of(binding, manifest, run, read_rows, state.record, state.q,
+                                   state.p)
+        return MarchedRun(trajectory, status, state)
     # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
@@ -172,7 +179,7 @@ def march(
     binding.works.give_back(state.work)
     trajectory = trajectory_of(binding, manifest, run, lambda: rows, state.record, state.q,
                                state.p)
-    return trajectory, status, state
+    return MarchedRun(trajectory, status, state)
 
 
 def fill(

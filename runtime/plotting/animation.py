@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = ["animate", "check_film"]
 
+#: Each takes a hundredth of a second or more to draw.
 _MOST_FRAMES = 2000
 #: Pixels of the bodies; the energy below has a quarter of the height.
 _SIZE, _DPI = (480, 360), 80

@@ -24,7 +24,7 @@ from ...core.shapes import Shape, axes_about
 if TYPE_CHECKING:
     from .scene import ScenePart
 
-__all__ = ["DARK", "METAL", "STAND", "Held", "rim_of", "shapes_of"]
+__all__ = ["DARK", "METAL", "STAND", "Held", "Rim", "rim_of", "shapes_of"]
 
 Array = NDArray[np.float64]
 
@@ -65,16 +65,24 @@ class Held:
     slides: bool
 
 
-def rim_of(moments: Array, weight: float) -> tuple[float, float, Array]:
-    """Return mass, distance and semi-axes of the rim with moments and weight m g l about a point.
+class Rim(NamedTuple):
+    """An elliptic ring about the third principal axis of a top, in kg and m."""
 
-    In kg and m; a flywheel whose mass is at the point (I₁ + I₂ = I₃) has mass 1.
+    mass: float
+    distance: float  # from the fixed point
+    semi_axes: Array  # shape (2,)
+
+
+def rim_of(moments: Array, weight: float) -> Rim:
+    """Return the rim with moments I and weight m g l about a point: m l² = (I₁ + I₂ − I₃)/2.
+
+    A flywheel whose mass is at the point (I₁ + I₂ = I₃) has mass 1.
     """
     I1, I2, I3 = moments
     ml, ml2 = weight / 9.81, max(I1 + I2 - I3, 0.0) / 2
     mass = ml**2 / ml2 if ml2 > 0 else 1.0
-    half = np.sqrt(np.maximum([I3 + I2 - I1, I3 + I1 - I2], 0.0) / mass)
-    return float(mass), float(np.sqrt(ml2 / mass)), half
+    semi_axes = np.sqrt(np.maximum([I3 + I2 - I1, I3 + I1 - I2], 0.0) / mass)
+    return Rim(float(mass), float(np.sqrt(ml2 / mass)), semi_axes)
 
 
 def shapes_of(body: ScenePart, joints: list[Held], reach: float, *, inside: bool,
@@ -134,7 +142,7 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
     its proportions. ``inside``: another body lies within its box; ``thick`` is the radius of bars.
     """
     if body.rim is not None:
-        return list(_top(np.zeros(3), body.axes, *body.rim, 0.0))
+        return list(_top(np.zeros(3), body.axes, body.rim.distance, body.rim.semi_axes, 0.0))
     proportions = _proportions(body, joints)
     hinges, is_slim = proportions.hinges, proportions.is_slim
     # bodies around others: hinges in two directions, one of them on the outside, make a gimbal ring
@@ -272,10 +280,10 @@ def _frame(body: ScenePart, half: Array) -> Iterator[Shape]:
         i, j = (k + 1) % 3, (k + 2) % 3
         for a in (-1, 1):
             for b in (-1, 1):
-                ends = np.zeros((2, 3))
-                ends[:, i], ends[:, j] = a * (half[i] - edge_radius), b * (half[j] - edge_radius)
-                ends[:, k] = (edge_radius - half[k], half[k] - edge_radius)
-                start, end = body.centre + ends @ body.axes.T
+                tips = np.zeros((2, 3))
+                tips[:, i], tips[:, j] = a * (half[i] - edge_radius), b * (half[j] - edge_radius)
+                tips[:, k] = (edge_radius - half[k], half[k] - edge_radius)
+                start, end = body.centre + tips @ body.axes.T
                 yield Shape.bar(start, end, edge_radius)
 
 

@@ -34,6 +34,7 @@ __all__ = ["export_gltf"]
 
 Array = NDArray[Any]
 
+#: Most key frames: a minute at 60 frames a second.
 _FRAMES = 3600
 _GROUND = "#969ea6"
 #: Component type → its number in glTF; element shape → its name.

@@ -224,7 +224,13 @@ class SceneDrawing:
             self.stands = list(_supports(scene, frames[0], self.floor))
         framed = np.concatenate([solid.corners.reshape(-1, 3), *lines]
                                 + [mesh.points for mesh, _, _ in self.stands])
-        self.camera, self.reach, self.centre = _camera(framed, scene.up, facing, tilt, *self.size)
+        low, high = framed.min(axis=0), framed.max(axis=0)
+        #: The centre of all points, and half the diagonal of their box.
+        self.centre = (low + high) / 2
+        self.reach = max(float(np.linalg.norm(high - low)) / 2, 1e-12)
+        axes = _sight(scene.up, facing, tilt)
+        eye = self.centre + _AWAY * self.reach * axes[2]
+        self.camera = _camera(framed, eye, axes, *self.size)
 
     def pixels(self, frame: int) -> NDArray[np.uint8]:
         """Return a frame, shape (height, width, 3)."""
@@ -563,25 +569,18 @@ def _triangles(meshes: list[_DrawnMesh]) -> Triangles:
                      np.concatenate(solid_numbers), np.concatenate(alphas))
 
 
-def _camera(points: Array, up: Array, facing: float, tilt: float, width: int, height: int,
-            ) -> tuple[Camera, float, Array]:
-    """Return a camera that sees all points, with half the diagonal and the centre of their box.
+def _camera(points: Array, eye: Array, axes: Array, width: int, height: int) -> Camera:
+    """Return the camera at ``eye`` whose picture, width × height pixels, the points fill.
 
-    It looks at the centre from the azimuth ``facing`` and the elevation ``tilt``, in radians. A
-    camera with the focus 1 is moved back along the axis of sight; the focus then makes the
-    projected points fill the picture: focus = fill · min(width/Δx, height/Δy), of the extents Δx
-    and Δy of the points at the focus 1.
+    focus = fill · min(width/Δx, height/Δy), of the extents Δx and Δy of the points as projected
+    with the focus 1.
     """
-    low, high = points.min(axis=0), points.max(axis=0)
-    centre, half_diagonal = (low + high) / 2, max(float(np.linalg.norm(high - low)) / 2, 1e-12)
-    axes = _sight(up, facing, tilt)
-    camera = Camera(centre + _AWAY * half_diagonal * axes[2], axes, 1.0, np.zeros(2))
-    pixels = camera.project(points)[:, :2]
+    pixels = Camera(eye, axes, 1.0, np.zeros(2)).project(points)[:, :2]
     lowest, highest = pixels.min(axis=0), pixels.max(axis=0)
     span = np.maximum(highest - lowest, 1e-12)
     focus = _FILL * float(min(width / span[0], height / span[1]))
-    middle = np.array([width, height]) / 2 - focus * (lowest + highest) / 2
-    return Camera(camera.eye, camera.axes, focus, middle), half_diagonal, centre
+    return Camera(eye, axes, focus,
+                  np.array([width, height]) / 2 - focus * (lowest + highest) / 2)
 
 
 def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: float) -> Triangles:

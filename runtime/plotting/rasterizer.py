@@ -28,6 +28,7 @@ _OVER = 2
 _AMBIENT, _DIRECT, _SHINE, _GLOSS = 0.62, 0.55, 0.25, 32
 #: Pixels of the picture that the lamp sees, and softness of the shadow on the floor in parts of it.
 _LAMP, _SOFT = 512, 0.016
+#: Part of the light that a full shadow takes from the floor.
 _FLOOR_SHADOW = 0.30
 #: Where lines of the floor end, in parts of the reach of the scene.
 _FADE = 2.2
@@ -183,9 +184,9 @@ def _length(vectors: Array) -> Array:
 
 def _concatenate_ranges(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return 0, …, counts[0] − 1, 0, …, counts[1] − 1, … as one array."""
-    ends = np.cumsum(counts)
-    count_total = int(ends[-1]) if len(ends) else 0
-    return np.arange(count_total) - np.repeat(ends - counts, counts)
+    range_ends = np.cumsum(counts)
+    count_total = int(range_ends[-1]) if len(range_ends) else 0
+    return np.arange(count_total) - np.repeat(range_ends - counts, counts)
 
 
 def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int, int], *,

@@ -26,7 +26,7 @@ from ..compilation.body_columns import (
     placed_of,
 )
 from ..rigid_body.quaternion import left_matrix, rotation_matrix
-from .body_shapes import DARK, METAL, Held, rim_of, shapes_of
+from .body_shapes import DARK, METAL, Held, Rim, rim_of, shapes_of
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
@@ -68,11 +68,9 @@ class ScenePart:
         The point in body axes that leaves a trace.
     to_scale : bool
         Whether the sizes are the body's own.
-    rim : (float, array of shape (2,)), optional
-        Of a body on a fixed point under gravity, of which no mass is known: distance and semi-axes
-        of the rim that has its inertia and weight, on the third of ``axes``; see ``body_shapes``.
-    mass : float, optional
-        Mass of the rim.
+    rim : Rim, optional
+        Of a body on a fixed point under gravity, of which no mass is known: the rim that has its
+        inertia and weight, on the third of ``axes``.
     shapes : list of Shape
         The drawn shapes in body axes; none for the box of its inertia.
     glass : bool
@@ -89,8 +87,7 @@ class ScenePart:
     sizes: dict[str, Array]
     tip: Array
     to_scale: bool
-    rim: tuple[float, Array] | None = None
-    mass: float | None = None
+    rim: Rim | None = None
     shapes: list[Shape] = field(default_factory=list)
     glass: bool = False
     own: bool = False
@@ -156,9 +153,9 @@ class Scene:
         """Return centres and joints of bodies at some frames, shape (frames, points, 3)."""
         points = []
         for i, body in enumerate(self.parts):
-            ends = [end for tie in self.ties
+            tie_ends = [end for tie in self.ties
                     for end in ((tie.a, tie.on_a), (tie.b, tie.on_b))]
-            points_of_body = np.array([body.centre, *(r for k, r in ends if k == i)])
+            points_of_body = np.array([body.centre, *(r for k, r in tie_ends if k == i)])
             R = rotation_matrix(body.q[frames])
             points.append(body.x[frames][:, None] + np.einsum("kij,nj->kni", R, points_of_body))
         return np.concatenate(points, axis=1)
@@ -273,7 +270,7 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         tip = centre
     else:  # its centre stands still: the end of the third axis
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
-    rim = rim_mass = None
+    rim = None
     if mass is None and not columns.x and not columns.centre:
         w = _weight(trajectory, moments, axes)
         if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
@@ -281,17 +278,18 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
             order = [(k + 1) % 3, (k + 2) % 3, k]
             # the third axis leads from the point up, against the weight
             axes = axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1]))
-            rim_mass, distance, half = rim_of(moments[order], float(np.linalg.norm(w)))
-            rim = distance, half
-            largest = np.sqrt(_second_moments(moments).max() / rim_mass)
+            rim = rim_of(moments[order], float(np.linalg.norm(w)))
+            largest = np.sqrt(_second_moments(moments).max() / rim.mass)
             sizes = {kind: largest * sizes_of_kind[order] / np.sqrt(_FACTORS[kind])
                      for kind, sizes_of_kind in sizes.items()}
-            tip = axes[:, 2] * (distance + max(0.75 * float(half.max()), 0.35 * distance))
+            # beyond the rim, so that the trace is outside of the drawn top
+            tip = axes[:, 2] * (rim.distance + max(0.75 * float(rim.semi_axes.max()),
+                                                   0.35 * rim.distance))
         elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():  # a T: its stem
             k = int(np.argsort(sizes["box"])[1])
             tip = -1.35 * sizes["box"][k] * axes[:, k]
     return ScenePart(name, trajectory.q[state_indices][:, columns.q].astype(float), x, centre,
-                     axes, sizes, tip, (mass or rim_mass) is not None, rim, rim_mass)
+                     axes, sizes, tip, to_scale=bool(mass) or rim is not None, rim=rim)
 
 
 def _principal_moments(inertia: Array, mass: float | None, centre: Array) -> tuple[Array, Array]:
@@ -494,10 +492,10 @@ def _remarks(trajectory: Trajectory, parts: list[ScenePart], state_indices: Any)
     if not all(body.to_scale for body in parts):
         yield "The mass is not known: the shape has the proportions of the inertia, not its size."
     for body in parts:
-        if body.rim is not None:
+        if (rim := body.rim) is not None:
             yield (f"{body.name} is drawn as the flywheel that has its inertia and its weight with "
-                   f"g = 9.81 m/s²: {body.mass:.3g} kg on a rim of radius {body.rim[1].max():.3g} "
-                   f"m, {body.rim[0]:.3g} m from the point.")
+                   f"g = 9.81 m/s²: {rim.mass:.3g} kg on a rim of radius "
+                   f"{rim.semi_axes.max():.3g} m, {rim.distance:.3g} m from the point.")
     t = trajectory.t[state_indices].astype(float)
     if len(t) > 1:
         bodies = bodies_of(trajectory.manifest)

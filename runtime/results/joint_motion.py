@@ -50,8 +50,8 @@ class JointMotion:
         self._run, self._layout = trajectory, at
 
     def __repr__(self) -> str:
-        ends = ", ".join(name or "ground" for name in self.bodies)
-        return f"<JointMotion of {self.name} ({ends}): {len(self._run):,} states>"
+        body_names = ", ".join(name or "ground" for name in self.bodies)
+        return f"<JointMotion of {self.name} ({body_names}): {len(self._run):,} states>"
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the bodies and the states."""

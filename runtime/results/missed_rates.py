@@ -54,13 +54,13 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
         z = z[:, moves] / ranges[moves]
         scaled = np.maximum(scaled, _largest(np.diff(z, _ORDER, axis=0), axis=0))
         constant = np.maximum(constant, _largest(_divided_differences(z, t[block] / step), axis=0))
-    worst = int(np.argmax(scaled)) if len(scaled) else 0
+    worst_entry = int(np.argmax(scaled)) if len(scaled) else 0
     # without a difference of constant steps all of them are round-off
-    if not constant.any() or not scaled[worst] > _WORSE**_ORDER * constant.max():
+    if not constant.any() or not scaled[worst_entry] > _WORSE**_ORDER * constant.max():
         return False
     # ``worst`` counts the coordinates and momenta that move
-    name = [*trajectory.coordinates, *trajectory.momenta][np.flatnonzero(moves)[worst]]
-    factor = (scaled[worst] / constant.max()) ** (1 / _ORDER)
+    name = [*trajectory.coordinates, *trajectory.momenta][np.flatnonzero(moves)[worst_entry]]
+    factor = (scaled[worst_entry] / constant.max()) ** (1 / _ORDER)
     warn(f"Steps in scaled time resolve {name} at worst as constant steps {factor:.2g} times as "
          "long as as many of them are: time_scale misses a rate of the motion. Add it to "
          "gyrospark.scales.rates(...), or leave time_scale out.")

@@ -23,7 +23,7 @@ from ...core.arrays import Array
 from ...core.errors import InputError, MissingDependencyError
 from ...core.extras import install
 from ...core.file_formats import format_of, result_file
-from ...core.manifest import Manifest
+from ...core.manifest import Manifest, SystemManifest
 from ...core.records import dataclass
 from ..bindings.real_numbers import WIDE_BYTES, as_bytes
 from ..rigid_body.euler_angles import check_sequence
@@ -287,8 +287,8 @@ def _status(ensemble: Ensemble, i: int) -> str:
         return str(ensemble.failures[i].reason)
     member = ensemble.members[i]
     # runs to t_end in scaled time have different numbers of states
-    ends = [len(crossing) == 1 for crossing in member._end_event.values()]
-    is_complete = all(ends) if ends else len(member) == ensemble.t.shape[1]
+    reached_end = [len(crossing) == 1 for crossing in member._end_event.values()]
+    is_complete = all(reached_end) if reached_end else len(member) == ensemble.t.shape[1]
     return "complete" if is_complete else "stopped"
 
 
@@ -392,22 +392,34 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
             _write_parquet(table.columns(selection), partial_file)
     events = [event for event in table.parts if next(iter(event.along)).startswith("event_")]
     if form.tabular and events:
-        columns_of = dict(map(_event_columns, events))
-        fields = next(iter(columns_of.values()))  # of all: a run has crossings or impacts
-        numbered = int("trajectory" in fields)
-        titles = [*fields][:numbered] + event_headings(table.manifest.system,
-                                                       [*fields][numbered:])
-        event_rows = []
-        for name, columns in columns_of.items():
-            names = np.full(len(columns["t"]), spreadsheet_text(name))
-            arrays = [*columns.values()]
-            event_rows.append([*arrays[:numbered], names, *arrays[numbered:]])
+        titles, event_blocks = _event_blocks(table.manifest.system, events)
         with result_file(events_path(path), description) as partial_file:
             if form.ending == ".csv":
-                write_csv(partial_file, titles, event_rows)
+                write_csv(partial_file, titles, event_blocks)
             else:
-                _write_parquet(((titles, _flat(columns)) for columns in event_rows), partial_file)
+                _write_parquet(((titles, _flat(columns)) for columns in event_blocks),
+                               partial_file)
     return path
+
+
+def _event_blocks(
+    system: SystemManifest, events: Iterable[Table]
+) -> tuple[list[str], list[list[Array]]]:
+    """Return the headings of the file of events, and a block of columns for each event.
+
+    The event's name is the first column; in ensembles it is behind the trajectory's number.
+    """
+    columns_of = dict(map(_event_columns, events))
+    # all events have the same fields: a run has crossings or impacts
+    fields = [*next(iter(columns_of.values()))]
+    name_column = 1 if "trajectory" in fields else 0
+    headings = fields[:name_column] + event_headings(system, fields[name_column:])
+    blocks = []
+    for name, columns in columns_of.items():
+        names = np.full(len(columns["t"]), spreadsheet_text(name))
+        arrays = [*columns.values()]
+        blocks.append([*arrays[:name_column], names, *arrays[name_column:]])
+    return headings, blocks
 
 
 def _event_columns(event: Table) -> tuple[str, dict[str, Array]]:

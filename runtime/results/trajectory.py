@@ -325,11 +325,11 @@ class Trajectory(Shown):
     def __repr__(self) -> str:
         """Return the scheme, states, steps and times, and the largest errors on a second line."""
         report = self.report
-        part = "" if self._grid is None else " and a part of one"
+        last_part = "" if self._grid is None else " and a part of one"
         # t_eval=[] stores no state
         times = f", t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s" if len(self) else ""
         return (f"<Trajectory of {self.manifest.name}: {len(self):,} states of {report.steps:,} "
-                f"steps{part}{times}\n"
+                f"steps{last_part}{times}\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 

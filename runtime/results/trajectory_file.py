@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 __all__ = ["load_netcdf", "load_npz", "save_ensemble", "save_npz"]
 
+#: Rises with a change that older versions misread.
 _FORMAT = 2
 #: The arrays of an event.
 _CROSSING = ("t", "q", "p", "steps", "rising", "elapsed")
@@ -136,11 +137,11 @@ def load_npz(path: Path) -> Trajectory:
                     f"{_FORMAT}.")
             manifest = about["manifest"] = parse_manifest(about["manifest"])
             # outputs that this version has and the file has not; without "t" it is no run at all
-            missing = [output.attribute for output in OUTPUTS
+            missing_outputs = [output.attribute for output in OUTPUTS
                        if output.attribute not in file and names_in_files(output, manifest)]
-            if missing and "t" in file:
+            if missing_outputs and "t" in file:
                 raise InputError(
-                    f"{str(path)!r} has no {join_or(missing)}: it was written by gyrospark "
+                    f"{str(path)!r} has no {join_or(missing_outputs)}: it was written by gyrospark "
                     f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
                     "damaged. Run it again, or read it with numpy.load.")
             arrays = {output.attribute: file[output.attribute] for output in OUTPUTS
@@ -319,7 +320,8 @@ def _check_consistency(arrays: dict[str, Array], fields: dict[str, Any]) -> None
             raise ValueError(f"{output.attribute} has another shape than {shape}")
         if array.dtype.kind not in ("iu" if output.is_integer else "fO"):
             raise ValueError(f"{output.attribute} has entries of another type")
-    # anybody may have written the file: its JSON may have texts, or huge integers, for numbers
+    # anybody may have written the file: its JSON may have texts for numbers, or integers beyond
+    # the 64 bits of C
     report_numbers = [*report.pop("q"), *report.pop("p"), *report.values()]
     counts = [report["steps"], report["iterations"], fields["every"]]
     if (not all(type(x) in (int, float) for x in report_numbers)

@@ -31,6 +31,7 @@ def __dir__() -> list[str]:
     return __all__
 
 
+#: Decimal digits of elliptic functions; a float128 has 34.
 DIGITS = 40
 
 

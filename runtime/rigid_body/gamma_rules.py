@@ -135,9 +135,9 @@ def known_inertia(name: str, parameters: Mapping[str, Any]) -> Moments:
     moment_names, inverse = inertia_names(name)
     if {*inverse} <= parameters.keys():
         return moments_of(tensor_of_inverse([*map(parameters.__getitem__, inverse)]))
-    missing = [moment for moment in moment_names if moment not in parameters]
-    if missing:
-        raise InputError(f"{name} cannot be chosen: the moment {missing[0]!r} of its body is no "
+    unset = [moment for moment in moment_names if moment not in parameters]
+    if unset:
+        raise InputError(f"{name} cannot be chosen: the moment {unset[0]!r} of its body is no "
                          "parameter; give a number.")
     return principal_moments(tuple(parameters[moment] for moment in moment_names))
 

@@ -198,9 +198,9 @@ class Dynamics(Differentiation):
             return self._inputs(state, dict(zip(targets_by_name, targets, strict=True)),
                                 self._names("inputs", inputs))
         forces = M @ (np.concatenate(targets) - np.concatenate(accelerations_now))
-        ends = np.cumsum([len(rows) for rows in accelerations_now])[:-1]
+        group_ends = np.cumsum([len(rows) for rows in accelerations_now])[:-1]
         return {name: float(force[0]) if len(force) == 1 else force
-                for name, force in zip(targets_by_name, np.split(forces, ends), strict=True)}
+                for name, force in zip(targets_by_name, np.split(forces, group_ends), strict=True)}
 
     # ------------------------------------------------------------ inside
 

@@ -291,21 +291,21 @@ def _side_by_side(
     far come with ``Stopped``.
     """
     levels = _levels(stepper, events)
-    computed = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
+    batches = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
             """Integrate the runs of ``states`` and store their states in it."""
             fill_ensemble(states, threads, lambda: interrupts.is_requested, report)
 
-        fill(computed, report)
+        fill(batches, report)
         for i in range(len(runs)):
-            if not math.isfinite(computed.report(i).energy_start):
+            if not math.isfinite(batches.report(i).energy_start):
                 _refuse_undefined_energy(stepper, runs, i)
-        crossings = _crossings(stepper, levels, computed, fill)
+        crossings = _crossings(stepper, levels, batches, fill)
         event_tuple = () if levels is None else levels.events
-        ensemble = _ensemble(stepper, computed, crossings, event_tuple)
+        ensemble = _ensemble(stepper, batches, crossings, event_tuple)
         if runs.rests is not None and not interrupts.is_requested:
-            last_runs = runs.last_parts(stepper.binding, computed.q, computed.p, computed.status)
+            last_runs = runs.last_parts(stepper.binding, batches.q, batches.p, batches.status)
             parts = EnsembleStates.at_start(stepper, last_runs,
                                       detectors_for(stepper, levels, last_runs))
             fill(parts)
@@ -320,7 +320,7 @@ def _side_by_side(
             ensemble = _with_tangents(stepper, ensemble, tangents, threads,
                                       lambda: interrupts.is_requested)
     if interrupts.is_requested:
-        raise _stop_exception(interrupts, sum(computed.row_counts), ensemble, ensemble.t.size)
+        raise _stop_exception(interrupts, sum(batches.row_counts), ensemble, ensemble.t.size)
     return ensemble
 
 
@@ -333,7 +333,7 @@ def _refuse_undefined_energy(stepper: Stepper, runs: EnsembleArguments, i: int) 
 
 
 def _crossings(
-    stepper: Stepper, levels: Levels | None, computed: EnsembleStates,
+    stepper: Stepper, levels: Levels | None, states: EnsembleStates,
     fill: Callable[[EnsembleStates], None],
 ) -> list[dict[str, Crossings]]:
     """Return the crossings of each trajectory, event's name → crossings.
@@ -342,8 +342,8 @@ def _crossings(
     crossing once more, to locate it.
     """
     return [] if levels is None else crossings_of(
-        stepper, levels, computed.runs,
-        [detector.final_brackets() for detector in computed.detectors], fill)
+        stepper, levels, states.runs,
+        [detector.final_brackets() for detector in states.detectors], fill)
 
 
 def _with_last_parts(
@@ -381,9 +381,9 @@ def _with_last_parts(
     @cache  # events below and the caller's ``members`` ask for the same trajectory
     def member(i: int) -> Trajectory:
         """Return trajectory i, which has not failed, with its partial step."""
-        joined = joined_with_part(
+        longer_run = joined_with_part(
             stepper, runs[i], event_tuple, ensemble._make(i), parts._make(i))
-        return replace_fields(joined, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
+        return replace_fields(longer_run, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
 
     events = {name: CrossingsOfMany([
         ensemble.events[name][i] if i in failures else member(i).events[name]
@@ -506,46 +506,46 @@ def _levels(stepper: Stepper, events: Any) -> Levels | None:
 
 
 def _ensemble(
-    stepper: Stepper, computed: EnsembleStates, crossings: list[dict[str, Crossings]],
+    stepper: Stepper, states: EnsembleStates, crossings: list[dict[str, Crossings]],
     event_tuple: tuple[Event, ...],
 ) -> Ensemble:
     """Return the ensemble of stored states, NaN behind a failed step, with failures and events.
 
     ``crossings`` has a dict, event's name → crossings, for each run; it is empty without events.
-    Members are made from ``computed`` when they are asked for.
+    Members are made from ``states`` when they are asked for.
     """
-    binding, runs = stepper.binding, computed.runs
+    binding, runs = stepper.binding, states.runs
     # crossings without the coordinates that scaled time adds
     shown_crossings = [{name: crossing.shown(binding) for name, crossing in events_of_run.items()}
                        for events_of_run in crossings]
 
     def member(i: int) -> Trajectory:
         """Return trajectory i, up to its failed step if it has one."""
-        trajectory = trajectory_of(binding, stepper.manifest, runs[i], lambda: computed.rows[i],
-                                   computed.final_report(i), computed.q[i], computed.p[i])
+        trajectory = trajectory_of(binding, stepper.manifest, runs[i], lambda: states.rows[i],
+                                   states.final_report(i), states.q[i], states.p[i])
         return replace_fields(trajectory, events=shown_crossings[i] if shown_crossings else {},
                               _origin=Origin(runs[i], event_tuple))
 
     failures = {i: failure_of(binding, runs[i], member(i),
-                               Diagnosis.bare(int(computed.status[i])), computed.q[i])
-                for i in np.flatnonzero(computed.status).tolist()}
+                               Diagnosis.bare(int(states.status[i])), states.q[i])
+                for i in np.flatnonzero(states.status).tolist()}
     events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown_crossings])
               for name in (shown_crossings[0] if shown_crossings else ())}
-    return Ensemble(*_stored_arrays(stepper, computed), failures, stepper.name, member, events)
+    return Ensemble(*_stored_arrays(stepper, states), failures, stepper.name, member, events)
 
 
 def _stored_arrays(
-    stepper: Stepper, computed: EnsembleStates
+    stepper: Stepper, states: EnsembleStates
 ) -> tuple[Array, Array, Array, Array, Array]:
     """Return t, q, p, multipliers and iterations, their first axis the trajectory.
 
     t, q and p have a row for the start and for each stored step, the others for each stored step.
     Rows behind a failed step are NaN, and 0 iterations.
     """
-    binding, runs, rows = stepper.binding, computed.runs, computed.rows
-    states, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
+    binding, runs, rows = stepper.binding, states.runs, states.rows
+    state_count, no_number = rows.q.shape[1], binding.new(1)[0] + np.nan
     # the last step is stored also where ``every`` does not divide the number of steps
-    steps = np.minimum(np.arange(states) * runs.first.every, runs.first.steps)
+    steps = np.minimum(np.arange(state_count) * runs.first.every, runs.first.steps)
     t = binding.times(runs.t0[:, None], runs.dt[:, None], steps)
     if binding.clocked:  # the last coordinate is t
         t = rows.q[:, :, -1].astype(t.dtype)
@@ -553,8 +553,8 @@ def _stored_arrays(
     # the last columns are reactions of velocity constraints; ensembles leave these to their members
     multipliers = rows.multipliers[:, 1:, : binding.multipliers - binding.reactions].copy()
     iterations = rows.iterations[:, 1:].copy()
-    for i, row_count in enumerate(computed.row_counts):
-        if row_count < states:
+    for i, row_count in enumerate(states.row_counts):
+        if row_count < state_count:
             t[i, row_count:] = no_number if t.dtype == object else np.nan
             q[i, row_count:] = p[i, row_count:] = multipliers[i, row_count - 1 :] = no_number
             iterations[i, row_count - 1 :] = 0

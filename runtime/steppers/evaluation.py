@@ -84,8 +84,9 @@ class Evaluation:
         """
         self._refuse_unless_solving("residual")
         step = self._step_of(dt, dtau)
-        unknowns, state, run = self._equations_at(x, start, p, parameters, t)
-        return self.binding.residual(run, step, *state, unknowns, self.binding.work())
+        state, run = self._at_start(start, p, parameters, t)
+        return self.binding.residual(run, step, *state, self._increment(x, *state),
+                                     self.binding.work())
 
     def jacobian(
         self, x: ArrayLike, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
@@ -95,8 +96,9 @@ class Evaluation:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         self._refuse_unless_solving("Jacobian")
         step = self._step_of(dt, dtau)
-        unknowns, state, run = self._equations_at(x, start, p, parameters, t)
-        return self.binding.jacobian(run, step, *state, unknowns, self.binding.work())
+        state, run = self._at_start(start, p, parameters, t)
+        return self.binding.jacobian(run, step, *state, self._increment(x, *state),
+                                     self.binding.work())
 
     def guess(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
@@ -355,16 +357,9 @@ class Evaluation:
         run = self._parameters(start_numbers.parameters, time)
         return self.binding.start_in_scaled_time(run, *state, time), run
 
-    def _equations_at(
-        self, x: ArrayLike, start: Any, p: Any, parameters: Any, t: Any
-    ) -> tuple[Array, tuple[Array, Array], Any]:
-        """Return the unknowns of the C, the state (q, p) and the C struct of the parameters.
-
-        ``x`` are the unknowns of the caller, shape (unknowns,), which include the origin.
-        """
-        state, run = self._at_start(start, p, parameters, t)
-        unknowns = self.binding.array("x", x, (self.unknowns,)) - self._origin(*state)
-        return unknowns, state, run
+    def _increment(self, x: ArrayLike, q: Array, p: Array) -> Array:
+        """Return the unknowns of the C: x of the caller, shape (unknowns,), less its origin."""
+        return self.binding.array("x", x, (self.unknowns,)) - self._origin(q, p)
 
     def _origin(self, q: Array, p: Array) -> Array:
         """Return x minus the unknowns of the C, shape (unknowns,).

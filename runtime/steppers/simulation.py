@@ -611,8 +611,8 @@ class _PresentState:
     def __init__(self, simulation: Simulation) -> None:
         self._simulation, self._run = simulation, simulation._run
         # Compiled code writes into these.
-        shown = self._run.binding.shown
-        self.q, self.p = self._run.q[:shown], self._run.p[:shown]
+        coordinate_count = self._run.binding.shown
+        self.q, self.p = self._run.q[:coordinate_count], self._run.p[:coordinate_count]
         self.manifest = simulation._stepper.manifest
         self.body, self.quantity = simulation.body, simulation.quantity
         self.quantities = tuple(self.manifest.system.quantities)

@@ -190,8 +190,8 @@ def start_rates(
     # the acceleration with the present rates, and with the best further direction left out
     while len(left_out) < len(directions):
         candidates = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
-        best = min(candidates, key=lambda candidate: acceleration_norm(rates_without(candidate)))
-        if acceleration_norm(rates) <= _FASTER * acceleration_norm(rates_without(best)) + noise:
+        subset = min(candidates, key=lambda candidate: acceleration_norm(rates_without(candidate)))
+        if acceleration_norm(rates) <= _FASTER * acceleration_norm(rates_without(subset)) + noise:
             break
-        rates, left_out = rates_without(best), best
+        rates, left_out = rates_without(subset), subset
     return rates, left_out

@@ -308,15 +308,15 @@ class Pilots:
         dt = float(self.arguments.dt)
         if errors is None:
             return Pilot(label, parameters, dt, math.inf, math.inf, math.inf)
-        paths, base_errors, worst = self._motion.paths, self._errors[0], math.nan
+        paths, base_errors, worst_ratio = self._motion.paths, self._errors[0], math.nan
         motion = root_mean_squares(errors.motion[: self.rows], paths)
         if base_errors is not None:
             base_sizes = root_mean_squares(base_errors.motion[: self.rows], paths)
             # paths that are exact with the base have no ratio
-            worst = float((motion[base_sizes > 0]
+            worst_ratio = float((motion[base_sizes > 0]
                            / base_sizes[base_sizes > 0]).max(initial=-math.inf))
         return Pilot(label, parameters, dt, float(motion.max()),
-                     worst if math.isfinite(worst) else math.nan,
+                     worst_ratio if math.isfinite(worst_ratio) else math.nan,
                      float(root_mean_squares(errors.energy, [[0]])[0]))
 
     def rows_before(self, index: int, angle: float) -> int:
@@ -338,8 +338,8 @@ class Pilots:
 def _quarters(rows: int) -> list[slice]:
     """Return the four quarters of ``rows`` rows, the first ones a row longer where 4 is no divisor.
     """
-    ends = np.cumsum([len(quarter) for quarter in np.array_split(np.arange(rows), 4)]).tolist()
-    return [slice(begin, end) for begin, end in zip([0, *ends], ends, strict=False)]
+    bounds = np.cumsum([len(quarter) for quarter in np.array_split(np.arange(rows), 4)]).tolist()
+    return [slice(begin, end) for begin, end in zip([0, *bounds], bounds, strict=False)]
 
 
 def _total(errors: Array) -> float:

@@ -99,18 +99,19 @@ class Search:
             if pilots.is_round_off(trials[1]) and pilots.is_clear(trials[1]):
                 return trials[1], "least squares of the start: the error is round-off"
             trials += [pilots.measure(*candidate) for candidate in self._frames(finest)]
-        best, gamma_reason = self._choose(trials), ""
+        best_run, gamma_reason = self._choose(trials), ""
         if self.moments:
-            gamma_reason = self._why_gamma_stays(best)
+            gamma_reason = self._why_gamma_stays(best_run)
             self.searched_count = self.rate_count if gamma_reason else self.searched_count
             if not gamma_reason:
-                trials += [pilots.measure(*candidate) for candidate in self._gammas(best, trials)]
-            best = self._choose(trials)
+                trials += [pilots.measure(*candidate)
+                           for candidate in self._gammas(best_run, trials)]
+            best_run = self._choose(trials)
         searched = [index for trial in self._search_starts(trials)
-                    for index in self._levenberg_marquardt(trial, best)]
+                    for index in self._levenberg_marquardt(trial, best_run)]
         # Rates fitted to the pilot runs may fail later: they must beat tried ones clearly.
-        best = self._choose(searched, best, _CLEARLY if self.rate_count else 1.0)
-        return best, self._reason(best, gamma_reason)
+        best_run = self._choose(searched, best_run, _CLEARLY if self.rate_count else 1.0)
+        return best_run, self._reason(best_run, gamma_reason)
 
     def _choose(self, indices: Iterable[int], best: int = 0, factor: float = 1.0) -> int:
         """Return the clear run with the smallest ``largest`` error, or ``best`` if none beats it.
@@ -288,8 +289,8 @@ class Search:
         """
         errors = self.pilots.errors(index, self.pilots.searched_rows)
         assert errors is not None
-        joined, row_count = np.concatenate([errors[..., None], slopes], axis=-1), len(errors)
-        columns = [joined[:, path].reshape(-1, joined.shape[-1]) for path in self.pilots.paths]
+        matrix, row_count = np.concatenate([errors[..., None], slopes], axis=-1), len(errors)
+        columns = [matrix[:, path].reshape(-1, matrix.shape[-1]) for path in self.pilots.paths]
         return np.array([A.T @ A / row_count for A in columns])
 
     def _weighted_step(self, forms: Array, damping: float) -> tuple[Array, Array]:

@@ -73,14 +73,14 @@ class StepSearch:
             raise InputError(f"step_error = {self.bound:g} is below round-off, {self.epsilon:.1e}; "
                              "ask for more than that, or take a stepper of a wider type.")
         finest = self._halve()
-        best = len(self.pilots) - 1
+        best_index = len(self.pilots) - 1
         # from the finest down, as long as every larger number of steps suffices too: a small error
         # by accident does not count
-        while best and self.pilots[best - 1].motion <= self.bound:
-            best -= 1
-        if best and self._interpolated_step_suffices(best, finest):
-            best = len(self.pilots) - 1
-        return self._steps[best], self.pilots[best]
+        while best_index and self.pilots[best_index - 1].motion <= self.bound:
+            best_index -= 1
+        if best_index and self._interpolated_step_suffices(best_index, finest):
+            best_index = len(self.pilots) - 1
+        return self._steps[best_index], self.pilots[best_index]
 
     def _halve(self) -> Array:
         """Halve the step until the error is small enough, in two pilots at least.

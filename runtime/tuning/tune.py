@@ -366,10 +366,10 @@ class _Rules:
                         longer=longer)
         velocities = Velocities(self.stepper, pilot.parameters, pilot.t0)
         with before_start("the parameters"):
-            best, reason = Search(pilots, velocities, moments).best()
-        return Tuned(parameters | pilots.parameters(pilots.trials[best]), self.run.dt,
-                     pilots.largest(best), pilots.gain(best), "; ".join([*self.reasons, reason]),
-                     pilots.pilots())
+            best_run, reason = Search(pilots, velocities, moments).best()
+        return Tuned(parameters | pilots.parameters(pilots.trials[best_run]), self.run.dt,
+                     pilots.largest(best_run), pilots.gain(best_run),
+                     "; ".join([*self.reasons, reason]), pilots.pilots())
 
     def tuned_step(
         self, span: Fraction, bound: float, pilot_limit: int, t_end: Any = None

@@ -193,6 +193,7 @@ def playground(
         As ``build``; for a system without a body; where ziglang is missing, with the cure.
     """
     with tempfile.TemporaryDirectory() as folder_name:
-        built = build("web", system, scheme=scheme, out=Path(folder_name) / "page.html", **options)
-        page = built.path.read_text(encoding="utf-8")
-    return View(_title(built.stepper.manifest), page)
+        artefact = build("web", system, scheme=scheme, out=Path(folder_name) / "page.html",
+                         **options)
+        page = artefact.path.read_text(encoding="utf-8")
+    return View(_title(artefact.stepper.manifest), page)

@@ -212,9 +212,9 @@ def _written_to_memory(store: Any, exports: Any, arrays: Sequence[bytes]) -> lis
     for array in arrays:
         addresses.append(end)
         end += _rounded_up(len(array), 16)
-    missing = end - memory.data_len(store)
-    if missing > 0:
-        memory.grow(store, _rounded_up(missing, _PAGE_BYTES) // _PAGE_BYTES)
+    missing_bytes = end - memory.data_len(store)
+    if missing_bytes > 0:
+        memory.grow(store, _rounded_up(missing_bytes, _PAGE_BYTES) // _PAGE_BYTES)
     for address, array in zip(addresses, arrays, strict=True):
         memory.write(store, array, address)
     return addresses

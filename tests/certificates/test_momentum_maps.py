@@ -233,14 +233,14 @@ def test_near_symmetries_are_reported(size):
     assert vertical.name == SPACE[2]
     assert vertical.any_parameters
     assert vertical.proof == "expanded"
-    assert vertical.broken == 0
+    assert vertical.symmetry_defect == 0
     if size < 1e-6:
         (figure,) = near
         assert figure.name == BODY[2]
         assert not figure.everywhere
         assert not figure.on_constraints
         assert figure.proof == "random points"
-        assert 0.1 * size < figure.broken < 10 * size
+        assert 0.1 * size < figure.symmetry_defect < 10 * size
     else:  # too far from one
         assert near == []
 
@@ -253,7 +253,7 @@ def test_parameters_are_the_doubles_that_they_are():
     assert exact.everywhere
     (near,) = plane(H, {"m1": 0.3, "m": 0.1 + 0.2})
     assert not near.everywhere
-    assert 1e-17 < near.broken < 1e-15
+    assert 1e-17 < near.symmetry_defect < 1e-15
 
 
 def test_directions_that_are_no_fractions_are_not_proved():
@@ -265,7 +265,7 @@ def test_directions_that_are_no_fractions_are_not_proved():
     (J,) = momentum_maps(system, {"m1": 1.0, "angle": 0.3}, [0.6, 0, 0.8], [0.8, 0.3, -0.6])
     assert J.name == "angular momentum about (0.29552, 0, 0.955336)"
     assert not J.everywhere
-    assert J.broken < 100 * sys.float_info.epsilon  # sums of some tens of terms
+    assert J.symmetry_defect < 100 * sys.float_info.epsilon  # sums of some tens of terms
 
 
 def test_constraints_that_turn_into_one_another():
