@@ -83,7 +83,8 @@ class Fit:
         |dp|/|p|) that leave the predictions as they are: of a common factor all are 1. The values
         are then one choice of many.
     residuals : array, shape (samples, C)
-        Predictions less data; of an attitude three columns, the rotation vector in rad.
+        Predictions less data; of an attitude three columns, 2 sin(θ/2) n of the rotation by θ about
+        n from the measured one, in axes of the body: in rad for small angles.
     rms : float
         Root mean square of the residuals.
     truncation : float

@@ -1,8 +1,8 @@
 """Measured quantities of a state: their residuals against data, and derivatives by q and p.
 
-The residual of a measured attitude d at the attitude q is the rotation vector between them in rad,
-in the axes of the measured body: r = 2 sign(dᵀq) L(d) q, with L(d) q the vector part of d* q. The
-sign makes d and −d the same measurement.
+The residual of a measured attitude d at the attitude q is r = 2 sign(dᵀq) L(d) q, with L(d) q the
+vector part of d* q: 2 sin(θ/2) n of the rotation by θ about n between them, in the axes of the
+measured body. The sign makes d and −d the same measurement.
 
 An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on the inertia too:
 ∂Ω/∂p = J⁻¹ ½ L(q), ∂Ω/∂q = −J⁻¹ ½ L(p), ∂Ω/∂K_ij of K = J⁻¹ from Ω = K l, and ∂Ω_i/∂I_i = −Ω_i/I_i.
@@ -149,7 +149,7 @@ class Observation:
         data_end = residual_end = 0
         for part in self.parts:
             residual_count = 1 if isinstance(part, int) else 3
-            # four numbers of a quaternion have the three of a rotation vector
+            # four numbers of a quaternion have the three residuals 2 sin(θ/2) n
             data_count = 4 if isinstance(part, list) else residual_count
             yield (part, slice(data_end, data_end := data_end + data_count),
                    slice(residual_end, residual_end := residual_end + residual_count))
@@ -180,7 +180,8 @@ class Observation:
 def _rotation_between(d: Array, q: Array) -> tuple[Array, Array]:
     """Return r = 2 sign(dᵀq) L(d) q and ∂r/∂q, shapes (rows, 3) and (rows, 3, 4).
 
-    r is the rotation vector from the measured attitude d to q, both of shape (rows, 4).
+    r = 2 sin(θ/2) n of the rotation by θ about n from the measured attitude d to q, both of shape
+    (rows, 4).
     """
     left_matrices = left_matrix(d)
     # q and −q are one attitude

@@ -54,9 +54,9 @@ class Tuned:
     dt : number
         The time step in s: as given, or (t_end − t)/n, a fraction; in scaled time Δτ.
     error : float
-        The error of the chosen run: of the motion the largest of a path, root mean square, with
-        ``step_error`` its maximum over the run; of the energy the root mean square. NaN where
-        nothing was measured.
+        The error of the chosen pilot run, which may be shorter than the run: of the motion the
+        largest of a path, root mean square, with ``step_error`` its maximum over the whole run; of
+        the energy the root mean square. NaN where nothing was measured.
     gain : float
         The error with γ_m and without a frame over that of the choice: 1 where these stay, NaN
         where nothing was searched.
@@ -134,8 +134,9 @@ def tune(
     dtau : float, optional
         In scaled time the largest step that is tried, such as 0.4; with ``step_error``.
     t_end, steps : float, int, optional
-        The end of the run, as for ``integrate``. Where it is longer than ``pilot_steps``, the
-        error of the motion is extrapolated from pilot runs in which it grows like t.
+        The end of the run, as for ``integrate``. Where it is longer than ``pilot_steps``, γ and
+        rates are those of pilot runs of that many steps; with the aim "motion" γ_m stays unless the
+        error of the motion grows like t in them.
     gamma : {"auto", "m", "h", "mt", "ht"}, optional
         "auto" searches γ (or α) of every body that ``parameters`` give none for; the others are
         means of its moments (``gyrospark.gamma``).

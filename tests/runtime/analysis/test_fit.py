@@ -14,6 +14,7 @@ import gyrospark as gs
 import systems
 from benchmarks import fits
 from calls import refused
+from gyrospark.core.inertia import quaternion_product
 from gyrospark.core.manifest import BodyManifest, SystemManifest
 from gyrospark.runtime.analysis.fit_coordinates import Coordinates
 from gyrospark.runtime.analysis.least_squares import Linear, identify
@@ -242,6 +243,17 @@ def test_residuals_of_two_attitudes_are_those_of_each():
             data[:, body], q, p, {})
         assert np.array_equal(both[:, 3 * k : 3 * k + 3], r)
         assert np.array_equal(by_q[:, 3 * k : 3 * k + 3], slopes)
+
+
+@pytest.mark.parametrize("angle", [1e-3, 1.0, 3.0])
+def test_a_residual_of_an_attitude_is_twice_the_sine_of_half_the_angle(angle):
+    n, d = np.array([2, -1, 2]) / 3, np.array([0.5, -0.1, 0.7, 0.5])
+    turn = np.concatenate([[np.cos(angle / 2)], np.sin(angle / 2) * n])
+    q = np.array([quaternion_product(d, turn)])
+    for data in (d, -d):
+        r, *_ = Observation(4, [[0, 1, 2, 3]], None, [""] * 4).residuals(
+            data[None], q, 0 * q, {})
+        assert np.abs(r[0] - 2 * np.sin(angle / 2) * n).max() < 1e-15
 
 
 @pytest.mark.parametrize("entries", [3, 6])

@@ -31,6 +31,8 @@ def test_a_result_is_numbers_a_reason_and_pilot_runs(gl3):
     assert len(rows) == len(tuned.pilots)
     assert f"{tuned.parameters['gamma']:.6g}" in repr(tuned)
     assert tuned.pilots[0].label in tuned._repr_html_()
+    longer = gs.tune(gl3, TOP, dt=2e-3, gamma="auto", steps=10000, pilot_steps=100)
+    assert longer.error in [pilot.motion for pilot in longer.pilots]
     again = pickle.loads(pickle.dumps(tuned))
     assert (again.parameters, str(again)) == (tuned.parameters, str(tuned))
 
