@@ -41,7 +41,7 @@ _active: list[Interrupts] = []
 
 
 def catch_signals() -> contextlib.AbstractContextManager[Interrupts]:
-    """Yield a record of the signals that end a process; in other threads than the main one, none.
+    """Yield a record of the signals that end a process; other threads than the main one see none.
 
     Signals that are ignored (nohup, a shell's background) stay ignored. A second one raises
     ``KeyboardInterrupt``: stored rows stay complete.

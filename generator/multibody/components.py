@@ -153,12 +153,12 @@ class Components:
 
     def turning_joint(self, name: str, joint: Connection | str) -> Connection:
         """Return a joint with a hinge or a flywheel's angle, for the gear or drive ``name``."""
-        turning = self.joint(joint, f"Gear {name!r}")
-        self.refuse_measure(turning, "angle")
-        if isinstance(turning, Arm):
-            raise InputError(f"{name!r} needs a joint with a hinge, and {turning.name!r} is an arm "
+        hinged = self.joint(joint, f"Gear {name!r}")
+        self.refuse_measure(hinged, "angle")
+        if isinstance(hinged, Arm):
+            raise InputError(f"{name!r} needs a joint with a hinge, and {hinged.name!r} is an arm "
                              "of a universal joint; name another joint, or write a law or couple.")
-        return turning
+        return hinged
 
     def refuse_measure(self, joint: Connection, measure: str) -> None:
         """Refuse a measure that a joint does not have."""

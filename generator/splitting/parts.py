@@ -273,9 +273,10 @@ def _angular_velocity(body: BodyFlow, q: Sequence[sp.Symbol], N: Vector) -> list
     W, R = body.a * sp.Matrix(N), rotation_matrix(q)
     for axis in (*body.axes, *body.further):
         c = R * sp.Matrix(axis.axis)
-        power, = shorten_on_unit_sphere([sp.Add(*(x * y for x, y in zip(c, N, strict=True)))], [q])
-        if power != 0:
-            W += axis.d * share(power) * c
+        c_dot_N = sp.Add(*(x * y for x, y in zip(c, N, strict=True)))
+        projection, = shorten_on_unit_sphere([c_dot_N], [q])
+        if projection != 0:
+            W += axis.d * share(projection) * c
     return list(W) if not W.has(Shared) else list(map(share, W))
 
 

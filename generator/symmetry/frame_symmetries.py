@@ -155,7 +155,7 @@ class _SymmetrySearch:
         self.forces = system.forces
         self.frame_fields: list[LinearField] = []
         self.names = {str(s) for s in (*system.q, *system.p, *system.parameters)}
-        self.count = 0
+        self.unnamed_count = 0
         self.unconditional = self._unconditional(list(self._candidates()))
 
     def _candidates(self) -> Iterator[LinearField]:
@@ -236,8 +236,8 @@ class _SymmetrySearch:
     def _name(self, name: str) -> str:
         """Return the name of a rate, omega_1 and so on where a name is empty or in use."""
         while not name or name in self.names:
-            self.count += 1
-            name = f"omega_{self.count}"
+            self.unnamed_count += 1
+            name = f"omega_{self.unnamed_count}"
         self.names.add(name)
         return name
 

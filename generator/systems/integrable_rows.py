@@ -24,7 +24,7 @@ from ..symbolic.bounded_algebra import is_small
 from ..symbolic.derivatives import derivative
 from ..symbolic.identities import compare
 from ..symbolic.numeric_evaluation import evaluate
-from .redundant_constraints import somewhere
+from .redundant_constraints import random_point
 from .system import System
 
 __all__ = ["RowIntegral", "curls_of", "row_integrals", "warn_of_row_integrals",
@@ -127,7 +127,7 @@ def _candidates(
                        for e in (*row, rate)]
     points = []
     for seed in range(_POINTS):
-        q, values = somewhere(system, {x[-1]}, seed)
+        q, values = random_point(system, {x[-1]}, seed)
         point = np.array([*q, values[x[-1]]])
         W, curls = curls_of(rows, x, point, values)
         G = evaluate(constraint_rows,

@@ -28,8 +28,7 @@ from .system import System
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-__all__ = ["Redundancy", "find_redundant", "refuse_redundant_anywhere",
-           "somewhere"]
+__all__ = ["Redundancy", "find_redundant", "random_point", "refuse_redundant_anywhere"]
 
 EPS = float(np.finfo(float).eps)
 
@@ -292,7 +291,7 @@ def _least_squares(G: Array | csr_array, g: Array) -> Array:
     return shortest
 
 
-def somewhere(
+def random_point(
     system: System, symbols_besides: Iterable[sp.Symbol] = (), seed: int = 23
 ) -> tuple[Array, dict[sp.Symbol, float]]:
     """Return random coordinates on g = 0, shape (n,), and values of all other symbols.

@@ -33,7 +33,7 @@ from ..symbolic.shared_subexpressions import parts_of, substitute, symbols_of
 from .expression_arguments import as_sequence
 from .integrable_rows import curls_of
 from .lagrangian import LagrangianSystem, from_lagrangian
-from .redundant_constraints import somewhere
+from .redundant_constraints import random_point
 from .sympy_motion import FrameMotion
 from .velocity_coefficients import coefficients_of
 
@@ -425,7 +425,7 @@ def _independent(
     if not velocity_constraints:
         return ()
     flat = [e for row in rows for e in row]
-    q, values = somewhere(system, symbols_of(flat))
+    q, values = random_point(system, symbols_of(flat))
     substitution: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
     numbers = evaluate(flat, substitution).reshape(len(rows), system.n + 1)
     implied = {*dependent_rows(numbers)[1]}

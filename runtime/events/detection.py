@@ -152,7 +152,7 @@ class Brackets:
                         self.on_level[index], self.past[index])
 
 
-def _turning(
+def _turning_steps(
     differences: Array, start: int, end: int, *, begins: bool, ends: bool
 ) -> tuple[Array, Array]:
     """Return (rows, events) of steps in which a value may touch 0: a step begins at its row.
@@ -329,8 +329,8 @@ class EventDetector:
         """
         # the step before ``first_row`` is examined once more: only now has it neighbours on both
         # sides
-        row, event = _turning(differences, max(first_row - 1, 0), len(differences) - 2,
-                              begins=not first_step, ends=False)
+        row, event = _turning_steps(differences, max(first_row - 1, 0), len(differences) - 2,
+                                    begins=not first_step, ends=False)
         unbracketed = (row >= first_row) | ~self._turnings_bracketed[event]
         self._add_brackets(first_step, row[unbracketed], event[unbracketed], q, p, differences,
                            turning=True)
@@ -366,9 +366,8 @@ class EventDetector:
         differences = self._differences(self._last_step - last_row, q, p)
         with_next = differences if ahead is None else np.concatenate(
             [differences, self._differences(self._last_step + 1, *ahead)])
-        row, event = _turning(with_next, max(last_row - 1, 0), last_row,
-                              begins=self._last_step == last_row,
-                              ends=ahead is None)
+        row, event = _turning_steps(with_next, max(last_row - 1, 0), last_row,
+                                    begins=self._last_step == last_row, ends=ahead is None)
         # one turning an event: a second call for the same step adds none
         is_new = ~self._turnings_bracketed[event]
         row, event = row[is_new], event[is_new]

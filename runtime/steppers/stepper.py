@@ -553,6 +553,7 @@ class Stepper(Dynamics):
         from .ensemble import EnsembleEnd, integrate_members
 
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
+        # in scaled time each run takes as many steps as it needs up to t_end
         is_open = self.binding.clocked and steps is None and t_end is not None
         state = merged_starts(self, starts, p, parameters, impacts=True)
         events = events_or_own(starts, events)
