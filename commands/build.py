@@ -23,7 +23,7 @@ from ..targets.build import build as build_artefact
 from ..targets.build import target_named
 from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
-from .options import DEFAULT, completing, real_number, whole_number
+from .options import DEFAULT, check_no_file, completing, real_number, whole_number
 from .run.starts import arguments_of, refuse_repeated_keys, settings_of
 
 __all__ = ["build"]
@@ -122,6 +122,8 @@ def _write(
     stages: str | None, order: str | None, dt: str | None, check: bool, **scheme_options: Any,
 ) -> int:
     """Write the artefact and print its files; return the exit code, 1 if its bits differ from C."""
+    if scheme_options["out"] is not None and not target.suffix:
+        check_no_file("--out", scheme_options["out"])
     pairs = [_value(text) for text in values]
     names = [name for name, _ in pairs]
     for name in names:

@@ -200,7 +200,8 @@ class JointMotion:
         Raises
         ------
         InputError
-            For another frame; for a joint of whose constraints it is not known how they act.
+            For another frame; for a joint of whose constraints it is not known how they act; for a
+            run of one state, which has no step.
         """
         return self._in(frame, self._reaction()[0])
 
@@ -218,6 +219,10 @@ class JointMotion:
                              "acts on more than its two bodies, as a gear does, is of your own "
                              "class without a Pull, or a slide of a stepper of an earlier version. "
                              "Its multipliers are in run.multipliers.")
+        if len(self._run) == 1:
+            raise InputError(f"The force and the torque of {self.name!r} follow from multipliers "
+                             "of steps, and this run has one state and no step; take rows of the "
+                             "forces of the whole run, run.joint(...).force()[-1:].")
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run).astype(float)
         for pull in self._layout.pulls:

@@ -265,6 +265,7 @@ def test_a_check_that_fails_ends_with_1(gyrospark, tmp_path, monkeypatch):
     (["cpp", "fast-top"], "--dt"), (["cpp", "fast-top", "--dt", "1e-3", "--parameter", "x"], "x"),
     (["cpp", "fast-top", "--dt", "1e-3", "--set", "spin=3"], "spin"),
     (["cpp", "fast-top", "--dt", "1e-3", "--out", os.sep], "out"),
+    (["cpp", "fast-top", "--dt", "1e-3", "--out", "x.c"], "'x.c' names a file"),
     (["cpp", "fast-top", "--dt", "1e-3", "--for", "linux"], "--for"),
 ])
 def test_bad_input_is_one_line(gyrospark, words, said):

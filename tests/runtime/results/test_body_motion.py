@@ -131,6 +131,9 @@ def test_a_rod_pulls_along_itself(tied):
     assert np.abs(force - 0.5 * 9 * along).max() < 1e-4
     with pytest.raises(gs.InputError, match=r"'rod'.*axis"):
         tied.joint("rod").angle()
+    for one_state in (tied[-1:], tied[:1]):
+        with pytest.raises(gs.InputError, match=r"'rod'.*one state.*no step"):
+            one_state.joint("rod").force()
 
 
 def test_total_momenta_of_segments_that_attract_one_another():
