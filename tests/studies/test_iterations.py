@@ -226,6 +226,7 @@ def test_table_9():
     assert explained == {"α"}
 
 
+@pytest.mark.slow  # hundreds of runs
 def test_table_10():
     """14 of the 19 readable cells; the issue wanted 17, see the note in the table."""
     table = table_10(Engine())

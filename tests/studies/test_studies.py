@@ -264,6 +264,7 @@ def test_files_next_to_the_page(files, quick_results):
     assert list(rows[0]) == ["row", "column", "paper", "ours", "ratio", "verdict", "note"]
 
 
+@pytest.mark.slow  # of the paper's pictures
 def test_bytes_are_reproducible(quick_results, files):
     """Of pictures that are drawn again."""
     again = report_files([result for result in quick_results if result.name == "figure-5"])
@@ -272,6 +273,7 @@ def test_bytes_are_reproducible(quick_results, files):
     assert all(files[name] == text for name, text in pictures.items())
 
 
+@pytest.mark.slow  # of the paper's pictures
 def test_drawings_follow_the_page():
     """Curves of every panel, in the colours of the page around them."""
     panel = Panel("t", "x", "y", [Series(f"s{i}", [1.0, 2.0], [1.0, 2.0 + i], "o-")

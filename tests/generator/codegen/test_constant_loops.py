@@ -22,6 +22,7 @@ def sources_of(model, monkeypatch):
     return sources[0].name, *(source.files() for source in sources)
 
 
+@pytest.mark.slow  # bodies are derived twice
 def test_loops_have_the_constants_of_single_assignments(monkeypatch):
     """As ``kernels_of`` reads the C of both; steppers of many bodies run what loops evaluate."""
     stem, single, looped = sources_of(gs.models.chain(2), monkeypatch)

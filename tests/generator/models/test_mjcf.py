@@ -504,6 +504,7 @@ WHEEL = hinged('<geom size=".1" pos="0 0 -.3"/>',
                      '<keyframe><key name="k" ctrl="2"/></keyframe>')
 
 
+@pytest.mark.slow  # two steppers for this; test_urdf.py has a robot on the command line
 def test_the_command_runs_it(tmp_path, gyrospark):
     """An actuator is an input, the keyframe a setting; what is wrong ends in one line.
 

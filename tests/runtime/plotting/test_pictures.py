@@ -93,6 +93,7 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
     assert 0.2 < blue(frames["auto"][:360]) / blue(picture) < 1.2  # the film has all frames in view
 
 
+@pytest.mark.slow  # test_picture.py has a picture on the command line
 def test_a_film_on_the_command_line(gyrospark, tmp_path):
     from PIL import Image
 
