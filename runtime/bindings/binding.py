@@ -139,7 +139,8 @@ class Binding(Compiled):
 
     def has_finite_energy(self, parameters: ParameterStruct, q: Array, p: Array) -> bool:
         """Return whether H of a state is a finite number, at the time of ``parameters``."""
-        return math.isfinite(self.hamiltonian(parameters, q[None], p[None])[0])
+        (H,) = self.hamiltonian(parameters, q[None], p[None])
+        return bool(abs(H) < math.inf)  # in its type: a wide number may be beyond any double
 
     def in_scaled_time(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array

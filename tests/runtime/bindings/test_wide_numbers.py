@@ -402,3 +402,18 @@ def test_means_of_moments():
         assert type(gs.gamma([0.1, 0.3, 0.7], rule)) is float
         with mp.workdps(40):
             assert gs.gamma([mp.mpf(1) / 3] * 3, rule) == rounding("float128")(Fraction(1, 3))
+
+
+# ---------------------------------------------------------------- energies beyond doubles
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_an_energy_beyond_the_largest_double_is_a_number(real):
+    """H = p²/2m is 7e399 and more; a start where it overflows its own type is refused."""
+    p = rounding(real)(Fraction(10) ** 200)
+    run = pushed(real).integrate([0], [p], dt=DT, steps=1, parameters=PARAMETERS)
+    assert_near(run.q[1] / p, [DT / Fraction(7, 10)], real)
+    many = pushed(real).integrate_ensemble([[0]], [[p]], dt=DT, steps=1, parameters=PARAMETERS)
+    assert np.array_equal(many.q[0], run.q)
+    with pytest.raises(gs.InputError, match=r"H = inf.*units"):
+        pushed(real).integrate([0], [p**20 * p**4], dt=DT, steps=1, parameters=PARAMETERS)
