@@ -289,6 +289,17 @@ def test_welds_hold(tmp_path):
     assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(wanted, rel=1e-12)
 
 
+def test_a_weld_to_the_world_holds_a_body_as_it_stands(tmp_path):
+    """Beside a last body that is turned, whose attitude is not the world's."""
+    inner = '<geom size=".1"/><freejoint/>'
+    model = gs.load_model(written(
+        tmp_path, f'<worldbody><body name="a" euler="0 20 0">{inner}</body><body name="b" '
+        f'euler="30 0 0" pos="1 0 0">{inner}</body></worldbody><equality><weld body1="a"/>'
+        '</equality>'), ignore="contact")
+    half = math.radians(20) / 2
+    assert model.q0[:4] == pytest.approx([math.cos(half), 0, math.sin(half), 0], abs=4 * EPS)
+
+
 def test_the_example_is_what_it_says():
     """A loop, a motor that holds a speed against its armature, and shapes; no mesh."""
     build = gs.Multibody.from_file("examples/pumpjack.xml", keyframe="running")
@@ -429,6 +440,16 @@ def test_bad_files_are_refused(tmp_path, inside, said):
     if ignorable:
         build = gs.Multibody.from_file(tmp_path / "model" / "robot.xml", ignore="all")
         assert build._components.bodies
+
+
+def test_a_model_counts_where_it_is_attached(tmp_path):
+    """Once, whatever else is in the file."""
+    (tmp_path / "many.xml").write_text(
+        f"<mujoco><worldbody>{'<site/>' * 9000}</worldbody></mujoco>")
+    model = gs.load_model(written(
+        tmp_path, '<asset><model name="x" file="many.xml"/></asset>'
+        + one("<geom", '<attach model="x" body="world" prefix="p"/>' + "<site/>" * 9 + "<geom")))
+    assert model.system.n == 7
 
 
 def test_sizes_that_a_file_asks_for_are_not_taken(tmp_path):

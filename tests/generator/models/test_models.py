@@ -240,6 +240,18 @@ def test_gimbal_conserves_spin_and_vertical_momentum():
     assert np.ptp(trajectory.q[:, 4]) > 0.01  # and it moves
 
 
+@pytest.mark.slow  # a model of 13 bodies
+def test_legs_of_the_stewart_platform_lie_between_their_joints():
+    """Uniform tubes of .35 m from the feet, .5 m from the middle, along the rods."""
+    model = gs.models.stewart_platform()
+    at = {name: model.q0[i:i + 3] for i, name in enumerate(map(str, model.system.q))
+          if name.endswith("_x")}
+    for k in range(6):
+        tube, rod = at[f"tube{k}_x"], at[f"rod{k}_x"]
+        foot = tube - 0.175 * (rod - tube) / np.linalg.norm(rod - tube)
+        assert [np.hypot(*foot[:2]), foot[2]] == pytest.approx([0.5, 0], abs=64 * EPS)
+
+
 @pytest.mark.parametrize("count", [0, -1, 2.5, True])
 def test_chain_takes_whole_numbers(count):
     with pytest.raises(gs.InputError, match="from 1"):

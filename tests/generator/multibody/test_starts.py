@@ -226,8 +226,25 @@ def test_slips_of_units_are_warned_of(mass, inertia, radius):
         build.model()
 
 
+def test_small_bodies_without_joints_are_no_slips_of_units():
+    build = gs.Multibody("dust")
+    build.body("a", mass=1e-6, inertia=[1e-18] * 3, position=(0.5, 0, 0))
+    build.body("b", **BODY)
+    build.model()
+
+
 def test_another_satellite_starts_with_momenta_of_its_own_inertia():
     moments, omega = (100.0, 120.0, 30.0), (0.0, 0.0011, 2e-4)
     model = gs.models.satellite(inertia=moments)
     p = gs.Start.of_body(model.q0, omega, moments).p
     assert np.abs(model.p0 - p).max() <= 4 * np.finfo(float).eps * np.abs(p).max()
+
+
+def test_what_hangs_on_a_top_turns_about_its_fixed_point():
+    build = gs.Multibody("held")
+    top = build.top("top", mass=1, inertia=(1, 2, 2.5), centre=(0.5, 0, 0), at=(1.0, 2.0, 0.5))
+    rod = build.body("rod", **BODY, position=(2.5, 2.0, 0.5))
+    build.revolute("hinge", "ground", top, axis=(0, 0, 1), at=(1.0, 2.0, 0.5), angle=0.7)
+    build.ball("pin", top, rod, at=(2.0, 2.0, 0.5))
+    q = build.model(redundant="leave out").q0
+    assert q[8:] == pytest.approx([1 + 1.5 * np.cos(0.7), 2 + 1.5 * np.sin(0.7), 0.5], abs=ROUNDING)

@@ -14,6 +14,7 @@ import sympy.physics.mechanics as me
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError, InputWarning
+from gyrospark.generator.symbolic.shared_subexpressions import expand_shared
 from mechanics_systems import sides
 
 T = me.dynamicsymbols._t
@@ -296,3 +297,19 @@ def test_a_constant_of_the_name_of_a_coordinate_is_refused():
     system.add_loads(me.Torque(arm, sp.Symbol("q1", real=True) * arm.frame.x))
     with pytest.raises(InputError, match="another name"):
         gs.from_mechanics(system)
+
+
+def test_auxiliary_speeds_are_zero():
+    """They name forces of constraints: nothing moves with them."""
+    system, N, O, _ = ground()  # noqa: E741
+    (q, u), extra, m = number("1"), me.dynamicsymbols("extra"), sp.Symbol("m")
+    P = O.locatenew("P", q * N.x)
+    P.set_vel(N, u * N.x + extra * N.y)
+    system.add_bodies(me.Particle("b", P, m))
+    system.add_coordinates(q)
+    system.add_speeds(u)
+    system.add_auxiliary_speeds(extra)
+    system.add_kdes(u - q.diff())
+    translated = gs.from_mechanics(system)
+    (mass,), (v,) = translated.parameters, translated.velocities
+    assert expand_shared(translated.L) == mass * v**2 / 2
