@@ -135,8 +135,13 @@ def evaluate(expressions: Sequence[sp.Expr], values: Mapping[sp.Symbol, Any]) ->
     evaluator = Evaluator({symbol: np.asarray(v)[()] for symbol, v in values.items()})
     shape = np.broadcast_shapes(*(np.shape(v) for v in values.values()))
     with np.errstate(all="ignore"):
-        rows = [np.broadcast_to(evaluator(e), shape) for e in expressions]
-    return np.array(rows) if rows else np.zeros((0, *shape))
+        rows = [evaluator(e) for e in expressions]
+    # assignment broadcasts each row, which costs less than ``np.broadcast_to``
+    types = {np.asarray(row).dtype for row in rows}
+    array = np.empty((len(rows), *shape), np.result_type(*types) if types else float)
+    for k, row in enumerate(rows):
+        array[k] = row
+    return array
 
 
 def mp_context(digits: int) -> Any:

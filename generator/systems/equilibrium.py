@@ -11,8 +11,8 @@ of L is the residual, its Hessian the matrix.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -28,7 +28,10 @@ from .system import System
 __all__ = ["equilibrium"]
 
 #: Iterations, and the largest relative change of one.
-_ITERATIONS, _LARGEST_CHANGE = 500, 0.3
+_ITERATIONS, _LARGEST_CHANGE = 300, 0.3
+#: A coordinate beyond this many times the largest of the start, or of 1 m or rad, runs away. The
+#: forces of a system that is so far off are lost in the round-off of their terms.
+_RUNAWAY = 1e9
 #: Changes below may stagnate at round-off.
 _ROUNDING = 1e-9
 #: Residuals below this part of their terms are round-off.
@@ -40,6 +43,21 @@ _FIRST_TAU = 1e3
 #: τ times that entry at which steps are those of 1/τ alone.
 _SMALL_TAU = 0.1
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
+
+
+class _Sparse(NamedTuple):
+    """The entries of a matrix of expressions that are not 0, with their rows and columns."""
+
+    rows: list[int]
+    columns: list[int]
+    entries: list[sp.Expr]
+
+    @classmethod
+    def of(cls, matrix: Sequence[Sequence[sp.Expr]]) -> _Sparse:
+        """Return the entries of a matrix, row by row."""
+        places = [(i, k) for i, row in enumerate(matrix) for k, e in enumerate(row) if e != 0]
+        return cls([i for i, _ in places], [k for _, k in places],
+                   [matrix[i][k] for i, k in places])
 
 
 class _Statics:
@@ -64,10 +82,10 @@ class _Statics:
         self.time = {x: t for x in (system.time,) if x is not None}
         self.values = np.array([float(parameters[str(x)]) for x in system.parameters])
         # template, sign in the residual, its entries, and their derivatives by the template's q
-        self.parts = [(form, 1.0, form.system.H_q, form.system.H_qq)
+        self.parts = [(form, 1.0, form.system.H_q, _Sparse.of(form.system.H_qq))
                       for form in structure.templates if form.q]
         self.parts += [(form, -1.0, list(form.expressions),
-                        jacobian(list(form.expressions), form.q))
+                        _Sparse.of(jacobian(list(form.expressions), form.q)))
                        for form in structure.force_templates]
         # H_p at p = 0, which must vanish at an equilibrium
         self.velocities = [(form, form.system.H_p) for form in Structure(system).templates
@@ -83,20 +101,18 @@ class _Statics:
 
         The three arrays of r_x have one length; values of equal row and column are added.
         """
-        r, entries = np.zeros(len(x)), []
+        nothing = np.zeros(0, dtype=int)
+        r, entries = np.zeros(len(x)), [(nothing, nothing, np.zeros(0))]
         for form, sign, slopes, matrix in self.parts:
             # shape (instances, coordinates of the template), and (instances, rows of it)
             columns = np.array([i.q for i in form.instances], dtype=int)
             # forces act on rows of their own; a gradient has a row for each coordinate
             rows = np.array([i.rows for i in form.instances], dtype=int) if sign < 0 else columns
             np.add.at(r, rows.T, sign * self._evaluate(form, slopes, x))
-            if not form.q:  # a constant force has no derivative
+            if not matrix.entries:  # forces that are constant
                 continue
-            values = self._evaluate(form, [e for row in matrix for e in row], x)
-            shape = (len(rows), rows.shape[1], columns.shape[1])
-            entries.append((np.broadcast_to(rows[:, :, None], shape).ravel(),
-                            np.broadcast_to(columns[:, None], shape).ravel(),
-                            sign * values.T.ravel()))
+            entries.append((rows[:, matrix.rows].ravel(), columns[:, matrix.columns].ravel(),
+                            sign * self._evaluate(form, matrix.entries, x).T.ravel()))
         rows, columns, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
         return r, (rows, columns, values)
 
@@ -144,7 +160,9 @@ def equilibrium(
     J_rows, _, J_values = J
     stiffness = float(np.abs(J_values[J_rows < n]).max(initial=0.0))
     tau = _FIRST_TAU / (stiffness or size or 1.0)  # no stiffness: a body falls, its rope is slack
-    for _ in range(_ITERATIONS):
+    farthest, iterations = _RUNAWAY * max(extent, 1.0), 0
+    while iterations < _ITERATIONS and extent <= farthest:
+        iterations += 1
         step, curvature = _implicit_step(x, r, J, tau, n)
         previous_change = change
         change = float(np.abs(step[:n]).max()) / (extent if extent > _NOTHING else 1.0)
@@ -172,12 +190,15 @@ def equilibrium(
                 stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()):
             return x[:n], x[n:]
         # τ grows as the residual falls, so that the last steps are Newton steps, and where it does
-        # not rise: what is soft hardly moves at the τ of what is stiff
+        # not rise: what is soft hardly moves at the τ of what is stiff; it grows no further than to
+        # a step of the largest change
         growth = previous_size / max(size, _TINY)
-        tau *= min(max(growth, 4.0 if growth >= 1 else 0.5), 10.0)
+        factor = min(max(growth, 4.0), 10.0) if growth >= 1 else 1.0 if growth > 0.5 else 0.5
+        tau *= min(factor, max(_LARGEST_CHANGE / max(change, _TINY), 1.0))
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
-                     f"{_ITERATIONS} iterations |H_q + g_qᵀλ − F| = {size:.3g}; fix or hinge what "
-                     "moves freely, or begin nearer.")
+                     f"{iterations} iterations |H_q + g_qᵀλ − F| = {size:.3g}, and the largest "
+                     f"coordinate was {extent:.3g}; fix or hinge what moves freely, or begin "
+                     "nearer.")
 
 
 def _sizes_of_terms(J: tuple[Array, Array, Array], x: Array) -> Array:

@@ -47,6 +47,36 @@ def test_the_stable_one_of_two_is_found():
         assert force == pytest.approx([1.0], abs=8 * EPS)  # g + 2 λ y = 0
 
 
+@pytest.mark.parametrize("beside", [1e-3, 1e-6, 1e-9, 1e-12])
+def test_a_start_close_to_an_unstable_equilibrium(beside):
+    """A pendulum next to its upper equilibrium, where forces grow on the way to the lower one."""
+    system = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1],
+                       [q[0]**2 + q[1]**2 - 1], name="pendulum")
+    rest, _ = equilibrium(system, {"g": 2.0}, np.array([beside, 1.0]))
+    assert np.abs(rest - [0, -1]).max() <= 8 * EPS
+
+
+@pytest.mark.parametrize("soft", [1e-4, 1e-8])
+def test_an_equilibrium_far_from_the_start(soft):
+    """A force of 1 N on a soft spring: x = 1/k."""
+    system = gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2 + k * q[0]**2 / 2 - q[0]
+                       + q[1]**2 / 2, name="soft_spring")
+    rest, _ = equilibrium(system, {"k": soft}, np.zeros(2))
+    assert np.abs(rest - [1 / soft, 0]).max() <= 8 * EPS / soft
+
+
+def test_a_net_force_on_bodies_that_nothing_holds_is_refused():
+    """Of 30 N up, 10 N down and two weights of 9.81 N, 0.38 N are left over for two points."""
+    build = gs.Multibody("pair")
+    points = [build.point_mass(name, mass=1.0, position=(0, y, 1.0))
+              for name, y in (("a", 0.0), ("b", 1.0))]
+    build.rod("rod", *points)
+    for point, force in zip(points, (30.0, -10.0), strict=True):
+        build.force(point, (0, 0, force))
+    with pytest.raises(gs.InputError, match=r"'pair'.*moves freely"):
+        build.model().equilibrium()
+
+
 def test_forces_without_a_potential_and_the_time():
     """k x = f(q, t) at t = 3, where drag is 0 at rest."""
     t = sp.Symbol("t", real=True)
