@@ -467,10 +467,14 @@ def check_followers(robot: Robot) -> None:
             chain.append(leader)
 
 
-def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
+def root_of(
+    links: Mapping[str, Any], edges: Sequence[Edge], cure: str = "remove one of their joints, and "
+    "close the loop again in a TOML file (loops = …)",
+) -> str:
     """Return the link that is no child of a joint.
 
-    Raises InputError if the links are no tree: an unknown link, two parents, two roots, a cycle.
+    ``cure`` says what opens a cycle in the format of the file. Raises InputError if the links are
+    no tree: an unknown link, two parents, two roots, a cycle.
     """
     edge_to: dict[str, Edge] = {}
     for edge in edges:
@@ -495,7 +499,6 @@ def root_of(links: Mapping[str, Any], edges: Sequence[Edge]) -> str:
             chain.append(edge_to[chain[-1]].parent)
             if chain[-1] in chain[:-1]:
                 cycle = chain[chain.index(chain[-1]):]
-                raise InputError(f"the links {' – '.join(cycle)} form a cycle, and URDF has trees "
-                                 "alone; remove one of their joints, and close the loop again in "
-                                 "a TOML file (loops = …).")
+                raise InputError(f"the links {' – '.join(cycle)} form a cycle, in which each is a "
+                                 f"child, and a tree has a root; {cure}.")
     return roots[0]

@@ -404,7 +404,7 @@ def _tree(
         links = {"world": (RobotLink("world", 0.0, np.zeros(3), np.zeros((3, 3))), 0.0), **links}
     edges = [_edge(joint, places) for joint in first.values()]
     robot.followers = [joint.follower for joint in first.values() if joint.follower]
-    root = root_of(links, edges)
+    root = root_of(links, edges, "swap <parent> and <child> of one of their joints")
     floats = root != "world" if base is None else base == "floating"
     if floats and root == "world":
         holding = next(joint.name for joint in joints if "world" in (joint.parent, joint.child))

@@ -168,6 +168,7 @@ def test_what_hangs_on_the_world_does_not_float(tmp_path, base, said):
     (LINKS + JOINTS.replace("</axis>", "<limit><lower>-1</lower></limit></axis>"), "limits"),
     (LINKS.replace("<inertia>", "<inertia>1", 1) + JOINTS, "<inertia>.*'1'"),
     (LINKS, "roots"),
+    (LINKS + JOINTS.replace("<parent>world", "<parent>rocker"), "cycle.*swap <parent>"),
 ])
 def test_bad_files_are_refused(tmp_path, inside, said):
     with pytest.raises(gs.InputError, match=said) as caught:
