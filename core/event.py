@@ -251,11 +251,15 @@ def event_of_text(
 ) -> Event:
     """Return the event that ``"height=0 down stop"`` says.
 
-    ``number`` returns the level in a text, None if it has none. Raises InputError for
-    other text.
+    ``number`` returns the level in a text; it returns None or raises InputError if the text has
+    none. Raises InputError for other text.
     """
     match = _TEXT.fullmatch(text)
-    level = None if match is None else number(match["level"])
+    try:
+        level = None if match is None else number(match["level"])
+    except InputError as error:
+        raise InputError(f"{error} The event {text!r} may have up, down or both, and stop, behind "
+                         "its level.") from None
     words = [] if match is None else match["words"].split()
     directions = [word for word in words if word in DIRECTIONS]
     if match is None or level is None or len(directions) > 1:
