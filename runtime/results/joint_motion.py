@@ -322,9 +322,9 @@ def multipliers_at_states(trajectory: Trajectory) -> Array:
     A state takes the mean of the ends of the two steps that meet there; the first and the last
     state take that of their one step. Schemes with one multiplier a step, in its middle,
     extrapolate there: λ_0 = 2 λ_1 − λ_2. A last state between two steps takes the end of its own
-    step, after which the others are those of the run of whole steps. If states of steps are
-    missing, or an impact follows within the next step, a state takes the end of its step, the first
-    state NaN.
+    step; the states before it are treated as a run of whole steps. If states of steps are missing,
+    or an impact follows within the next step, a state takes the end of its step, the first state
+    NaN.
     """
     step_multipliers = _multipliers_of_steps(trajectory)
     state_multipliers = np.full((len(trajectory), step_multipliers.shape[2]), np.nan,

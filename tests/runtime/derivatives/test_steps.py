@@ -99,7 +99,7 @@ def test_a_loss_may_have_reactions(span):
 
 @pytest.mark.parametrize("scheme", ["G-L", "IMS"])
 def test_multipliers_at_states_before_an_end_between_two_steps(scheme):
-    """They are those of the whole steps, then of the last part; their cotangents the transpose."""
+    """Multipliers of the whole steps come first, then of the last part; cotangents transpose it."""
     step, dt = systems.stepper("two_rods", scheme), systems.case("two_rods").dt
     whole = systems.run("two_rods", step, 6)
     run = systems.run("two_rods", step, None, t_end=6.4 * dt)
