@@ -142,6 +142,7 @@ def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
         with pytest.raises(gs.StepFailed) as failed:
             step.integrate(*start(), **dips(0.05), steps=10)
     assert len(failed.value.trajectory) == 11
+    assert [*failed.value.trajectory.events] == [*whole.events]
 
 
 def test_a_dip_within_the_step_of_the_end_is_told() -> None:
