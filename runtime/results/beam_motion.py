@@ -26,7 +26,7 @@ from ...core.manifest import SectionManifest
 from ..compilation.body_columns import JointAt, numbers
 from ..rigid_body.quaternion import left_matrix
 from .body_motion import rotate
-from .joint_motion import multipliers_at_states
+from .joint_motion import multipliers_at_states, refuse_single_state
 
 if TYPE_CHECKING:
     from .trajectory import Trajectory
@@ -110,10 +110,11 @@ class BeamMotion:
         Raises
         ------
         InputError
-            For another frame.
+            For another frame; for a run of one state, of a beam that keeps its length.
         """
         multipliers = np.zeros(0)
         if any(joint.constraints for joint in self._sections):
+            refuse_single_state(self._run, self.name)
             multipliers = multipliers_at_states(self._run).astype(float)
         forces = []
         for joint in self._sections:
@@ -134,7 +135,7 @@ class BeamMotion:
 
         It is about the point of the centre line, and balances loads without an error of the
         segments' length.
-        Takes the same argument and raises the same error as ``force``.
+        Takes the same argument as ``force`` and raises the same error for another frame.
         """
         return self._in(frame, [self._moment(joint) for joint in self._sections])
 

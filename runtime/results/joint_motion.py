@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from .trajectory import Trajectory
 
 __all__ = ["JointMotion", "cotangents_of_multipliers", "multipliers_at_states",
-           "shortest_rotation"]
+           "refuse_single_state", "shortest_rotation"]
 
 _UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 #: Rad by which a rotation between two states may differ from one at a constant rate.
@@ -201,7 +201,7 @@ class JointMotion:
         ------
         InputError
             For another frame; for a joint of whose constraints it is not known how they act; for a
-            run of one state, which has no step.
+            run of one state, without the step to it.
         """
         return self._in(frame, self._reaction()[0])
 
@@ -219,10 +219,7 @@ class JointMotion:
                              "acts on more than its two bodies, as a gear does, is of your own "
                              "class without a Pull, or a slide of a stepper of an earlier version. "
                              "Its multipliers are in run.multipliers.")
-        if len(self._run) == 1:
-            raise InputError(f"The force and the torque of {self.name!r} follow from multipliers "
-                             "of steps, and this run has one state and no step; take rows of the "
-                             "forces of the whole run, run.joint(...).force()[-1:].")
+        refuse_single_state(self._run, self.name)
         force, torque = (np.zeros((len(self._run), 3)) for _ in range(2))
         multipliers = multipliers_at_states(self._run).astype(float)
         for pull in self._layout.pulls:
@@ -314,6 +311,14 @@ class JointMotion:
             return vectors
         opposite = self._run.body(frame).attitude * np.array([1, -1, -1, -1])
         return rotate(opposite, vectors)
+
+
+def refuse_single_state(run: Trajectory, name: str) -> None:
+    """Refuse forces in a joint or a beam of a run of one state, which has no step to it."""
+    if len(run) == 1:
+        raise InputError(f"The force in {name!r} follows from multipliers of steps, and this run "
+                         "has one state and no step to it; take a row of the forces of a run that "
+                         "has the state before, as force()[-1:].")
 
 
 def multipliers_at_states(trajectory: Trajectory) -> Array:

@@ -354,6 +354,9 @@ def test_forces_and_moments_of_sections_balance_the_load(extension, count):
     assert np.abs(beam.force() - LOAD).max() <= 1e-8  # multipliers of steps of 1e-3 s
     assert np.abs(beam.moment() - np.cross(line[:, -1:] - line[:, :-1], LOAD)).max() <= 1e-12
     assert np.linalg.norm(beam.force("section"), axis=2) == pytest.approx(np.linalg.norm(LOAD))
+    if not extension:
+        with pytest.raises(gs.InputError, match=r"'rod'.*one state"):
+            run[-1:].beam("rod").tension()
     tangents = beam.directors()[..., 2]
     middle = tangents[:, :-1] + tangents[:, 1:]
     middle /= np.linalg.norm(middle, axis=2)[..., None]
