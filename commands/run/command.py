@@ -131,7 +131,7 @@ def run(
     gyrospark run fast-top --scheme G-L --stages 4 --dt 1e-3 --steps 1000000000 --every 1000 \\
         --out night.zarr --resume
     gyrospark run examples/satellite.toml --scheme G-L --stages 3
-    gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "b_x=0.2 up"
+    gyrospark run double_pendulum --dt 1e-3 --steps 5000 --event "b_y=0.2 up"
     gyrospark run examples/crane.urdf --set ignore=all --set "luffing=45 deg"
     gyrospark run examples/pendulum.toml --scheme EMS --dt 1e-3 --steps 1000 --json
     gyrospark run free-body --scheme LIIIA-B --stages 4 --dt 1e-3 --steps 1000 \\

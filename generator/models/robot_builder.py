@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import sympy as sp
 
-from ...core.arguments import as_items, as_mapping, as_text, choose, join_or, proposal, shown
+from ...core.arguments import as_items, as_mapping, as_text, join_or, proposal, shown
 from ...core.arrays import Floats
 from ...core.errors import InputError
 from ...core.inertia import real_array, warn_of_degrees
@@ -80,9 +80,12 @@ def as_names(ignore: Any) -> list[str]:
 def ends_of_ranges(limits: Any) -> Limits:
     """Return the option ``limits``: a stiffness of the ends of joints' ranges, "stops", or None."""
     if isinstance(limits, str):
-        choose("limits, a stiffness or", limits, ("stops",))
+        if limits != "stops":
+            raise InputError(f"limits = {shown(limits)} is no end of ranges; choose 'stops', or "
+                             "a stiffness as a number, such as 1000.0, in N m/rad and N/m.")
         return "stops"
-    return None if limits is None else positive("limits, a stiffness in N m/rad and N/m", limits)
+    return None if limits is None else positive(
+        "stiffness limits, in N m/rad and N/m,", limits)
 
 
 def refuse_extras(

@@ -162,7 +162,8 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
             options[kind][name] = entries if len(entries) > 1 else entries[0]
         elif key == "ignore":
             options[key] = [name.strip() for name in value.split(",")]
-        elif key in ("base", "keyframe", "loops") or (key, value) == ("limits", "stops"):
+        # limits are a number, or a text that the option refuses if it is not "stops"
+        elif key in ("base", "keyframe", "loops") or (key == "limits" and decimal(value) is None):
             options[key] = value
         else:
             numbers = [_number_or_text(word) for word in value.split(",")]

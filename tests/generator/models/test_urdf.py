@@ -294,6 +294,8 @@ def test_the_command_runs_it(arm, gyrospark):
         (("ignore=limits", "wrist=1"), "'wrist'"),
         (("ignore=limits", "elbow=x"), "'elbow' is 'x'"),
         (("ignore=limits", "base=flying"), "'flying'"),
+        (("limits=1000,2000",), "'1000,2000'"),
+        (("limits=stop",), "'stops'"),
     ]:
         failed = run(*settings)
         assert failed.code == 2
@@ -525,8 +527,8 @@ def test_ranges_are_elastic_on_wish(arm):
     free, held = (Motion(gs.load_model(arm, angles={"shoulder": 1.9}, **told))
                   for told in ({"ignore": "limits"}, {"limits": 40.0}))
     assert held.energy() - free.energy() == pytest.approx(40 * 0.9**2 / 2, rel=1e-12)
-    for limits in (-1, "stop"):
-        with pytest.raises(gs.InputError, match=f"{limits}.*stops|limits"):
+    for limits, cure in ((-1, "above 0"), ("stop", "'stops'.*number"), ("1000", "'stops'.*number")):
+        with pytest.raises(gs.InputError, match=f"limits.*{limits}.*{cure}"):
             gs.load_model(arm, limits=limits)
 
 
