@@ -123,7 +123,7 @@ class _SystemForms:
 
     def _key(self, structure: Hashable, symbols: list[sp.Symbol], ordered: list[sp.Symbol]
              ) -> Hashable:
-        """Return what is equal for expressions that differ in the names of their symbols alone."""
+        """Return a key that expressions share if they differ in names of symbols alone."""
         place = {x: i for i, x in enumerate(ordered)}
         return (structure, tuple(place[x] for x in symbols),
                 tuple(self.kinds[x] for x in ordered))

@@ -142,7 +142,7 @@ def structure_of(expressions: Iterable[sp.Basic]) -> tuple[Hashable, list[sp.Sym
     """Return expressions without the names of their symbols, and the symbols in their order there.
 
     Equal structures are the same expressions but for the symbols, which replace each other place by
-    place. It is found without building any expression.
+    place. No expression is built, which would cost more than what equal structures save.
     """
     numbers: dict[sp.Basic, int] = {}
     nodes: list[Hashable] = []

@@ -227,7 +227,7 @@ class Structure:
                 for index_of in (self._q, self._p))
         names = dict(zip((self.system.q[i] for i in q), local("x", len(q)), strict=True))
         names |= dict(zip((self.system.p[i] for i in p), local("y", len(p)), strict=True))
-        # one of the time has another key than one of a constant
+        # where one expression has the time and another a constant, the two differ
         key = structure, tuple(None if x in self._constants else names.get(x, x) for x in symbols)
         if key not in self._local_forms:
             # coordinates first: the order of constants refers to these local names
