@@ -260,11 +260,18 @@ def _toml_text(key: str, value: Any) -> str:
 def _set_key(content: TomlTable, key: str, value: str) -> None:
     """Replace a value of the file, or add a key to a table.
 
-    ``key`` is a parameter, or tables and a key with dots between: "body.inertia", or
-    "bodies.upper.mass" for an entry of [[bodies]] by its name. Raises InputError for a parameter or
-    a table that the file has not.
+    ``key`` is a parameter, a key above all tables, such as "gravity", or tables and a key with dots
+    between: "body.inertia", or "bodies.upper.mass" for an entry of [[bodies]] by its name. Raises
+    InputError for a parameter, a key above all tables or a table that the file has not.
     """
-    *path, last = key.split(".") if "." in key else ("parameters", key)
+    names = list(content.table("parameters").content)
+    # above all tables: numbers, texts and lists of them
+    top_keys = [name for name, entry in content.content.items() if not isinstance(entry, dict)
+                and not (isinstance(entry, list) and any(isinstance(e, dict) for e in entry))]
+    if "." in key:
+        *path, last = key.split(".")
+    else:
+        path, last = ([] if key in top_keys and key not in names else ["parameters"]), key
     table: Any = content.content
     for word in path:
         # an array of tables, such as [[bodies]]: the entry with this name
@@ -273,14 +280,13 @@ def _set_key(content: TomlTable, key: str, value: str) -> None:
                           and entry.get("name") == word), None)
         else:
             table = table.get(word) if isinstance(table, dict) else None
-    names = list(content.table("parameters").content)
-    if not isinstance(table, dict) or ("." not in key and last not in names):
-        parameters = (f"set its parameter {join_or(names)}" if names else
-                      "it has no [parameters] to set")
+    if not isinstance(table, dict) or ("." not in key and last not in [*names, *top_keys]):
+        choices = [f"its {kind} {join_or(keys)}" for kind, keys in (
+            ("parameter", names), ("key", top_keys)) if keys]
         example = "body.inertia" if "body" in content.content else "start.euler"
         raise content.file_error(
-            f"it has no {shown(key)}; {parameters}, or a table and a key, such as "
-            f"{example}{proposal(key, names)}.")
+            f"it has no {shown(key)}; set {', '.join([*choices, 'or a table and a key'])}, such as "
+            f"{example}{proposal(key, [*names, *top_keys])}.")
     table[last] = _value(value)
 
 

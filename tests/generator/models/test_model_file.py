@@ -491,3 +491,18 @@ def test_values_of_a_file_are_set_as_numbers_texts_and_lists():
     for bad in ({key: None}, {key: float("nan")}, {"no_such": 1.0}, 3):
         with pytest.raises(gs.InputError, match="set"):
             gs.load_model("examples/pendulum.toml", set=bad)
+
+
+def test_keys_above_all_tables_are_set(tmp_path):
+    """A falling body with another gravity; a parameter with the name of such a key goes first."""
+    path = tmp_path / "falls.toml"
+    path.write_text('name = "falls"\ngravity = [0, 0, -10]\n[[bodies]]\nname = "a"\nmass = 2\n'
+                    "inertia = [1, 1, 1]\n", encoding="utf-8")
+    for value in ([0, 0, -1.5], "[0, 0, '-3/2']"):
+        assert gs.load_model(path, set={"gravity": value}).parameters["gravity_z"] == -1.5
+    for bad, cure in (("gravit", r"gravity\?"), ("bodies", "gravity")):
+        with pytest.raises(gs.InputError, match=f"'{bad}'.*{cure}"):
+            gs.load_model(path, set={bad: 1.0})
+    path.write_text(path.read_text(encoding="utf-8") + "[parameters]\nname = 3\n"
+                    '[quantities]\nh = "name*a_z"\n', encoding="utf-8")
+    assert gs.load_model(path, set={"name": 4.0}).parameters["name"] == 4
