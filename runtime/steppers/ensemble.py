@@ -234,6 +234,9 @@ class EnsembleEnd(NamedTuple):
 
 
 _NO_END = EnsembleEnd()
+#: From so many steps on each start is checked before any step is taken, which costs less than 1 %.
+#: The check takes as long as some tens of steps: of shorter runs what the C reports is looked at.
+_STEPS_OF_A_CHECK = 10_000
 
 
 def integrate_members(
@@ -291,6 +294,9 @@ def _side_by_side(
     far come with ``Stopped``.
     """
     levels = _levels(stepper, events)
+    is_long = runs.first.steps >= _STEPS_OF_A_CHECK
+    for i in range(len(runs) if is_long else 0):
+        _refuse_undefined_energy(stepper, runs, i)
     batches = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
@@ -298,7 +304,7 @@ def _side_by_side(
             fill_ensemble(states, threads, lambda: interrupts.is_requested, report)
 
         fill(batches, report)
-        for i in range(len(runs)):
+        for i in range(0 if is_long else len(runs)):
             if not math.isfinite(batches.report(i).energy_start):
                 _refuse_undefined_energy(stepper, runs, i)
         crossings = _crossings(stepper, levels, batches, fill)

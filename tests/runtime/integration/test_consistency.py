@@ -161,8 +161,9 @@ def test_a_start_without_an_energy_is_refused():
         step.integrate([1.0], [0.0], steps=2, **run)  # the call that the next one repeats
     with pytest.raises(gs.InputError, match="H = nan"):
         step.start([-1.0], [0.0], **run)
-    with pytest.raises(gs.InputError, match="Trajectory 1: H = nan"):
-        step.integrate_ensemble([[1.0], [-1.0]], [[0.0]] * 2, steps=2, **run)
+    for steps in (2, 10**12):  # long ones are refused before a step is taken
+        with pytest.raises(gs.InputError, match="Trajectory 1: H = nan"):
+            step.integrate_ensemble([[1.0], [-1.0]], [[0.0]] * 2, steps=steps, every=steps, **run)
     model = gs.Model(case.system, case.parameters, [1.0], [0.0])
     with pytest.warns(gs.errors.InputWarning, match=f"1 of 2 .*status {BAD_START}"):
         cells = gs.sweep(model, {"start": {"q": [[-1.0], [1.0]], "p": [[0.0]] * 2}}, scheme="G-L",
