@@ -204,8 +204,9 @@ def refuse_undefined_energy(binding: Binding, run: RunArguments) -> None:
     parameters = binding.parameters(run.parameters, run.t0)
     if not binding.has_finite_energy(parameters, run.q, run.p):
         (H,) = binding.hamiltonian(parameters, run.q[None], run.p[None])
-        cause = ("as of a root or a logarithm of a negative number; start elsewhere, or write H so "
-                 "that it is defined there, such as log(abs(x))" if H != H else
+        cause = ("as of a root or a logarithm of a negative number, or of terms beyond the largest "
+                 "number; start elsewhere, write H so that it is defined there, such as "
+                 "log(abs(x)), or choose other units" if H != H else
                  "at a pole or beyond the largest number of its type; start elsewhere, or choose "
                  "larger units")
         raise InputError(f"H = {float(H)} at the start, {cause}.")

@@ -35,7 +35,7 @@ def test_a_wrong_difference_is_refuted():
     """The balance can fail: with L at the mean velocity alone it lacks ½ δᵀM δ."""
     class Without(LagrangianEMS):
         @property
-        def between(self):
+        def discrete_lagrangian(self):
             there = dict(zip(self.system.velocities, self.mean_velocity, strict=True))
             return self.system.L.subs(there)
 
