@@ -295,9 +295,11 @@ def test_an_axis_may_follow_another(tmp_path):
     assert motion.value("second_angle") == pytest.approx(0.9, rel=1e-13)
     torque = 2 * 9.81 * 0.5 * (np.cos(0.4) + 2 * np.cos(0.9))
     assert motion.acceleration("pin_rate") == pytest.approx(torque / (0.6 * 5), rel=1e-12)
-    path.write_text(path.read_text().replace("<multiplier>2</multiplier>", ""))
-    motion = Motion(gs.load_model(path, angles={"pin": 0.4}))
-    assert motion.value("second_angle") == pytest.approx(0.6, rel=1e-13)
+    for given, angle in (("<multiplier>2</multiplier>", 0.6), ("<offset>.3</offset>", 0.3),
+                         ("<reference>.1</reference>", 0.4)):  # what is absent is 1, 0, 0
+        path.write_text(path.read_text().replace(given, ""))
+        motion = Motion(gs.load_model(path, angles={"pin": 0.4}))
+        assert motion.value("second_angle") == pytest.approx(angle, rel=1e-13)
 
 
 def test_endless_ranges_have_no_ends(tmp_path):
