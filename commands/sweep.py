@@ -57,8 +57,8 @@ def sweep(
 
     store = out if out is not None else Path(f"{study.stem}.zarr")
     _check_targets(store, plot)
-    for option, given in (("--plot", plot), ("--resume", resume), ("--dask", dask)):
-        if dry_run and given:
+    for option, value in (("--plot", plot), ("--resume", resume), ("--dask", dask)):
+        if dry_run and value:
             raise InputError(f"{option} belongs to cells that are computed, and --dry-run leaves "
                              "them out; leave one out.")
     loaded = load_study(study)

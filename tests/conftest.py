@@ -25,7 +25,7 @@ pytest_plugins = ["budget", "root_folder"]
 os.environ.setdefault("GYROSPARK_OPTIMISE", "0")
 
 # SymPy and parsed files make millions of objects that stay, which the collector would look through
-# again and again. What is there when all tests are collected, it never looks at.
+# again and again. It ignores all that exist when the tests are collected.
 gc.set_threshold(100_000, 20, 50)
 gc.disable()
 

@@ -189,9 +189,9 @@ def equilibrium(
         if (is_steady and (change <= _EPS or (stagnates and change < _ROUNDING))) or (
                 stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()):
             return x[:n], x[n:]
-        # τ grows as the residual falls, so that the last steps are Newton steps, and where it does
-        # not rise: what is soft hardly moves at the τ of what is stiff; it grows no further than to
-        # a step of the largest change
+        # τ grows as the residual falls, so that the last steps are Newton steps. It grows, too, if
+        # the residual stays: soft springs hardly move at the τ of stiff ones. It grows no further
+        # than to a step of the largest change.
         growth = previous_size / max(size, _TINY)
         factor = min(max(growth, 4.0), 10.0) if growth >= 1 else 1.0 if growth > 0.5 else 0.5
         tau *= min(factor, max(_LARGEST_CHANGE / max(change, _TINY), 1.0))

@@ -234,8 +234,8 @@ class EnsembleEnd(NamedTuple):
 
 
 _NO_END = EnsembleEnd()
-#: From so many steps on each start is checked before any step is taken, which costs less than 1 %.
-#: The check takes as long as some tens of steps: of shorter runs what the C reports is looked at.
+#: From so many steps on each start is checked before any step is taken, which costs less than 1 %:
+#: the check takes as long as some tens of steps. H of shorter runs is read from their reports.
 _STEPS_OF_A_CHECK = 10_000
 
 
@@ -295,8 +295,9 @@ def _side_by_side(
     """
     levels = _levels(stepper, events)
     is_long = runs.first.steps >= _STEPS_OF_A_CHECK
-    for i in range(len(runs) if is_long else 0):
-        _refuse_undefined_energy(stepper, runs, i)
+    if is_long:
+        for i in range(len(runs)):
+            _refuse_undefined_energy(stepper, runs, i)
     batches = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
@@ -304,8 +305,8 @@ def _side_by_side(
             fill_ensemble(states, threads, lambda: interrupts.is_requested, report)
 
         fill(batches, report)
-        for i in range(0 if is_long else len(runs)):
-            if not math.isfinite(batches.report(i).energy_start):
+        for i in range(len(runs)):
+            if not (is_long or math.isfinite(batches.report(i).energy_start)):
                 _refuse_undefined_energy(stepper, runs, i)
         crossings = _crossings(stepper, levels, batches, fill)
         event_tuple = () if levels is None else levels.events

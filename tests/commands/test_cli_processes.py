@@ -169,7 +169,7 @@ def said_on_terminal(arguments, cwd, **changes):
 PENDULUM = ["run", str(ROOT / "examples" / "pendulum.toml"), "--scheme", "IMS", "--steps", "5"]
 
 
-@pytest.mark.slow  # derived and compiled for this; test_progress.py has what is said of a task
+@pytest.mark.slow  # derived and compiled for this; test_progress.py tests messages
 def test_first_compile_is_said_on_a_terminal(tmp_path):
     """What is derived and compiled, while it is done and with its time."""
     cache = {"GYROSPARK_CACHE": str(tmp_path / "cache")}
