@@ -38,18 +38,15 @@ def test_units_against_mpmath():
 
 
 @pytest.mark.parametrize(("text", "units", "words"), [
-    ("10 + 20 deg", ANGLES, r"unit.*\(10 \+ 20\) deg"),
-    ("20 deg + 10", ANGLES, "unit"),
-    ("30 deg/2", ANGLES, "deg/2.*deg, rad"),
-    ("30 deg/s", ANGLES, "deg/s.*deg, rad, or none"),
-    ("30 deg", RATES, r"unit deg\b.*deg/s, rad/s, rpm"),
-    ("30 rpm", ANGLES, "unit rpm"),
-    ("30 deg", {}, r"deg\b.*leave"),
-    ("30 deg deg", ANGLES, "deg.*follow"), ("deg", ANGLES, "deg.*unknown"),
-    ("30 degrees", ANGLES, "degrees.*follow"), ("deg 30", ANGLES, "deg.*unknown"),
-    ("30 deg*2", ANGLES, "cannot follow"), ("2**30 deg/", ANGLES, "unit deg/"),
-    ("sin(30 deg)", ANGLES, "not closed"), ("1" * 5000 + " deg", ANGLES, "characters"),
-    ("30 deg $", ANGLES, "no meaning"), ("(1", ANGLES, "not closed"),
+    ("10 + 20 deg", ANGLES, r"unit.*\(10 \+ 20\) deg"), ("20 deg + 10", ANGLES, "unit"),
+    ("30 deg/2", ANGLES, "deg/2.*deg, rad"), ("30 deg/s", ANGLES, "deg/s.*deg, rad, or none"),
+    ("30 deg", RATES, r"unit deg\b.*deg/s, rad/s, rpm"), ("30 rpm", ANGLES, "unit rpm"),
+    ("30 deg", {}, r"deg\b.*leave"), ("30 deg deg", ANGLES, "deg.*follow"),
+    ("deg", ANGLES, "deg.*unknown"), ("30 degrees", ANGLES, "degrees.*follow"),
+    ("deg 30", ANGLES, "deg.*unknown"), ("30 deg*2", ANGLES, "cannot follow"),
+    ("2**30 deg/", ANGLES, "unit deg/"), ("sin(30 deg)", ANGLES, "not closed"),
+    ("1" * 5000 + " deg", ANGLES, "characters"), ("30 deg $", ANGLES, "no meaning"),
+    ("(1", ANGLES, "not closed"),
 ])
 def test_units_out_of_place_are_reported(text, units, words):
     with pytest.raises(InputError, match=words):

@@ -288,13 +288,9 @@ def test_the_command_runs_it(arm, gyrospark):
     assert done.code == 0, done.stderr
     assert done.document["steps"] == 20
     for settings, said in [
-        ((), 'limits="stops"'),
-        ((), "limits=1000"),
-        (("ignore=limit",), "'limit'; choose limits"),
-        (("ignore=limits", "wrist=1"), "'wrist'"),
-        (("ignore=limits", "elbow=x"), "'elbow' is 'x'"),
-        (("ignore=limits", "base=flying"), "'flying'"),
-        (("limits=1000,2000",), "'1000,2000'"),
+        ((), 'limits="stops"'), ((), "limits=1000"), (("ignore=limit",), "'limit'; choose limits"),
+        (("ignore=limits", "wrist=1"), "'wrist'"), (("ignore=limits", "elbow=x"), "'elbow' is 'x'"),
+        (("ignore=limits", "base=flying"), "'flying'"), (("limits=1000,2000",), "'1000,2000'"),
         (("limits=stop",), "'stops'"),
     ]:
         failed = run(*settings)

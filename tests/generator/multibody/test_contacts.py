@@ -428,13 +428,10 @@ REFUSED = {
     "gap and points": ({"gap": sp.Symbol("a_x", real=True), "on_a": (0, 0, 1), "on_b": (0, 0, 1),
                         "normal": (1, 0, 0)}, "on_a, on_b, normal"),
     "restitution": ({"a": "a", "restitution": 1.2}, "1.2"),
-    "parameter": ({"a": "a", "restitution": "f"}, "'f'"),
-    "body": ({"a": "c"}, "'c'"),
-    "points": ({"a": "a", "on_a": (1, 2)}, "on_a"),
-    "box": ({"a": "a", "box": (1, 0, 1)}, "box"),
+    "parameter": ({"a": "a", "restitution": "f"}, "'f'"), "body": ({"a": "c"}, "'c'"),
+    "points": ({"a": "a", "on_a": (1, 2)}, "on_a"), "box": ({"a": "a", "box": (1, 0, 1)}, "box"),
     "normal": ({"a": "a", "normal": (0, 0, 0)}, "normal"),
-    "radius": ({"a": "a", "radius": -1}, "-1"),
-    "radii": ({"a": "a", "radius": [1, 2]}, "radius"),
+    "radius": ({"a": "a", "radius": -1}, "-1"), "radii": ({"a": "a", "radius": [1, 2]}, "radius"),
     "two points": ({"a": "a", "b": "b"}, "radius="),
 }
 

@@ -313,16 +313,13 @@ def test_velocity_of_both_types_is_tangent_and_gives_Omega_as_J_inverse_l(rep):
     assert on_manifold(2 * L * q_rate - J_INVERSE * L * P / 2)
 
 
-@pytest.mark.parametrize(
-    ("system", "parameters"),
-    [
-        (heavy_top("alpha"), (*moments, mgl, alpha)),
-        (heavy_top("gamma"), (*moments, mgl, gamma)),
-        (heavy_top("original"), (*moments, mgl)),
-        (free_body("alpha"), (*moments, alpha)),
-        (free_body("gamma"), (*moments, gamma)),
-    ],
-)
+@pytest.mark.parametrize(("system", "parameters"), [
+    (heavy_top("alpha"), (*moments, mgl, alpha)),
+    (heavy_top("gamma"), (*moments, mgl, gamma)),
+    (heavy_top("original"), (*moments, mgl)),
+    (free_body("alpha"), (*moments, alpha)),
+    (free_body("gamma"), (*moments, gamma)),
+])
 def test_systems_are_unit_quaternions_with_the_parameters_of_their_energy(system, parameters):
     assert system.parameters == parameters
     assert (system.n, system.m, system.rigid_body) == (4, 1, True)

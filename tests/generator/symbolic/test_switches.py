@@ -40,13 +40,10 @@ k, a = sp.symbols("k a", positive=True)
 P, H, Q = sp.Piecewise, sp.Heaviside, sp.Rational
 
 ZOO = {
-    "drag": sp.Abs(x) * x,
-    "coulomb": -k * sp.sign(x),
+    "drag": sp.Abs(x) * x, "coulomb": -k * sp.sign(x),
     "one-sided": k * sp.Max(0, sp.sqrt(x**2 + y**2) - a) ** 2 / 2,
-    "contact": k * sp.Max(0, -y) ** Q(3, 2),
-    "saturation": sp.Min(sp.Max(x * y, -1), 1),
-    "three": sp.Max(x, y, -x - y) + sp.Min(x, y, k),
-    "step": H(x - a) + H(y, 1),
+    "contact": k * sp.Max(0, -y) ** Q(3, 2), "saturation": sp.Min(sp.Max(x * y, -1), 1),
+    "three": sp.Max(x, y, -x - y) + sp.Min(x, y, k), "step": H(x - a) + H(y, 1),
     "backlash": P((k * (x + a), x < -a), (0, x <= a), (k * (x - a), True)),
     "window": P((1, (x > 0) & (x < a)), (2, sp.Or(y > 1, sp.Eq(x, -1))), (3, True)),
     "never": P((sp.log(x), x > 0), (sp.sqrt(-x), y < 1), (1 / (x + y - 3), True)),

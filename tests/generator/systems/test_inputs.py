@@ -175,14 +175,10 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
 
 @pytest.mark.parametrize(("inputs", "hold", "said"), [
     (np.zeros((7, 2)), 1, r"\(7, 2\).*\(2,\) or shape \(8, 2\)"),
-    (np.zeros((8, 2)), 3, r"shape \(3, 2\)"),
-    (np.zeros((8, 3)), 1, r"shape \(8, 3\)"),
-    ({"push": np.zeros(7), "pull": 0}, 1, r"push.*\(7,\)"),
-    ({"push": 1}, 1, "'pull'"),
-    ({"push": 1, "pul": 2}, 1, "'pul'"),
-    ([1, np.nan], 1, "not finite"),
-    ([1, 2j], 1, "real numbers"),
-    ([1, 2], 0, "hold"),
+    (np.zeros((8, 2)), 3, r"shape \(3, 2\)"), (np.zeros((8, 3)), 1, r"shape \(8, 3\)"),
+    ({"push": np.zeros(7), "pull": 0}, 1, r"push.*\(7,\)"), ({"push": 1}, 1, "'pull'"),
+    ({"push": 1, "pul": 2}, 1, "'pul'"), ([1, np.nan], 1, "not finite"),
+    ([1, 2j], 1, "real numbers"), ([1, 2], 0, "hold"),
 ])
 def test_inputs_of_wrong_shape_are_refused(inputs, hold, said):
     step = stepper("pushed_pendulum")

@@ -255,20 +255,15 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "quadratic"),
-    ({"L": FREE + VX**3}, "quadratic"),
+    ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "quadratic"), ({"L": FREE + VX**3}, "quadratic"),
     ({"L": M * VX**2 / 2}, r"singular.*\bvy\b"),
-    ({"L": M * (VX + X * VY) ** 2 / 2}, "singular.*vx, vy"),
-    ({"L": FREE * sp.Abs(X)}, "switches"),
+    ({"L": M * (VX + X * VY) ** 2 / 2}, "singular.*vx, vy"), ({"L": FREE * sp.Abs(X)}, "switches"),
     ({"v": (VX,)}, "2 coordinates.*1 velocities"),
     ({"v": (VX, sp.Integer(1))}, "velocities.*symbol"),
-    ({"L": M * (VX**2 + X**2) / 2, "v": (VX, X)}, "'x'.*twice"),
-    ({"q": X}, "q = x"),
-    ({"L": "x"}, "SymPy"),
-    ({"L": FREE + sp.Symbol("k")}, "unknown symbol 'k'"),
+    ({"L": M * (VX**2 + X**2) / 2, "v": (VX, X)}, "'x'.*twice"), ({"q": X}, "q = x"),
+    ({"L": "x"}, "SymPy"), ({"L": FREE + sp.Symbol("k")}, "unknown symbol 'k'"),
     ({"forces": (VX, sp.Symbol("k"))}, "Force 1.*unknown"),
-    ({"forces": (VX,)}, "1 forces.*2 coordinates"),
-    ({"constraints": (X * VX,)}, "holonomic"),
+    ({"forces": (VX,)}, "1 forces.*2 coordinates"), ({"constraints": (X * VX,)}, "holonomic"),
 ])
 def test_bad_input_is_refused(arguments, said):
     with refused(said):

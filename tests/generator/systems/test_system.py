@@ -205,15 +205,12 @@ def test_factor_that_is_constant_on_the_constraint_is_dropped():
     assert [sp.expand(f) for f in made.hidden] == [px * x + py * y + pz * z]
 
 
-@pytest.mark.parametrize(
-    ("kinetic", "parameters", "factor"),
-    [
-        (y * px**2 / 2, (), y),  # vanishes somewhere on the constraint
-        (sp.Symbol("k", real=True) * px**2 / 2, (sp.Symbol("k", real=True),),
-         sp.Symbol("k", real=True)),  # may be zero
-        (sp.exp(y) * px**2 / 2, (), sp.exp(y)),  # no polynomial: kept, which is safe
-    ],
-)
+@pytest.mark.parametrize(("kinetic", "parameters", "factor"), [
+    (y * px**2 / 2, (), y),  # vanishes somewhere on the constraint
+    (sp.Symbol("k", real=True) * px**2 / 2, (sp.Symbol("k", real=True),),
+     sp.Symbol("k", real=True)),  # may be zero
+    (sp.exp(y) * px**2 / 2, (), sp.exp(y)),  # no polynomial: kept, which is safe
+])
 def test_factor_that_may_vanish_is_kept(kinetic, parameters, factor):
     made = system(H=kinetic, constraints=(x,), parameters=parameters)
     assert sp.expand(made.hidden[0] - factor * px) == 0
@@ -229,16 +226,10 @@ def test_constraint_along_which_nothing_moves_has_the_hidden_constraint_zero():
     assert system(H=px**2, constraints=(z,)).hidden == [0]
 
 
-@pytest.mark.parametrize(
-    ("e", "short"),
-    [
-        (x * y + x * z, x * (y + z)),
-        (x * (y + z) - x * z, x * y),
-        ((x + y) ** 5, (x + y) ** 5),
-        (x * (y - z) + x * (z - y), sp.Integer(0)),
-        (sp.sqrt(x**2 + 1) * y, sp.sqrt(x**2 + 1) * y),
-    ],
-)
+@pytest.mark.parametrize(("e", "short"), [
+    (x * y + x * z, x * (y + z)), (x * (y + z) - x * z, x * y), ((x + y) ** 5, (x + y) ** 5),
+    (x * (y - z) + x * (z - y), sp.Integer(0)), (sp.sqrt(x**2 + 1) * y, sp.sqrt(x**2 + 1) * y),
+])
 def test_shortest_form_is_equal_and_has_no_more_operations(e, short):
     found = shortest(e)
     assert sp.expand(found - e) == 0

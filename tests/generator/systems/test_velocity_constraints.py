@@ -53,12 +53,8 @@ def test_copies_hash_and_normal_form_carry_them():
 
 
 @pytest.mark.parametrize(("rows", "named"), [
-    ((vx**2 - vy,), "2*vx"),
-    ((vx * vy,), "linear"),
-    (((vx**2 + vx * vy) / (vx + vy),), "linear"),
-    ((x * y,), "'A0'"),
-    ((px * vx,), "'px'"),
-    ((sp.Symbol("z") * vx,), "'z'"),
+    ((vx**2 - vy,), "2*vx"), ((vx * vy,), "linear"), (((vx**2 + vx * vy) / (vx + vy),), "linear"),
+    ((x * y,), "'A0'"), ((px * vx,), "'px'"), ((sp.Symbol("z") * vx,), "'z'"),
     ((vx, vy, w), "3 constraints"),
 ])
 def test_refused(rows, named):

@@ -13,13 +13,9 @@ from gyrospark.generator.tableaux.separation_bounds import enclosure, vanishes
 r2, r3, r5, r6 = map(sp.sqrt, (2, 3, 5, 6))
 
 ZEROS = [
-    sp.Add(r2 * r3, -r6, evaluate=False),
-    sp.sqrt(5 + 2 * r6) - r2 - r3,
-    sp.sqrt(3 + 2 * r2) - 1 - r2,
-    sp.Pow(r2 + r3, 2, evaluate=False) - 5 - 2 * r6,
-    1 / (1 + r2) + 1 - r2,
-    sp.sqrt(sp.sqrt(49 + 20 * r6)) - r2 - r3,
-    (r2 + 1) * (r2 - 1) - 1,
+    sp.Add(r2 * r3, -r6, evaluate=False), sp.sqrt(5 + 2 * r6) - r2 - r3,
+    sp.sqrt(3 + 2 * r2) - 1 - r2, sp.Pow(r2 + r3, 2, evaluate=False) - 5 - 2 * r6,
+    1 / (1 + r2) + 1 - r2, sp.sqrt(sp.sqrt(49 + 20 * r6)) - r2 - r3, (r2 + 1) * (r2 - 1) - 1,
     sp.Pow(1 + r5, -2, evaluate=False) - (3 - r5) / 8,
 ]
 
