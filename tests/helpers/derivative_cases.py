@@ -12,7 +12,6 @@ from calls import identify
 
 #: Steps of each kind: Gauss-Lobatto, Lobatto IIIA-B, Radau-L, implicit midpoint, energy-momentum.
 SCHEMES = [("G-L", 2), ("G-L", 3), ("LIIIA-B", 3), ("Radau-L", 2), ("IMS", None), ("EMS", None)]
-SYMMETRIC = [s for s in SCHEMES if s[0] in ("G-L", "LIIIA-B")]
 NAMES = ("free_body", "heavy_top", "heavy_top_alpha", "heavy_top_in_frame", "driven_pendulum",
          "ellipse", "breathing", "lagrangian", "heavy_bob")
 
@@ -81,3 +80,21 @@ def tangents_of_step(
     run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=1,
                          parameters=case.parameters, tangents=gs.Tangents(**wanted))
     return run.tangents.start, np.concatenate([run.tangents.q[-1], run.tangents.p[-1]])
+
+
+def transposition_defect(step: gs.Stepper, begin: gs.Start, dt: float, count: int = 3) -> float:
+    """Return |⟨w, Φ'v⟩ − ⟨Φ'ᵀw, v⟩| in parts of its terms, along start, parameters, dt and t0."""
+    draw, worst = np.random.default_rng(3), 0.0
+    _, _, back = step.vjp(begin, dt=dt)
+    for _ in range(count):
+        w = draw.normal(size=(2, step.n))
+        gradient = back(*w)
+        y = draw.normal(size=gradient.basis.shape[1])
+        v = gradient.basis @ y
+        d = {name: draw.normal() for name in (*begin.parameters, "dt", "t0")}
+        *_, dq, dp = step.jvp(begin, v[: step.n], v[step.n :], d=d, dt=dt)
+        terms = [*(w[0] * dq), *(w[1] * dp)]
+        pulled = [*(gradient.start * y), *(gradient[k] * x for k, x in d.items())]
+        size = np.abs(terms).sum() + np.abs(pulled).sum()
+        worst = max(worst, abs(sum(terms) - sum(pulled)) / size)
+    return worst

@@ -9,7 +9,7 @@ import pytest
 
 import budget
 import gyrospark as gs
-from derivative_cases import difference
+from derivative_cases import difference, transposition_defect
 from structured_systems import BEADS, beads, made_beads, start_of_beads
 
 
@@ -71,21 +71,7 @@ def test_tangents_are_the_limits_of_differences(real, dt):
 
 @pytest.mark.parametrize("dt", [0.02, 0.1, 0.3])
 @pytest.mark.parametrize("scheme", [
-    "G-L", pytest.param("EMS", marks=pytest.mark.slow)])  # test_theorems.py has its mean values
+    "G-L", pytest.param("EMS", marks=pytest.mark.slow)])  # test_steps.py has its mean values
 def test_cotangents_are_transposed(scheme, dt):
-    """⟨w, Φ'v⟩ = ⟨Φ'ᵀw, v⟩ along start, parameters, dt and t0, to some roundings."""
     step = stepper(scheme)
-    start, rng = start_of(step), np.random.default_rng(5)
-    names = [*BEADS, "dt", "t0"]
-    _, _, back = step.vjp(start, dt=dt)
-    for _ in range(3):
-        w = rng.normal(size=(2, step.n))
-        gradient = back(*w)
-        y = rng.normal(size=gradient.basis.shape[1])
-        v = gradient.basis @ y
-        d = dict(zip(names, rng.normal(size=len(names)), strict=True))
-        *_, dq, dp = step.jvp(start, v[: step.n], v[step.n :], d=d, dt=dt)
-        terms = [*(w[0] * dq), *(w[1] * dp)]
-        pulled = [*(gradient.start * y), *(gradient[k] * x for k, x in d.items())]
-        size = np.abs(terms).sum() + np.abs(pulled).sum()
-        assert abs(sum(terms) - sum(pulled)) <= 200 * step.binding.epsilon * size
+    assert transposition_defect(step, start_of(step), dt) <= 200 * step.binding.epsilon

@@ -10,6 +10,14 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
+from calls import RUN, TOP, equal
+from derivative_cases import (
+    label,
+    product,
+    stepper_for,
+    tangents_of_step,
+    transposition_defect,
+)
 from gyrospark.runtime.results.joint_motion import (
     cotangents_of_multipliers,
     multipliers_at_states,
@@ -211,3 +219,78 @@ def test_gamma_by_a_rule_does_not_follow_the_moments_of_x():
     moment, h = top.parameters["I1"], 1e-3 * top.parameters["I1"]
     a, b, c, d = (f([moment + k * h])[0] for k in (1, -1, 2, -2))
     assert f([moment])[1] == pytest.approx((8 * (a - b) - c + d) / (12 * h), rel=1e-7)
+
+
+@pytest.mark.parametrize(("name", "scheme"), [
+    pytest.param(name, scheme, id=f"{name}-{label(scheme)}", marks=[pytest.mark.slow] * (
+        (name, scheme) not in (("driven_pendulum", ("G-L", 2)), ("heavy_top", ("G-L", 2)))))
+    for name, scheme in product()])
+def test_cotangents_are_transposed(name, scheme):
+    step, case = stepper_for(name, scheme), systems.case(name)
+    begin = systems.timed_start(name, step).replace(parameters=case.parameters)
+    assert transposition_defect(step, begin, case.dt, 4) <= 1e-14
+
+
+def test_cotangents_are_transposed_over_two_thousand_steps():
+    """The same of a run whose cotangents enter at all its stored states."""
+    name, labels = "driven_pendulum", ["m", "l", "push"]
+    step, case = systems.differentiable(name), systems.case(name)
+    (q, p), rng = systems.start(name, step), np.random.default_rng(4)
+    run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt / 10, steps=2000, every=100,
+                         parameters=case.parameters,
+                         tangents=gs.Tangents(start="all", parameters=labels, dt=True, t0=True))
+    w = {"q": rng.normal(size=run.q.shape), "p": rng.normal(size=run.p.shape)}
+    gradient = step.gradient(run, w)
+    pulled = [*gradient.start, *(gradient[k] for k in (*labels, "dt", "t0"))]
+    terms = [w["q"][:, :, None] * run.tangents.q, w["p"][:, :, None] * run.tangents.p]
+    sums = sum(x.sum(axis=(0, 1)) for x in terms)
+    sizes = sum(np.abs(x).sum(axis=(0, 1)) for x in terms)
+    assert np.abs(sums - pulled).max() <= 1e-12 * sizes.max()
+    assert (np.abs(sums - pulled) <= 1e-9 * sizes).all()
+
+
+def test_energy_momentum_tangents_keep_the_energy():
+    """∇H·dz + H_θ dθ is the same at both ends of an EMS step."""
+    name = "two_rods"
+    step, case = systems.differentiable(name, "EMS"), systems.case(name)
+    system = case.system
+    names = [str(theta) for theta in system.parameters]
+    start, end = tangents_of_step(name, step, parameters=names)
+    one = start[0, 0] * 0 + 1
+    symbols = [*system.q, *system.p, *system.parameters]
+    slope = sp.lambdify(symbols, [sp.diff(system.H, z) for z in symbols], "math")
+    numbers = [one * case.parameters[name] for name in names]
+    changes = []
+    run = systems.run(name, step, 1)
+    for q, p, dz in zip(run.q, run.p, (start, end), strict=True):
+        slopes = np.array(slope(*q, *p, *numbers), dtype=object)
+        change = slopes[: 2 * step.n] @ dz
+        change[-len(names) :] += slopes[2 * step.n :]
+        changes.append(change)
+    assert np.abs(changes[0]).max() > 0.1
+    assert float(np.abs(changes[1] - changes[0]).max()) <= 2e-13 * np.abs(slopes).max()
+
+
+def test_inputs_have_the_same_bits_from_checkpoints():
+    step = systems.differentiable("pushed_pendulum")
+    rows = np.random.default_rng(6).normal(size=(3000, 2))
+    run = step.integrate([0.6, -0.8], [0.4, 0.3], dt=1e-3, steps=3000, every=10, inputs=rows,
+                         parameters={"k": 9.81})
+    w = {"q": run.q, "p": 2 * run.p}
+    wrt = ("start", "inputs", "k", "dt")
+    whole, pieces = (step.gradient(run, w, wrt=wrt, memory=m) for m in ("256 MB", "500 kB"))
+    assert whole.inputs.shape == rows.shape
+    assert np.array_equal(whole.vector(), pieces.vector())
+    assert np.array_equal(whole.inputs, pieces.inputs)
+
+
+def test_a_run_has_its_bits_with_tangents():
+    step, given = systems.differentiable("heavy_top"), RUN | {"steps": 600, "every": 250}
+    alone = step.integrate(TOP.q0, TOP.p0, **given)
+    beside = step.integrate(TOP.q0, TOP.p0, **given,
+                            tangents=gs.Tangents(parameters=["I3", "mgl"], dt=True))
+    assert equal(alone, beside)
+    again = step.integrate(TOP.q0, TOP.p0, **given | {"every": 50}, tangents=gs.Tangents(
+        start=beside.tangents.start[:, 3], parameters=["mgl"]))
+    for column, other in ((3, 0), (7, 1)):  # alone, and stored at other states
+        assert np.array_equal(again.tangents.q[-1, :, other], beside.tangents.q[-1, :, column])
