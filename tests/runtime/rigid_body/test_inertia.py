@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 import math
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -15,19 +14,14 @@ import gyrospark as gs
 from gyrospark.core.errors import InputError
 
 RULES = ["m", "h", "mt", "ht"]
-FAST_TOP = (0.002, 0.002, 0.0008)
 
 moments = st.tuples(*[st.floats(1e-9, 1e9)] * 3)
 
 
-@pytest.mark.parametrize(("rule", "value"), [
-    ("m", 1 / 625), ("h", 1 / 750), ("mt", 0.002), ("ht", 0.002)])
-def test_fast_top(rule, value):
-    assert gs.gamma(FAST_TOP, rule) == pytest.approx(value, rel=4e-16)
-
-
 def test_formulas_of_the_paper():
-    assert gs.gamma((1, 2, 6)) == 3
+    for inertia in ([1, 2, 6], np.array([1, 2, 6]), np.array([1.0, 2.0, 6.0]), (1, 2, 6)):
+        assert gs.gamma(inertia) == 3
+        assert type(gs.gamma(inertia)) is float
     assert gs.gamma((1, 2, 6), "h") == pytest.approx(3 / (1 + 1 / 2 + 1 / 6))
     assert gs.gamma((1, 2, 6), "mt") == 4
     assert gs.gamma((1, 2, 6), "ht") == pytest.approx(3)
@@ -60,50 +54,17 @@ def test_tilde_is_the_limit_of_a_vanishing_moment(inertia):
         assert (gs.gamma(flat, "mt"), gs.gamma(flat, "ht")) == pytest.approx(expected, rel=1e-15)
 
 
-def test_sequences_of_every_kind():
-    for inertia in ([1, 2, 6], (1, 2, 6), np.array([1, 2, 6]), np.array([1.0, 2.0, 6.0])):
-        value = gs.gamma(inertia)
-        assert value == 3
-        assert type(value) is float
-
-
 @pytest.mark.parametrize("rule", RULES)
-@pytest.mark.parametrize(
-    ("inertia", "words"),
-    [
-        ((1, 2), "has 2 moments"),
-        ((1, 2, 3, 4), "has 4 moments"),
-        ((), "has 0 moments"),
-        ((1, -2, 3), "I2 = -2.0"),
-        ((1, 2, math.nan), "I3 = nan"),
-        ((math.inf, 2, 3), "I1 = inf"),
-        ((0, 1, 0), "I1 = 0.0"),
-        (("1", "2", "3"), "three"),
-        ((1, None, 3), "three"),
-        ((1, 2j, 3), "three"),
-        (3, "three"),
-        ((1, 2, 10**400), "three"),
-    ],
-)
+@pytest.mark.parametrize(("inertia", "words"), [
+    ((1, 2), "has 2 moments"), ((1, 2, 3, 4), "has 4 moments"), ((), "has 0 moments"),
+    ((1, -2, 3), "I2 = -2.0"), ((1, 2, math.nan), "I3 = nan"), ((math.inf, 2, 3), "I1 = inf"),
+    ((0, 1, 0), "I1 = 0.0"), (("1", "2", "3"), "three"), ((1, None, 3), "three"),
+    ((1, 2j, 3), "three"), (3, "three"), ((1, 2, 10**400), "three")])
 def test_refusals(rule, inertia, words):
     with pytest.raises(InputError, match=words):
         gs.gamma(inertia, rule)
-
-
-@pytest.mark.parametrize("rule", ["m", "h"])
-def test_a_vanishing_moment_needs_the_tilde(rule):
-    with pytest.raises(InputError, match=r"I3 = 0\.0 kg m²"):
-        gs.gamma((1, 2, 0), rule)
-
-
-def test_exact_moments_have_exact_means():
-    third, half, fifth = Fraction(1, 3), Fraction(1, 2), Fraction(1, 5)
-    moments = (third, half, fifth)
-    assert gs.gamma(moments) == (third + half + fifth) / 3
-    assert gs.gamma(moments, "mt") == (third + half) / 2
-    assert gs.gamma(moments, "ht") == 2 / (1 / third + 1 / half)
-
-
-def test_another_rule_is_refused():
+    if rule in ("m", "h"):  # a vanishing moment needs the tilde
+        with pytest.raises(InputError, match=r"I3 = 0\.0 kg m²"):
+            gs.gamma((1, 2, 0), rule)
     with pytest.raises(InputError, match=r"'fast'.*ht"):
-        gs.gamma(FAST_TOP, "fast")
+        gs.gamma((1, 2, 2), "fast")
