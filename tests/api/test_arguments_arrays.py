@@ -40,12 +40,6 @@ def test_integers_and_other_floats_are_converted():
         assert made[0].dtype == np.float64
 
 
-def test_float32_start_is_converted_by_value_then_checked(gl3):
-    """A float32 unit quaternion is none in double: refused, never reinterpreted."""
-    with refused("constraints"):
-        gl3.step(TOP.q0.astype(np.float32), TOP.p0, **RUN)
-
-
 def test_exact_numbers_are_converted(gl3):
     """Each rounded once: to the double next to it."""
     expected = gl3.step([0.6, 0.8, 0, 0], [0, 0, 1, 2], **RUN)

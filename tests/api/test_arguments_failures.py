@@ -11,7 +11,6 @@ import pytest
 import gyrospark as gs
 from calls import LATE, PARAMETERS, RUN, TOP, equal
 from gyrospark.runtime.bindings.binding import REASONS
-from python_newton import newton_in_python
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -41,15 +40,6 @@ def test_failed_step_between_stored_ones(every, failures):
         assert np.array_equal(made.q[: len(kept)], whole.q[kept])
         assert np.array_equal(made.t[: len(kept)], whole.t[kept])
         assert made.report.q == tuple(whole.q[-1])
-
-
-def test_failed_step_by_python(failures):
-    for step, options, _ in failures:
-        with pytest.raises(gs.StepFailed) as caught, newton_in_python():
-            step.integrate(*LATE, steps=200, **options | {
-                "solver": gs.Solver("newton", max_iterations=6)})
-        assert caught.value.reason in REASONS.values()
-        assert len(caught.value.trajectory) == caught.value.step
 
 
 def test_one_iteration_is_not_enough(step):

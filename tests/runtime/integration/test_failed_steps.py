@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from functools import cache
 
 import numpy as np
@@ -65,14 +64,6 @@ def test_stagnation_is_reported():
                            parameters={"k": 0, "g": 1, "c": 1, "a": 1e9, "b": 0})
     assert caught.value.reason in ("stagnated", "diverged")
     assert caught.value.increment > 0
-
-
-def test_it_survives_the_way_to_another_process(gl3):
-    failure = failed(gl3, dt=0.01, solver=FEW)
-    again = pickle.loads(pickle.dumps(failure))
-    for name in ("step", "t", "reason", "increment", "dt", "detail", "cure"):
-        assert getattr(again, name) == getattr(failure, name)
-    assert str(again) == str(failure)
 
 
 def test_ensembles_tell_the_reason_without_looking_for_a_cure(gl3):
