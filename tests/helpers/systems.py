@@ -304,7 +304,7 @@ def _heavy_bob() -> Case:
 
 
 def _shaken() -> Case:
-    return Case({"system": time_lagrangians.shaken()[0]}, (0.4,), (0.3,),
+    return Case({"system": time_lagrangians.shaken()}, (0.4,), (0.3,),
                 {"w": 2.1, "a": 0.3, "b": 0.2, "g": 9.81}, 0.02)
 
 

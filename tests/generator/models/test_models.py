@@ -175,18 +175,6 @@ def seen(name, q):
     return q
 
 
-
-
-
-
-
-
-
-
-
-
-
-
 REFERENCES = {
     # model: (function, end, step, tolerance); the satellite's is the truncation of its long step
     "lagrange_top": (lagrange_top, 0.5, 5e-4, 8 * EPS),
@@ -221,23 +209,6 @@ def test_another_formulation_is_approached_with_the_fourth_power_of_the_step(nam
               for n in (8, 4)]
     assert errors[1] < 1e-5
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
-
-
-@pytest.mark.slow  # two seconds for one model; momenta of others are quick
-def test_gimbal_conserves_spin_and_vertical_momentum():
-    """Symmetries: the rotor about its own axis, everything about the vertical."""
-    model, step = systems.case("gimbal").system, systems.stepper("gimbal")
-    trajectory = step.integrate(model.q0, model.p0, dt=1e-3, steps=2000, every=100,
-                                parameters=model.parameters)
-
-    def momenta(q, p):
-        l = [0.5 * rotation_matrix(x) @ left_matrix(x) @ y  # noqa: E741
-             for x, y in zip(q.reshape(3, 4), p.reshape(3, 4), strict=True)]
-        return rotation_matrix(q[8:])[:, 2] @ l[2], sum(l)[2]
-
-    values = np.array([momenta(q, p) for q, p in zip(trajectory.q, trajectory.p, strict=True)])
-    assert np.abs(values - values[0]).max() <= 64 * EPS * np.abs(trajectory.p).max()
-    assert np.ptp(trajectory.q[:, 4]) > 0.01  # and it moves
 
 
 def test_the_satellite_has_the_energy_of_the_gravity_gradient():

@@ -194,22 +194,6 @@ def test_a_floating_base_carries_the_tree(arm):
         gs.load_model(path, ignore="limits", velocity=v)
 
 
-@pytest.mark.slow  # seconds of derivation; random trees beside Pinocchio have floating bases
-def test_a_floating_base_falls_and_turns(arm):
-    """Without a force but weight: the centre of mass on a parabola, angular momentum kept."""
-    model = gs.load_model(
-        changed(arm.parent, *FLOATING), base="floating", ignore=["limits"],
-        velocity=(0.5, 0, 2), angular_velocity=(0.3, 1, -0.4), **START)
-    step = gs.stepper("G-L", 3, system=model.system)
-    done = step.integrate(model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
-    masses = [model.parameters[f"{body.name}_m"] for body in model.system.bodies]
-    x = sum(m * done.q[:, 7 * i + 4:7 * i + 7] for i, m in enumerate(masses)) / sum(masses)
-    v = sum(done.p[0, 7 * i + 4:7 * i + 7] for i in range(len(masses))) / sum(masses)
-    fall = x[0] + v * done.t[:, None] + [0, 0, -9.81 / 2] * done.t[:, None] ** 2
-    assert np.abs(x - fall).max() <= 1e-12
-    assert np.abs(done.energies - done.energies[0]).max() <= 1e-9 * np.abs(done.energies).max()
-
-
 FOLLOWERS = """<link name="slider"><inertial><mass value="1.2"/>
   <inertia ixx="0.1" ixy="0" ixz="0" iyy="0.2" iyz="0" izz="0.3"/></inertial></link>
   <link name="rim"><inertial><mass value="0.4"/>
@@ -552,47 +536,3 @@ def test_ranges_are_stops_on_wish(tmp_path, text, ending, name, ends):
         assert motion.value(impact.quantity) == pytest.approx(gap, abs=1e-12)
         assert impact.restitution == "restitution"
     assert model.parameters["restitution"] == 1
-
-
-@pytest.mark.slow  # derivatives of a stepper are derived and compiled
-def test_rates_and_angles_of_joints_and_the_matrices_of_a_regulator(tmp_path):
-    """Starts of models give derivatives by joints; tangents of a step at rest the flow's matrix."""
-    path = tmp_path / "arm.urdf"
-    path.write_text(HINGE, encoding="utf-8")
-
-    def start(build=gs.load_model, **options):
-        return build(path, gravity=(0, 0, -9.81), **options)
-
-    def state(angle, rate):
-        model = start(angles={"shoulder": angle}, rates={"shoulder": rate})
-        return np.concatenate([model.q0, model.p0])
-
-    build = start(gs.Multibody.from_file, angles={"shoulder": math.pi / 2})  # below the hinge
-    build.motor("motor", "shoulder", torque=build.input("u"))
-    model = build.model()
-    step = gs.stepper("G-L", 2, system=model)
-
-    def last(z):
-        return step.integrate(z[:7], z[7:], dt=0.01, steps=20, parameters=model.parameters)
-
-    run, h = last(state(0.3, 1.0)), 1e-4
-    gradient = run.gradient({"q": np.eye(7)[4]})
-    by_start = np.concatenate([gradient.q, gradient.p])
-    ends = [last(state(0.3, 1.0 + d)).q[-1, 4] for d in (h, -h)]
-    assert by_start @ (state(0.3, 1.0) - state(0.3, 0.0)) == pytest.approx(
-        (ends[0] - ends[1]) / (2 * h), rel=10 * h**2)
-    ends = [last(state(0.3 + d, 1.0)).q[-1, 4] for d in (h, -h)]
-    assert by_start @ (state(0.3 + h, 1.0) - state(0.3 - h, 1.0)) / (2 * h) == pytest.approx(
-        (ends[0] - ends[1]) / (2 * h), rel=100 * h**2)
-
-    rows = step.integrate(model, dt=0.02, steps=1, tangents=gs.Tangents(parameters=["u"])).tangents
-    basis = rows.start[:, :2]
-    A, B = np.split(basis.T @ np.concatenate([rows.q[-1], rows.p[-1]]), [2], axis=1)
-    frequency = math.sqrt(9.81 * 0.5 / (0.2 + 0.25))
-    assert np.linalg.eigvals(A) == pytest.approx(  # order 4
-        np.exp(1j * frequency * 0.02 * np.array([1, -1])), abs=1e-7)
-    # a torque u held at rest deflects by u/(m g s): z = A z + B u
-    z, angle = np.linalg.solve(np.eye(2) - A, B[:, 0]), 1e-4
-    model = start(angles={"shoulder": math.pi / 2 + angle})
-    deflection = basis.T @ (np.concatenate([model.q0, model.p0]) - state(math.pi / 2, 0.0))
-    assert (deflection @ z) / (z @ z) == pytest.approx(angle * 9.81 * 0.5, rel=1e-6)

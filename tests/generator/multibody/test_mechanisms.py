@@ -52,17 +52,6 @@ def test_a_start_at_a_change_point_is_reported():
     assert len(step.integrate(*LOOPS["slider_crank"][1], **run)) == 4
 
 
-@pytest.mark.slow  # a long derivation; test_stiff.py has smaller ones
-def test_auto_takes_newton_where_that_costs_less():
-    """Counted in operations, not by a clock: the same steps in every run."""
-    mean = systems.stepper("andrews", "EMS")
-    made = mean.integrate(*ANDREWS_START, dt=1e-5, steps=200, parameters={})
-    assert made.report.newton_steps > 90
-    assert made.report.energy_error_max <= 64 * EPSILON
-    again = mean.integrate(*ANDREWS_START, dt=1e-5, steps=200, parameters={})
-    assert np.array_equal(made.q, again.q)
-
-
 @pytest.mark.slow  # a stepper of one system
 def test_andrews_mechanism_agrees_with_fifty_digits():
     """β and γ at t = 0.03 s as an extrapolated midpoint rule in 40 digits has them."""

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from calls import integrate
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
@@ -259,31 +258,3 @@ def test_expressions_of_a_body():
         (body.centre_of_mass, [1, 2, 3]),
     ):
         assert np.abs(evaluate(found, at) - expected).max() <= 16 * EPS * 8
-
-
-@pytest.mark.slow  # four stages of its own
-def test_a_free_body_flies_and_turns_as_jacobi_says_and_as_inputs_push_it():
-    """Quaternion by elliptic functions, centre of mass along a parabola; then ω̇ = u."""
-    exact = gs.problems.free_body()
-    build = gs.Multibody("stone")
-    body = build.body("a", mass=2.0, inertia=exact.inertia, velocity=(1, 0, 5),
-                      quaternion=exact.q0, angular_velocity=(30, -40, 100))
-    push = build.input("push", 0.25)
-    build.torque(body, (0, 0, push * exact.inertia[2]))
-    model = build.model()
-    assert model.system.inputs == (push,)
-    assert model.parameters["push"] == 0.25
-    step, t = gs.stepper("G-L", 4, system=model.system), 0.25
-    run = step.integrate(model.q0, model.p0, dt=t / 500, steps=500, every=500,
-                         parameters=model.parameters | {"push": 0.0})
-    assert np.abs(run.q[-1, :4] - exact.exact.attitude([t])[0]).max() <= 1e-12
-    place = np.array([t, 0, 5 * t - 9.81 * t**2 / 2])
-    assert np.abs(run.q[-1, 4:] - place).max() <= 8 * EPS
-    at_rest = {"q": model.q0, "p": np.zeros(7), "dt": 0.05, "parameters": model.parameters}
-    pushed = integrate(step, **at_rest, steps=40, inputs=gs.Inputs({"push": [2.0, -1.0]}, hold=20))
-    assert pushed.body().angular_velocity()[[20, 40], 2] == pytest.approx([2, 1], rel=1e-12)
-    before, *after = (Rotation.from_quat(np.roll(pushed.q[i, :4], -1)) for i in (0, 20, 40))
-    turned = [(before.inv() * R).as_rotvec() for R in after]
-    assert np.abs(np.array(turned) - [[0, 0, 1], [0, 0, 2.5]]).max() <= 1e-10
-    plain = integrate(step, **at_rest, steps=20)
-    assert plain.body().angular_velocity()[-1, 2] == pytest.approx(0.25, rel=1e-12)

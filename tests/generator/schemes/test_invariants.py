@@ -209,28 +209,6 @@ def test_closed_forms_are_followed_to_round_off(problem):
     assert np.abs(run.angular_velocity() - omega).max() <= 2 * bound * speed
 
 
-
-
-@pytest.mark.slow  # steppers in α; that choices of γ and α are equal is quick
-@pytest.mark.parametrize("stages", [2, 3, 4, 5])
-def test_lobatto_types_agree(stages):
-    """LIIIA-B-α = LIIIA-B-γ for α = γ (erratum 23), to round-off on every one of 100 steps."""
-    rng, steps = np.random.default_rng(28), 100
-    for _ in range(3):
-        case = random_case(rng, "gamma", turn=(0.02, 0.2))
-        others = {name: case.parameters[name] for name in ("I1", "I2", "I3", "mgl")}
-        runs = [
-            gs.stepper("LIIIA-B", stages, rep).integrate(
-                case.q, case.p, dt=case.dt, steps=steps,
-                parameters=others | {rep: case.weight})
-            for rep in ("alpha", "gamma")
-        ]
-        # One ε a step and its growth with the flow, which is at most linear in such times.
-        bound = 4 * EPS * steps
-        assert np.abs(runs[0].q - runs[1].q).max() <= bound
-        assert np.abs(runs[0].p - runs[1].p).max() <= bound * np.abs(case.p).max()
-
-
 # ---------------------------------------------------------------- the paper's tables
 
 
@@ -278,8 +256,8 @@ def test_table_4(column):
                 assert same_digits(found, printed)
 
 
-#: Tables 6 and 7 by row and column; None: round-off in the paper. Rows of γ and, last, α, which of
-#: LIIIA-B is γ (``test_lobatto_types_agree``).
+#: Tables 6 and 7 by row and column; None: round-off in the paper. Rows of γ and, last, α, which
+#: is γ for LIIIA-B (erratum 23).
 PRECESSION = {
     6: {
         "IMS": [("m", 1.69e-2, 1.74e-3, 4.35e-2), ("h", 5.09e-1, 9.20e-3, 2.11e-1),

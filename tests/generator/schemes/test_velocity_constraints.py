@@ -81,21 +81,6 @@ def test_jacobian_of_rows_that_move_is_the_derivative_of_the_residual():
     assert np.abs(found - J).max() < 1e-8 * np.abs(J).max()
 
 
-@pytest.mark.slow  # a second stepper; the Lagrangian above has its energy and its Jacobian
-def test_a_lagrangian_has_the_motion_of_its_hamiltonian():
-    system = skate_chain()
-    masses = [system.parameters[0]] * 2 + [system.parameters[1], 1, 1]
-    V = system.H.subs(dict.fromkeys(system.p, 0))
-    kinetic = sum(m * v**2 for m, v in zip(masses, system.velocities, strict=True)) / 2
-    other = gs.System.from_lagrangian(
-        kinetic - V, system.q, system.velocities, system.parameters, system.constraints,
-        velocity_constraints=system.velocity_constraints, name="skate_lagrangian")
-    runs = [step.integrate(*SKATE_CHAIN_START, dt=0.05, steps=20, parameters=SKATE_CHAIN)
-            for step in (stepper_of(skate_chain, 2), gs.stepper("G-L", 2, system=other))]
-    assert np.abs(runs[0].q - runs[1].q).max() < 1e-14
-    assert np.abs(runs[0].reactions - runs[1].reactions).max() < 1e-10
-
-
 def test_work_of_rows_that_move():
     """A blade on a belt: H gains μ·a, to the order of the method; rows hold at their own time."""
     step = stepper_of(driven_sleigh, 2)

@@ -60,22 +60,6 @@ def test_solvers_agree(solver, step):
     assert np.abs(run.p - other.p).max() <= bound
 
 
-@pytest.mark.slow  # a second stepper; EMS has every function, too
-def test_orders_with_every_elementary_function(step):
-    """Of EMS and of G-L, against many steps of G-L."""
-    fine = gs.stepper("G-L", 2, system=particle())
-
-    def end(made, steps):
-        return made.integrate(*START, dt=1 / steps, steps=steps, parameters=PARAMETERS).q[-1]
-
-    exact = end(fine, 2048)
-    for made, counts in ((step, [64, 128, 256]), (fine, [16, 32, 64])):
-        errors = [np.abs(end(made, steps) - exact).max() for steps in counts]
-        slope = np.polyfit(np.log(1 / np.array(counts)), np.log(errors), 1)[0]
-        assert abs(slope - made.order) < 0.25
-    assert (step.order, fine.order) == (2, 4)
-
-
 def test_jacobian_is_that_of_the_residual(step):
     """Against central differences; all cardinal functions have their derivatives in it."""
     at = step.guess(*START, **RUN) * 1.1

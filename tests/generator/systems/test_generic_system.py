@@ -94,23 +94,6 @@ def test_shapes(name, scheme, stages):
         run.axis()
 
 
-@pytest.mark.slow  # steppers of one system; of the top they are quick
-@pytest.mark.parametrize(("scheme", "stages", "order"), [("IMS", None, 2), ("LIIIA-B", 3, 4)])
-def test_order(scheme, stages, order):
-    """Halved steps against 1024 of another scheme; of G-L and EMS the order is a law."""
-    step, example = stepper_for("runner", scheme, stages), EXAMPLES["runner"]
-    q, p = next(states("runner", 1, step))
-    run = {"parameters": example.parameters}
-    exact = stepper_for("runner", "G-L", 2).integrate(q, p, dt=0.5 / 1024, steps=1024, **run)
-    counts = np.array([32, 64, 128])
-    errors = [np.abs(step.integrate(q, p, dt=0.5 / n, steps=int(n), **run).q[-1]
-                     - exact.q[-1]).max() for n in counts]
-    slope = np.polyfit(np.log(0.5 / counts), np.log(errors), 1)[0]
-    assert step.order == order
-    # Errors from 1e-3 down to 1e-9 and above: no plateau, but the next term is not small.
-    assert abs(slope - step.order) < 0.25
-
-
 @pytest.mark.parametrize("name", ["pendulum", "runner"])
 def test_project(name):
     """A state off the constraints is refused, and accepted once projected."""

@@ -1,47 +1,20 @@
 """Inputs: numbers that forces have anew in every step, and that stay as they are within one.
 
-    cart         q̈ = −k q + u: between two changes of u a closed form
-    pendulum     a bead on a circle that two inputs push
-
 The second way is a run of one call a step, with the input as a parameter of that step.
 """
 
 from __future__ import annotations
-
-from functools import cache
 
 import numpy as np
 import pytest
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError
-from input_systems import k, push, u, v, x, y
+from input_systems import push, u, v, x, y
 from strategies import EPS
 from systems import case, stepper, timed_start
 
 START = [0.6, -0.8], [0.8, 0.6]
-
-
-@cache
-def cart():
-    return gs.stepper("G-L", 5, system=gs.System(
-        (x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[2 * push], inputs=(push,), name="cart"))
-
-
-@pytest.mark.slow  # five stages
-def test_a_cart_between_changes_is_a_closed_form():
-    step, rng = cart(), np.random.default_rng(1)
-    values = rng.standard_normal(5)
-    run = step.integrate([0.3], [0.1], dt=0.02, steps=50, parameters={"k": 4.0},
-                         inputs=gs.Inputs(values, hold=10))
-    q, p = 0.3, 0.1
-    for value in values:  # 10 steps each: q around 2 u / k
-        rest = 2 * value / 4
-        c, s = np.cos(0.4), np.sin(0.4)
-        q, p = rest + (q - rest) * c + p / 2 * s, p * c - 2 * (q - rest) * s
-    assert abs(run.q[-1, 0] - q) <= 64 * EPS
-    assert abs(run.p[-1, 0] - p) <= 64 * EPS
-    assert run.report.energy_error_max <= 256 * EPS  # work of the input
 
 
 def test_names_and_numbers_of_inputs_of_a_simulation():
@@ -121,20 +94,6 @@ def test_events_of_runs_whose_inputs_change() -> None:
                           events=gs.Event("x", level=0.25, terminal=True))
     assert stop.t[-1] == t[0]
     assert abs(stop.q[-1, 0] - 0.25) <= 4 * EPS
-
-
-@pytest.mark.slow  # five stages
-def test_events_of_a_cart_are_those_of_the_closed_form() -> None:
-    """x = 1/4 under a held push."""
-    rows = np.array([0.5, -2.0, 1.0, 3.0, -1.5, 2.5, -3.0, 1.0])
-    run = cart().integrate([0.0], [0.0], inputs=gs.Inputs(rows, hold=5), dt=0.25, steps=40,
-                           parameters={"k": 2.0}, events=gs.Event("x", level=0.25))
-    assert len(run.events["x"].t) > 3
-    w = np.sqrt(2.0)
-    for i, time in zip(run.events["x"].steps, run.events["x"].t, strict=True):
-        rest, centre = w * (time - run.t[i]), rows[i // 5]
-        x_then = centre + (run.q[i, 0] - centre) * np.cos(rest) + run.p[i, 0] / w * np.sin(rest)
-        assert abs(x_then - 0.25) < 1e-9  # of order 10, with dt = 1/4
 
 
 FILE = """

@@ -8,8 +8,6 @@ steps: D_p and D_q are read out of them, and H comes from its own function.
 
 from __future__ import annotations
 
-from itertools import pairwise
-
 import numpy as np
 import pytest
 
@@ -20,10 +18,10 @@ from gyrospark.generator.schemes.lagrangian_midpoint import LagrangianEMS
 from lagrangians import PARAMETERS, bead, double
 from mechanics_systems import joints
 from strategies import EPS
-from time_lagrangians import kinked, lifted, shaken, start_of_lifted, swelling, wire
+from time_lagrangians import kinked, shaken, swelling, wire
 
 
-@pytest.mark.parametrize("make", [double, bead, lambda: shaken()[0], swelling, wire, kinked],
+@pytest.mark.parametrize("make", [double, bead, shaken, swelling, wire, kinked],
                          ids=["double", "bead", "shaken", "swelling", "wire", "kinked"])
 def test_laws_are_identities(make):
     lines = {line.name: line for line in check_mean_scheme(LagrangianEMS(make(), discrete=True))}
@@ -73,19 +71,6 @@ def test_the_difference_of_h_between_any_two_states(seed):
 # ---------------------------------------------------------------- steps
 
 
-@pytest.mark.slow  # a stepper of one system; laws have bead and driven_pendulum
-@pytest.mark.parametrize("solver", ["auto", "newton"])
-def test_energy_balances_to_rounding_where_everything_moves(solver):
-    """H_k − H_0 − W_k, with the work of forces, drives and a breathing sphere; g = 0."""
-    step, parameters = gs.stepper("EMS", system=lifted()), PARAMETERS["bead"]
-    run = step.integrate(gs.Start(*start_of_lifted(step), t=0.3), dt=0.01, steps=300,
-                         parameters=parameters, solver=solver)
-    size = np.abs(run.energies).max() + np.abs(run.work).max()
-    assert run.report.energy_error_max <= 300 * EPS * size
-    assert run.report.constraint_max <= 4 * EPS
-    assert np.abs(run.work).max() > 0.01 * size
-
-
 def test_work_is_that_of_the_forces_at_the_mean():
     step, parameters = systems.stepper("bead", "EMS"), PARAMETERS["bead"]
     run = systems.run("bead", step, 300, t=0.3)
@@ -103,13 +88,3 @@ def test_a_cyclic_coordinate_keeps_its_momentum():
                       parameters=PARAMETERS["bead"] | {"k": 0, "a": 0})
     assert np.ptp(run.p[:, 2]) <= 200 * EPS * abs(run.p[0, 2])
     assert np.ptp(run.energies) <= 200 * EPS * np.abs(run.energies).max()
-
-
-@pytest.mark.slow  # a stepper of one system
-def test_order_two_on_a_mass_that_time_changes():
-    """Where IMS has M at the midpoint, EMS has what makes the balance exact."""
-    fine, step = systems.stepper("shaken"), systems.stepper("shaken", "EMS")
-    exact = systems.run("shaken", fine, 2048, dt=1 / 2048).q[-1]
-    errors = [np.abs(systems.run("shaken", step, steps, dt=1 / steps).q[-1] - exact).max()
-              for steps in (40, 80, 160)]
-    assert all(abs(np.log2(a / b) - 2) < 0.05 for a, b in pairwise(errors)), errors

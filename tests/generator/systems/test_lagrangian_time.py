@@ -1,9 +1,4 @@
-"""Time in Lagrangians: M(q, t), b(q, t), V(q, t) and g(q, t), factors of M at the times of stages.
-
-    wire      a bead on a wire that turns, in polar coordinates, φ = wt: r = r₀ cosh wt
-    shaken    a pendulum whose pivot is shaken and whose length changes: M(t), b(q, t), V(q, t),
-              against H typed by hand
-"""
+"""Time in Lagrangians: M(q, t), b(q, t), V(q, t), g(q, t); M is factored at times of stages."""
 
 from __future__ import annotations
 
@@ -14,10 +9,9 @@ import gyrospark as gs
 import systems
 from calls import refused
 from strategies import EPS
-from time_lagrangians import c, k, one, shaken, t, wire
+from time_lagrangians import c, k, one, t, wire
 
 NUMBERS = {"w": 2.5, "a": 0.3, "b": 0.25, "g": 9.0}
-
 
 
 @pytest.mark.slow  # a stepper for this
@@ -37,20 +31,6 @@ def test_bead_on_a_wire_that_turns():
         step.integrate(gs.Start([0.5, 0.0], p, t=1.0), dt=0.01, steps=1, parameters=numbers)
 
 
-
-@pytest.mark.slow  # a stepper of one system
-def test_motion_is_that_of_the_hamiltonian_typed_by_hand():
-    step, other = systems.stepper("shaken"), gs.stepper("G-L", 2, system=shaken()[1])
-    p = step.momenta([0.5], [0.1], parameters=NUMBERS, t=0.3)
-    for solver in ("auto", "newton"):
-        run, same = (each.integrate(gs.Start([0.5], p, t=0.3), dt=0.01, steps=100,
-                                    parameters=NUMBERS, solver=solver) for each in (step, other))
-        for one_of, two in ((run.q, same.q), (run.p, same.p), (run.energies, same.energies),
-                            (run.work, same.work)):
-            np.testing.assert_allclose(one_of, two, rtol=0, atol=8 * EPS * (1 + np.abs(two).max()))
-
-
-
 def test_states_between_steps_and_crossings():
     """``at`` against half the step, an event where a coordinate passes its level."""
     step = systems.stepper("shaken")
@@ -64,7 +44,6 @@ def test_states_between_steps_and_crossings():
     assert len(found.t) == len(same.t) >= 2
     np.testing.assert_allclose(found.t, same.t, rtol=0, atol=1e-6)
     np.testing.assert_allclose(found.q, 0.2, rtol=0, atol=8 * EPS)
-
 
 
 def test_time_that_nobody_declared_is_refused():
