@@ -22,7 +22,7 @@ from gyrospark import commands
 
 from . import model_texts, tableaux
 from .choices import Choices
-from .mutations import changed_bytes, changed_text
+from .mutations import changed_text
 from .scratch import scratch
 
 #: Values of options; those in front are good ones. None of them asks for much work.
@@ -203,19 +203,6 @@ def store() -> Path:
     return folder() / "sound.zarr"
 
 
-def damage_store(choices: Choices) -> None:
-    """Put a copy of the sound store beside it, one of its files changed or gone."""
-    copy = folder() / "damaged.zarr"
-    shutil.rmtree(copy, ignore_errors=True)
-    copy.unlink(missing_ok=True)
-    shutil.copytree(store(), copy)
-    victim = choices.pick(sorted(path for path in copy.rglob("*") if path.is_file()))
-    if choices.one_in(4):
-        victim.unlink()
-    else:
-        victim.write_bytes(changed_bytes(victim.read_bytes(), choices))
-
-
 def passed(word: str) -> str:
     """Return a word as a system passes it: any bytes but NUL, which Python decodes."""
     return os.fsdecode(word.replace("\0", "").encode("utf-8", "surrogatepass"))
@@ -279,20 +266,6 @@ def check(data: bytes) -> str:
             code, out, err = call(words)
     examine(words, code, out, err)
     return {0: "accepted", 1: "failed step or check", 2: "refused", 130: "interrupted"}[code]
-
-
-def check_store(data: bytes) -> str:
-    """Go on with, or export, a stored run of which one file is damaged or gone."""
-    choices = Choices(data)
-    damage_store(choices)
-    if choices.below(3):
-        words = ["export", "damaged.zarr", choices.pick(("e.npz", "e.csv", "e.nc"))]
-    else:
-        words = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "20", "--every",
-                 "2", "--out", "damaged.zarr", "--resume"]
-    code, out, err = call(words)
-    examine(words, code, out, err)
-    return "refused" if code else "accepted"
 
 
 def examine(words: Sequence[str], code: Any, out: str, err: str) -> None:

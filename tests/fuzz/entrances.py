@@ -1,8 +1,8 @@
 """Every way into the package, as a function of bytes.
 
 An entrance turns bytes into an input by ``Choices``, hands it over, and returns "accepted" or what
-kind of refusal it met; whatever else happens is a failure. Any engine can feed it: seeded random
-bytes, hypothesis, atheris.
+kind of refusal it met; whatever else happens is a failure. Python calls have absurd arguments in
+``tests/api/test_hostile_calls.py``, the C has in ``tests/native/test_c_random_input.py``.
 """
 
 from __future__ import annotations
@@ -11,13 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from . import (
-    c_calls,
     checkpoints,
     command_line,
     files,
     formulas,
     model_texts,
-    python_calls,
     studies,
     tableaux,
 )
@@ -34,27 +32,18 @@ class Entrance:
     check: Callable[[bytes], str]
     seconds: float
     share: float
-    #: Whether coverage of Python code can guide the search.
-    guided: bool = False
 
 
 ENTRANCES = {entrance.name: entrance for entrance in (
     Entrance("command", "the command line, every command and option",
-             command_line.check, 300, 0.025),
-    Entrance("store", "stored runs (Zarr), exported or gone on with", command_line.check_store,
-             30, 0.002),
+             command_line.check, 300, 0.05),
     Entrance("checkpoint", "checkpoints of stored runs, and stores, forged", checkpoints.check,
-             300, 0.05),
-    Entrance("trajectory", "trajectory files (.npz), and what is asked of them",
-             files.check_trajectory, 20, 0.03),
-    Entrance("source", "sources kept in the cache (JSON)", files.check_source, 10, 0.02),
-    Entrance("manifest", "manifests of steppers (JSON)", files.check_manifest, 20, 0.02),
-    Entrance("python", "arrays and options through the Python calls",
-             python_calls.check, 20, 0.1),
-    Entrance("c", "numbers through the C functions, on guarded memory", c_calls.check, 20, 0.4),
+             300, 0.1),
+    Entrance("trajectory", "trajectory files (.npz), and what is asked of them", files.check,
+             20, 0.1),
     Entrance("formula", "formulas of model files, numbers, entries of tableaux",
-             formulas.check, 10, 0.3, guided=True),
-    Entrance("model", "model files (TOML)", model_texts.check, 20, 0.03, guided=True),
-    Entrance("study", "study files of sweeps (TOML)", studies.check, 30, 0.02, guided=True),
-    Entrance("tableau", "tableau files (JSON)", tableaux.check, 20, 0.03, guided=True),
+             formulas.check, 10, 0.5),
+    Entrance("model", "model files (TOML)", model_texts.check, 20, 0.1),
+    Entrance("study", "study files of sweeps (TOML)", studies.check, 30, 0.05),
+    Entrance("tableau", "tableau files (JSON)", tableaux.check, 20, 0.1),
 )}

@@ -1,44 +1,31 @@
-"""Files that gyrospark wrote and reads again: trajectories, kept sources, manifests; damaged.
+"""Trajectory files, damaged: as bytes, or as sound archives with other arrays or JSON inside.
 
-A trajectory file is damaged as bytes, or rebuilt as a sound archive with other arrays or other
-JSON inside. What is loaded all the same must answer every question about itself.
+What is loaded all the same must answer every question about itself.
 """
 
 from __future__ import annotations
 
-import contextlib
 import io
 import json
-import os
 import warnings
 import zipfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from typing import Any
 
 import numpy as np
 
 import gyrospark as gs
-from gyrospark import api
 from gyrospark.core.errors import GyrosparkError, InputError
-from gyrospark.generator.spec import Spec
-from gyrospark.runtime.compilation.build_cache import read_cache, write_cache
-from gyrospark.runtime.steppers import evaluation
-from gyrospark.runtime.steppers.stepper import Stepper
 
 from .choices import Choices
-from .mutations import changed_bytes, changed_text, changed_tree
+from .mutations import changed_bytes, changed_tree
 from .scratch import scratch
 from .sentences import refuse_unless_sentence
 from .tableaux import text_of
 
 WORDS = ("float128", "float", "double", "heavy_top", "name", "null", "true", "-1", "[]", "{}", "q0")
 DTYPES = ("f8", "f4", "g", "i8", "u1", "c16", "?", "U3", "S2", ">f8", "M8[s]", "V4", "f2")
-
-
-@cache
-def spec() -> Spec:
-    return Spec("EMS")
 
 
 @cache
@@ -63,10 +50,7 @@ def about() -> Any:
         return json.loads(str(file["about"]))
 
 
-# ---------------------------------------------------------------- trajectories
-
-
-def check_trajectory(data: bytes) -> str:
+def check(data: bytes) -> str:
     """Load one trajectory file; ask it everything."""
     choices = Choices(data)
     path = scratch() / "damaged.npz"
@@ -152,75 +136,3 @@ def question(loaded: gs.Trajectory) -> None:
                 refuse_unless_sentence(error)
     again = gs.load(loaded.save(scratch() / "again.npz"))
     assert again.q.tobytes() == loaded.q.tobytes()
-
-
-# ---------------------------------------------------------------- kept sources
-
-
-def check_source(data: bytes) -> str:
-    """Read one damaged file of the cache: as it was written, or made anew."""
-    choices = Choices(data)
-    name, content = "fuzz.source.json", dict(api.files_of(spec()))
-    before = os.environ.get("GYROSPARK_CACHE", "")
-    os.environ["GYROSPARK_CACHE"] = str(scratch() / "cache")
-    try:
-        write_cache(name, content)
-        path = scratch() / "cache" / name
-        path.write_bytes(damaged(path.read_bytes(), choices))
-        found = read_cache(name)
-    finally:
-        os.environ["GYROSPARK_CACHE"] = before
-    assert found is None or found == content
-    return "made anew" if found is None else "accepted"
-
-
-def damaged(sound: bytes, choices: Choices) -> bytes:
-    kind = choices.below(4)
-    if kind < 2:
-        return changed_bytes(sound, choices)
-    if kind == 2:  # other JSON behind the checksum of the file
-        proof, _, text = sound.partition(b"\n")
-        return proof + b"\n" + text_of(changed_tree(json.loads(text), choices, value)).encode(
-            "utf-8", "surrogatepass")
-    return choices.rest()
-
-
-# ---------------------------------------------------------------- manifests
-
-
-def check_manifest(data: bytes) -> str:
-    """Make a stepper of a damaged manifest; if it can be had, use it."""
-    choices = Choices(data)
-    files = dict(api.files_of(spec()))
-    name = f"{spec().name}.json"
-    kind = choices.below(4)
-    if kind < 3:
-        files[name] = text_of(changed_tree(json.loads(files[name]), choices, value))
-    else:
-        files[name] = changed_text(files[name], choices, WORDS)
-    try:
-        with compiled():
-            step = Stepper(spec().name, files)
-    except GyrosparkError as error:
-        refuse_unless_sentence(error)
-        return "refused"
-    top = made()
-    try:
-        with np.errstate(all="ignore"):
-            step.step(top.q[0], top.p[0], dt=1e-3, parameters=top.parameters)
-    except GyrosparkError as error:
-        refuse_unless_sentence(error)
-        return "made, step refused"
-    return "accepted"
-
-
-@contextlib.contextmanager
-def compiled() -> Iterator[None]:
-    """Spare us compiling the same C for every manifest, whose text is part of the cache's key."""
-    module = gs.stepper("EMS").binding
-    before = evaluation.load_module
-    evaluation.load_module = lambda *_: module
-    try:
-        yield
-    finally:
-        evaluation.load_module = before

@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from fuzz.choices import Choices
 from fuzz.entrances import ENTRANCES
 from fuzz.judging import CORPUS, corpus, judge, random_input, shrunk
-from processes import HELPERS, ROOT, environment
+from processes import HELPERS, ROOT, call
 
 every_entrance = pytest.mark.parametrize("name", list(ENTRANCES))
 INPUTS = [(name, path) for name in ENTRANCES for path in corpus(name)]
@@ -42,8 +42,7 @@ def test_corpus_belongs_to_entrances():
 
 
 @pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (  # a second end is rare, or compiled for this
-        name in ("source", "c", "checkpoint", "python")))
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "checkpoint"))  # compiled for this
     for name in ENTRANCES])
 def test_seeded_inputs(name):
     """The same inputs in every run, as many of them as there is time for; both kinds of end."""
@@ -100,17 +99,14 @@ def test_failures_and_hangs_are_seen():
 
 
 def drive(*arguments: str, folder) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, str(DRIVER), "--out", str(folder), *arguments],
-                          env=environment(COLUMNS="120"), text=True, capture_output=True,
-                          timeout=300, check=False)
+    return call([sys.executable, DRIVER, "--out", folder, *arguments])
 
 
 @pytest.mark.slow  # a process that starts others
 def test_driver_counts_what_it_tries(tmp_path):
     done = drive("--inputs", "60", "--seed", "2", "--entrance", "formula", folder=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "formula" in done.stdout
-    assert "60" in done.stdout
+    assert "formula: 60 inputs" in done.stdout
 
 
 @pytest.mark.slow
@@ -128,13 +124,6 @@ def test_driver_survives_a_crash(tmp_path, monkeypatch):
     out = tmp_path / "failures"
     done = drive("--inputs", "100", "--entrance", "formula", folder=out)
     assert done.returncode == 1
-    (found,) = out.glob("formula-0-crash*.bin")
-    assert found.read_bytes()[:1] < b"\x08"
-
-
-def test_atheris_guides_the_parsers(tmp_path):
-    pytest.importorskip("atheris")
-    done = drive("--inputs", "400", "--entrance", "tableau", "--engine", "atheris",
-                 folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "400" in done.stdout
+    found = [*out.glob("formula-*.bin")]
+    assert found
+    assert all(path.read_bytes()[:1] < b"\x08" for path in found)

@@ -37,7 +37,7 @@ from warm_python import WarmPython
 
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 EXTRAS = {name: packages for name, packages in PROJECT["optional-dependencies"].items()
-          if name not in ("test", "fuzz", "release", "docs")}
+          if name not in ("test", "release", "docs")}
 
 #: Types blocks of Python one after the other, as a reader would; prints what stopped each.
 READER = """

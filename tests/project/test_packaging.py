@@ -373,7 +373,7 @@ def test_extras_are_documented():
     table = re.search(r"^\| extra \|.*?\n\n", told, flags=re.MULTILINE | re.DOTALL)
     assert table
     rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table[0], flags=re.MULTILINE)
-    assert {name for name, _ in rows} == set(extras) - {"test", "fuzz", "docs", "release"}
+    assert {name for name, _ in rows} == set(extras) - {"test", "docs", "release"}
     for name, brings in rows:
         for package in brings.split(", "):
             assert re.search(rf"\b{package}\b", " ".join(extras[name])), (name, package)
