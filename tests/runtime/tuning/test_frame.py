@@ -115,14 +115,6 @@ def test_a_choice_says_what_it_was_chosen_by():
     assert "no symmetry" not in tuned.reason
 
 
-@pytest.mark.slow  # three seconds of pilot runs; test_gamma.py has the search
-def test_gamma_is_searched_for_with_the_rates():
-    step, how = framed("G-L", 1), {"dt": 1e-3, "frame": "auto", "steps": 300}
-    both, alone = (gs.tune(step, TOP, gamma=gamma, **how) for gamma in ("auto", None))
-    assert both.parameters["gamma"] != gs.gamma(TOP.inertia)
-    assert both.gain > 3 * alone.gain
-
-
 # ---------------------------------------------------------------- the guard
 
 
@@ -218,13 +210,6 @@ def test_lines_are_centred():
 
 
 # ---------------------------------------------------------------- certificates
-
-
-@pytest.mark.slow  # a second certificate of a frame by EMS
-def test_ems_keeps_h_in_a_frame_about_the_vertical():
-    kept = gs.certify(TOP, "EMS", frame="symmetries", dt=2e-3, steps=200,
-                      parameters={"omega_space": 5.0})
-    assert kept.line("energy H").holds is True  # it keeps the J about the vertical
 
 
 @pytest.mark.slow  # a certificate of a free body in a frame takes two seconds
