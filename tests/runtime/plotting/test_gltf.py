@@ -8,7 +8,6 @@ import struct
 import numpy as np
 import pytest
 
-import gyrospark as gs
 import systems
 from calls import RUN, TOP
 from gyrospark.runtime.plotting.scene import scene_of
@@ -116,20 +115,3 @@ def test_a_state_alone_is_a_model_that_rests(gl3, tmp_path):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN)
     content, _ = read(run.show(tmp_path / "top.glb"))
     assert "animations" not in content
-
-
-def test_on_the_command_line(gyrospark, tmp_path):
-    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "20"]
-    said = gyrospark(*run, "--show", "top.glb", "--json")
-    assert said.code == 0
-    assert said.document["show"] == ["top.glb"]
-    content, arrays = read(tmp_path / "top.glb")
-    _, animated = motion(content, arrays, "body")
-    assert len(animated["rotation"][0]) == 21
-
-
-def test_what_is_refused(tied):
-    with pytest.raises(gs.InputError, match=r"'tied\.gltf'.*\.glb"):
-        tied.show("tied.gltf")
-    with pytest.raises(gs.InputError, match="'some'"):
-        tied.show("tied.glb", meshes="some")

@@ -32,17 +32,6 @@ def motion_of(name):
     return step.integrate(*systems.start(name, step), dt=1e-3, steps=3, parameters=case.parameters)
 
 
-@pytest.fixture(scope="module")
-def satellite():
-    """A bus with a wheel inside, on its third axis."""
-    build = gs.Multibody("bus_and_wheel", gravity=(0, 0, 0))
-    bus = build.body("bus", mass=50, inertia=(12, 10, 8))
-    build.rotor("wheel", bus, mass=2, inertia=(0.02, 0.01), axis=(0, 0, 1), rate=30.0)
-    model = build.model()
-    return gs.stepper("IMS", system=model).integrate(
-        model.q0, model.p0, dt=1e-3, steps=3, parameters=dict(model.parameters))
-
-
 def test_motors_of_hinges_are_not_drawn():
     """A force along the angle of a joint has no place of its own."""
     joints = drawn_joints(systems.stepper("arm", "IMS").manifest)
@@ -196,14 +185,6 @@ def test_a_picture_has_its_size_and_is_a_file(top, tmp_path):
     assert draw_picture(top, background="dark", **SMALL).pixels[0, 0].max() < 60
 
 
-@pytest.mark.slow  # a derivation
-def test_a_wheel_is_seen_through_its_bus(satellite):
-    glass = draw_picture(satellite, **SMALL).pixels.astype(int)
-    red, _, blue = glass[40:50, 55:65].reshape(-1, 3).T
-    assert (red > blue + 20).any()  # the wheel, behind glass
-    assert decoded(satellite.show()._repr_png_()).shape == (480, 640, 3)
-
-
 def test_time_and_direction_of_a_picture(top):
     assert draw_picture(top, time=0.0203, **SMALL).time == pytest.approx(0.02)
     early, late = (draw_picture(top, time=t, traces=False, **SMALL).pixels for t in (0.0, 0.055))
@@ -235,18 +216,6 @@ def test_a_motion_in_a_plane_is_seen_from_the_front():
 def test_what_is_no_picture(top, options, said):
     with pytest.raises(gs.InputError, match=said):
         draw_picture(top, **options)
-
-
-def test_files_that_are_no_pictures(top, tmp_path):
-    with pytest.raises(gs.InputError, match=r"'top.svg'.*\.png"):
-        draw_picture(top, tmp_path / "top.svg")
-
-
-def test_a_picture_on_the_command_line(gyrospark, tmp_path):
-    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "4", "--show"]
-    said = gyrospark(*run, "top.png")
-    assert (said.code, "wrote top.png" in said.stdout) == (0, True)
-    assert decoded((tmp_path / "top.png").read_bytes()).shape == (480, 640, 3)
 
 
 def test_meshes_of_files_are_drawn(tmp_path):

@@ -93,29 +93,12 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
     assert 0.2 < blue(frames["auto"][:360]) / blue(picture) < 1.2  # the film has all frames in view
 
 
-@pytest.mark.slow  # test_picture.py has a picture on the command line
-def test_a_film_on_the_command_line(gyrospark, tmp_path):
-    from PIL import Image
-
-    run = ["run", "fast-top", "--dt", "1e-3", "--steps", "1", "--show"]
-    said = gyrospark(*run, "flip.gif")
-    assert said.code == 0
-    assert "wrote flip.gif" in said.stdout
-    with Image.open(tmp_path / "flip.gif") as film:
-        assert film.n_frames == 2
-    said = gyrospark(*run, "flip.avi")
-    assert said.code == 2
-    assert "'flip.avi'" in said.stderr
-
-
 def test_what_is_no_film(tops, tmp_path, monkeypatch):
     for options, said in (({"seconds": 0}, "2 to 2000"), ({"fps": -3}, "product"),
                           ({"seconds": 1e9}, "product"), ({"seconds": "x"}, "seconds = 'x'"),
                           ({"shape": "ball"}, "Unknown shape 'ball'")):
         with pytest.raises(gs.InputError, match=said):
             tops.show(tmp_path / "a.gif", **options)
-    with pytest.raises(gs.InputError, match=r"\.gif.*\.mp4"):
-        tops.show("a.avi")
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(gs.errors.MissingDependencyError, match="ffmpeg"):
         tops.show(tmp_path / "a.mp4")

@@ -59,10 +59,6 @@ def test_euler_angles_come_with_the_states(tops, tmp_path):
     assert np.isnan(dataset.multipliers[0]).all()
 
 
-def test_without_more_it_is_what_save_writes(tops, tmp_path):
-    assert tops.save(tmp_path / "a.csv").read_text() == tops.save(tmp_path / "b.csv").read_text()
-
-
 def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
     stored = record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset()
