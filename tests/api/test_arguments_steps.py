@@ -19,6 +19,8 @@ def test_start_off_the_constraint_is_refused_and_projection_cures_it(dq, dp, ste
     q, p = TOP.q0 * (1 + dq), TOP.p0 + dp * TOP.q0 * np.linalg.norm(TOP.p0)
     momentum_free = not step.manifest.scheme.keeps_momentum_constraint
     if not (momentum_free and dq == 0 and dp < 1e-3):
+        with refused("constraints"):
+            step.start(q, p, **RUN)
         with refused(r"constraints.*project\(") as caught:
             step.step(q, p, **RUN)
         g, f = step.defects(q, p, parameters=PARAMETERS)

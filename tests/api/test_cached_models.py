@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from dataclasses import fields, replace
 
 import numpy as np
@@ -9,8 +11,11 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.api import text_of
+from gyrospark.core.lazy_imports import imported_for_good
 from gyrospark.generator.multibody import models
+from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
+from gyrospark.generator.systems.system import System
 from gyrospark.runtime.compilation.build_cache import entries
 
 
@@ -71,3 +76,27 @@ def test_other_arguments_have_other_numbers(pair):
     assert "b0_gamma" in new.bodies
     with pytest.raises(gs.InputError):
         gs.models.chain(2, rep="delta")
+
+
+@pytest.mark.parametrize("scheme", [("G-L", 2), ("EMS", None)])
+def test_the_constraint_on_the_momenta_is_derived_once(scheme, monkeypatch):
+    """Of the system with its constants, whatever else has to know what it depends on."""
+    derive, of = System.hidden.func, {}
+    monkeypatch.setattr(System, "hidden", property(
+        lambda system: of[system] if system in of else of.setdefault(system, derive(system))))
+    made = generate(Spec.from_arguments(*scheme, "gamma"))
+    assert list(of) == [made.scheme.system]
+
+
+def test_what_is_imported_for_good_is_not_looked_through(monkeypatch):
+    """The collector rests meanwhile; nothing is done for what is there already."""
+    before = gc.get_freeze_count()  # what was there when all tests were collected
+    with imported_for_good("gyrospark"):
+        assert gc.isenabled()
+    assert gc.get_freeze_count() <= before
+    monkeypatch.delitem(sys.modules, "gyrospark.core.lazy_imports")
+    kept = [[] for _ in range(1000)]
+    with imported_for_good("gyrospark.core.lazy_imports"):
+        assert not gc.isenabled()
+    assert gc.isenabled()
+    assert gc.get_freeze_count() >= before + len(kept) // 2

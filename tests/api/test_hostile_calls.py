@@ -25,7 +25,10 @@ def folder(tmp_path_factory):
     return path, calls(path)
 
 
-def check(number, wrongs, folder, monkeypatch):
+@pytest.mark.parametrize("wrongs", [
+    FEW, pytest.param({*WRONG} - {*FEW}, marks=pytest.mark.slow)], ids=["few", "others"])
+@pytest.mark.parametrize("number", range(len(NAMES)), ids=lambda i: NAMES[i])
+def test_wrong_arguments_end_in_sentences(number, wrongs, folder, monkeypatch):
     path, every = folder
     monkeypatch.chdir(path)
     ends = {every[number].try_one(argument, wrong) for argument, wrong in every[number].variants()
@@ -33,17 +36,6 @@ def check(number, wrongs, folder, monkeypatch):
     assert ends <= {"refused", "accepted"}
     if every[number].make()[1]:
         assert "refused" in ends
-
-
-@pytest.mark.parametrize("number", range(len(NAMES)), ids=lambda i: NAMES[i])
-def test_wrong_arguments_end_in_sentences(number, folder, monkeypatch):
-    check(number, FEW, folder, monkeypatch)
-
-
-@pytest.mark.slow  # 30 more values of each argument
-@pytest.mark.parametrize("number", range(len(NAMES)), ids=lambda i: NAMES[i])
-def test_any_wrong_argument_ends_in_a_sentence(number, folder, monkeypatch):
-    check(number, {*WRONG} - {*FEW}, folder, monkeypatch)
 
 
 def test_everything_public_is_called():

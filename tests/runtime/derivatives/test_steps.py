@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import warnings
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from derivative_cases import (
     tangents_of_step,
     transposition_defect,
 )
+from gyrospark.runtime.derivatives.tangent_space import null_space
 from gyrospark.runtime.results.joint_motion import (
     cotangents_of_multipliers,
     multipliers_at_states,
@@ -294,3 +296,52 @@ def test_a_run_has_its_bits_with_tangents():
         start=beside.tangents.start[:, 3], parameters=["mgl"]))
     for column, other in ((3, 0), (7, 1)):  # alone, and stored at other states
         assert np.array_equal(again.tangents.q[-1, :, other], beside.tangents.q[-1, :, column])
+
+
+@pytest.mark.parametrize(("size", "count", "dependent"), [
+    (8, 2, 0), (28, 16, 1), (14, 6, 2), (6, 0, 0), (5, 5, 1)])
+def test_a_basis_is_orthonormal_and_complete(size, count, dependent):
+    rows = np.random.default_rng(0).normal(size=(count, size))
+    for k in range(dependent):
+        rows[-1 - k] = rows[0] + (k + 1) * rows[1]
+    basis = null_space(rows)
+    assert basis.shape == (size, size - count + dependent)
+    assert np.abs(rows @ basis).max(initial=0) < 1e-14 * max(np.abs(rows).max(initial=1), 1)
+    assert np.abs(basis.T @ basis - np.eye(basis.shape[1])).max() < 1e-15
+
+
+SWITCHED = {"dt": 0.0313, "steps": 400, "parameters": {"c": 0.1}}
+
+
+@pytest.fixture(scope="module")
+def dry():
+    """An oscillator with drag that jumps at x = 0, and a force that begins at t = 1."""
+    drag, push = (sp.Piecewise((v, x < 0), (2 * v, True)),
+                  sp.Piecewise((t - 1, t > 1), (0, True)))
+    return gs.stepper("G-L", stages=1, system=gs.System(
+        (x,), (v,), (c,), v**2 / 2 + x**2 / 2, forces=(c * (push - drag),), time=t, name="dry"))
+
+
+def changes(values):
+    return int((np.diff(np.sign(values)) != 0).sum())
+
+
+def test_forces_that_jump_are_warned_of(dry):
+    with pytest.warns(gs.errors.InputWarning, match="steps"):
+        run = dry.integrate(gs.Start([1.0], [0.02], t=2.0), **SWITCHED,
+                            tangents=gs.Tangents(None, ["c"]))
+    crossed = changes(run.q[:, 0])
+    assert run.tangents.switched_steps == crossed > 0
+    for memory in ("256 MB", "80 kB"):
+        with pytest.warns(gs.errors.InputWarning, match=f"^{crossed} steps"):
+            assert run.gradient({"q": [1.0]}, memory=memory).switched_steps == crossed
+
+
+@pytest.mark.parametrize(("t0", "count"), [(0.7, 1), (2.0, 0)])
+def test_switches_of_the_time_are_counted(dry, t0, count):
+    """Without one there is no warning."""
+    run = dry.integrate(gs.Start([1.0], [0.0], t=t0), **SWITCHED | {"steps": 20})
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        assert run.gradient({"q": [1.0]}).switched_steps == count
+    assert len(told) == count

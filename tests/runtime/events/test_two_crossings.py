@@ -1,4 +1,4 @@
-"""Two crossings of a level within one step, against closed forms: none is lost, none found twice.
+"""Two crossings of a level within one step, and starts exactly on a level, against closed forms.
 
 The tests of one crossing a step are in test_events.py, of pieces of a run in test_watch.py.
 """
@@ -11,6 +11,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from calls import integrate
 from event_runs import assert_same_events, in_pieces, pendulum, start
 from stores import recorded, small_blocks
@@ -156,3 +157,112 @@ def test_the_bob_of_a_pendulum(dt: float) -> None:
             found = np.abs(run.events[one.name].t)
             assert len(found) == len(times), depth[i]
             assert np.abs(found - times).max() < 1e-12 / np.sqrt(depth[i])
+
+
+def ball(real: str = "double"):
+    """x'' = −g + push: parabolas, which the scheme follows to rounding."""
+    return systems.stepper("ball", real=real)
+
+
+def accelerated(a: float) -> dict[str, float]:
+    """Return parameters with which x'' = a, exactly: g is positive."""
+    weight, push = (-a, 0.0) if a < 0 else (1e-300, a or 1e-300)
+    return systems.case("ball").parameters | {"g": weight, "push": push}
+
+
+def falls(real: str, level: float, count: int, seed: int):
+    """Return velocities on the level from 1e-9 to 1, and times at which balls come back there."""
+    random = np.random.default_rng(seed)
+    speed = 10 ** random.uniform(-9 if level == 0 and real == "double" else -2, 0, count)
+    u = speed * random.choice([-1, 1], count)
+    return u, 2 * u / 10
+
+
+@pytest.mark.parametrize(("real", "level", "dt"), [
+    ("double", 0.0, 0.05), ("double", 0.0, -0.05), ("double", 5.0, 0.05),
+    pytest.param("float", 0.0, 0.05, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("count", [
+    200, pytest.param(250_000, marks=pytest.mark.slow(reason="a million starts"))])
+def test_random_starts_on_the_level(real: str, level: float, dt: float, count: int) -> None:
+    """Thrown upwards (backwards in time: from above) each comes back once, the others never."""
+    u, back = falls(real, level, count, seed=1)
+    steps = 3
+    many = ball(real=real).integrate_ensemble(
+        np.full((count, 1), level), u[:, None], dt=dt, steps=steps, every=steps,
+        parameters=accelerated(-10.0), events=[
+            gs.Event("x", level=level), gs.Event("x", level=level, direction=1, name="rising"),
+            gs.Event("x", level=level, direction=-1, name="falling")]).events
+    times = back * np.sign(dt)
+    ends = (times > 0) & (times < steps * abs(dt))
+    assert np.count_nonzero(ends & (times < abs(dt))) > count / 8
+    assert np.array_equal(many["x"].count, ends)
+    assert np.array_equal(many["falling"].count, ends)
+    assert not many["rising"].count.any()
+    size = 2.0**-23 if real == "float" else 2.0**-52
+    off = 64 * size * (abs(dt) + level / abs(u[ends]))
+    assert np.all(abs(many["x"].first[ends] - back[ends]) <= off)
+
+
+def quadratic(first: float, second: float, ahead: int = 1):
+    """A run of x = (t − first)(t − second) in steps of 1/4, which are exact, and its events."""
+    start, end = (0.0, 2.0)[::ahead]
+    begin = gs.Start([(start - first) * (start - second)], [2 * start - first - second], t=start)
+    found = ball().integrate(begin, dt=ahead / 4, steps=8, parameters=accelerated(2.0), events=[
+            gs.Event("x"), gs.Event("x", direction=1, name="rising"),
+            gs.Event("x", direction=-1, name="falling")])
+    assert found.t[-1] == end
+    assert np.array_equal(found.q[:, 0], (found.t - first) * (found.t - second))
+    return {name: one.t.tolist() for name, one in found.events.items()}
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+@pytest.mark.parametrize(("first", "second"), [
+    (1.0, 1.125), (0.875, 1.0), (0.5, 1.5), (1.0, 1.25), (0.0, 1.0), (0.0, 0.25), (1.0, 9.0)])
+def test_states_on_the_level_within_a_run(first: float, second: float, ahead: int) -> None:
+    """A zero at the end of a step, with or without another one in the steps beside it."""
+    inside = [t for t in (first, second) if t < 2 and t != (0.0, 2.0)[::ahead][0]][::ahead]
+    found = quadratic(first, second, ahead)
+    assert found["x"] == pytest.approx(inside, abs=1e-15)
+    for name, sign in (("falling", -1), ("rising", 1)):
+        own = [t for t in inside if (2 * t - first - second) * ahead * sign > 0]
+        assert found[name] == pytest.approx(own, abs=1e-15)
+
+
+@pytest.mark.parametrize("ahead", [1, -1])
+def test_a_touch_is_no_crossing(ahead: int) -> None:
+    """Of the second order, at the end of a step and at the start of a run."""
+    assert quadratic(1.0, 1.0, ahead) == {"x": [], "rising": [], "falling": []}
+    assert quadratic(0.0, 0.0, ahead)["x"] == []
+
+
+def test_a_value_that_rests_on_its_level_does_not_cross_it() -> None:
+    found = ball().integrate([0.0], [0.0], dt=0.1, steps=5, parameters=accelerated(0.0),
+                             events=gs.Event("x"))
+    assert len(found.events["x"]) == 0
+
+
+@pytest.mark.parametrize("direction", [0, -1])
+@pytest.mark.parametrize("t0", [0.0, 3.0])
+def test_a_ball_bounces_from_the_states_of_its_events(direction: int, t0: float) -> None:
+    """Each flight begins where the last one ended, and the bounces are half as high in the end."""
+    event = gs.Event("x", direction=direction, terminal=True)
+    t, x, u = t0, 0.0, 1.0
+    for bounce in range(12):
+        run = ball().integrate(gs.Start([x], [u], t=t), dt=0.05, steps=40, events=event,
+                               parameters=accelerated(-10.0))
+        assert run.t[-1] - t == pytest.approx(2 * u / 10, rel=1e-12), bounce
+        t, x, u = float(run.t[-1]), float(run.q[-1, 0]), -0.7 * float(run.p[-1, 0])
+
+
+def test_an_event_is_not_found_again_from_its_own_state() -> None:
+    """The run goes on through the level as if it had not ended there."""
+    event = gs.Event("x", level=0.3, terminal=True)
+    for u in np.linspace(2.5, 9.0, 15):
+        run = {"dt": 0.05, "steps": 40, "parameters": accelerated(-10.0), "events": event}
+        first = ball().integrate([0.0], [u], **run)
+        second = ball().integrate(gs.Start(first.q[-1], first.p[-1], t=first.t[-1]), **run)
+        third = ball().integrate(gs.Start(second.q[-1], second.p[-1], t=second.t[-1]), **run)
+        assert bool(first.events["x"].rising[0])
+        assert not second.events["x"].rising[0]
+        assert second.t[-1] == pytest.approx((u + np.sqrt(u * u - 6)) / 10, rel=1e-13)
+        assert len(third.events["x"]) == 0

@@ -246,14 +246,6 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
         np.testing.assert_array_equal(columns[:, 1:5], exact)
 
 
-@pytest.mark.slow  # a process
-def test_command_without_a_file_reports_what_it_has(tmp_path):
-    found, stdout, stderr = stopped(LONG, signal.SIGINT, tmp_path)
-    assert found == 130
-    assert "energy" in stdout
-    assert "--out" in stderr
-
-
 @pytest.mark.parametrize("out", [(), ("--out", "x.csv"), ("--out", "x.zarr")])
 def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
     """The run is complete, and is told so, with its report."""

@@ -1,4 +1,8 @@
-"""Runs in scaled time: times asked for, derivatives at them, energy, and what is refused."""
+"""Runs in scaled time: times asked for, derivatives, energy, what is refused, orders.
+
+Orders are of errors beside motions by a second way: other coordinates, equations without
+constraints, 40 digits (``helpers/scaled_motions.py``).
+"""
 
 from __future__ import annotations
 
@@ -9,6 +13,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import scaled_motions
 import systems
 from gyrospark.interop.discrete_flow import DiscreteFlow
 from systems import case, differentiable, stepper, timed_start
@@ -158,33 +163,11 @@ def test_tangents_of_a_short_rod_are_found_between_steps():
         assert np.isfinite(getattr(between.tangents, kind)).all()
 
 
-def test_states_at_times_are_those_of_the_closed_form():
-    entry, step = case("eccentric"), stepper("eccentric")
-    times = np.linspace(0, 7, 9)
-    found = step.integrate(timed_start("eccentric", step), t_end=7, t_eval=times,
-                           **arguments("eccentric", dtau=0.003))
-    wanted = np.array([entry.exact(time) for time in times])
-    assert np.abs(found.q - wanted).max() < 3e-9
-
-
 def test_a_long_run_to_a_time_grows_its_arrays():
     run = to("eccentric", 200.0)
     assert len(run) > 2000
     assert len(run) == run.report.steps + 2  # the start and the part of a step that ends it
     assert run.t[-1] == 200.0
-
-
-def test_a_run_goes_on_from_its_end():
-    """A run that goes on has the bits of one run: it keeps H + e of the first start."""
-    step = stepper("scaled_pendulum")
-    whole = systems.run("scaled_pendulum", step, 30)
-    half = systems.run("scaled_pendulum", step, 11)
-    rest = step.integrate(half[-1], steps=19, dtau=case("scaled_pendulum").dt)
-    many = step.integrate_ensemble([half[-1]], steps=19, dtau=case("scaled_pendulum").dt).members
-    close = 1e3 * EPS
-    for other in (rest, *many):
-        assert np.abs(other.q[-1] - whole.q[-1]).max() <= close
-        assert np.abs(other.time_momentum[-1] - whole.time_momentum[-1]) <= close
 
 
 # ---------------------------------------------------------------- derivatives
@@ -480,3 +463,77 @@ def test_runs_to_one_time_are_complete_whatever_their_steps():
     many = step.integrate_ensemble([start, slower], dtau=numbers.dt, t_end=start.t + 20)
     assert len({*map(len, many.members)}) == 2
     assert (many.dataset().status == "complete").all()
+
+
+#: Δτ of one stage to six at which errors begin to follow their order, and are not yet round-off.
+STEPS = {
+    "eccentric": (0.02, 0.1, 0.4, 0.6, 0.8, 1.0),
+    "very_eccentric": (0.02, 0.1, 0.4, 0.6, 0.8, 1.0),
+    "tethered_pair": (0.02, 0.05, 0.1, 0.1, 0.12, 0.15),
+    "scaled_pendulum": (0.05, 0.1, 0.15, 0.12, 0.16, 0.2),
+    "eccentric_satellite": (0.02, 0.1, 0.2, 0.2, 0.3, 0.45),
+}
+_QUICK = {(name, 2) for name in STEPS if name != "eccentric_satellite"}
+
+
+def errors(name, scheme, stages, real="double", count=3):
+    """Largest errors of q and p at the end, in parts of the largest of them; Δτ falls by 1.5."""
+    step = systems.stepper(name, scheme, stages, real)
+    motion, (start, end) = scaled_motions.MOTIONS[name], scaled_motions.states(name)
+    begin = gs.Start(*start.reshape(2, step.n), t=np.longdouble(motion.t0))
+    runs = [step.integrate(begin, dtau=STEPS[name][stages - 1] / 1.5**k,
+                           t_end=np.longdouble(motion.t_end),
+                           parameters=systems.case(name).parameters) for k in range(count)]
+    assert all(run.report.constraint_max < 64 * np.finfo(run.q.dtype).eps for run in runs)
+    return np.array([np.abs(np.concatenate([run.q[-1], run.p[-1]]) - end).max()
+                     for run in runs]) / np.abs(end).max()
+
+
+def slope(errors):
+    """The mean slope: single ones of many stages scatter where the error passes through zero."""
+    return np.log(errors[0] / errors[-1]) / np.log(1.5) / (len(errors) - 1)
+
+
+@pytest.mark.parametrize(("name", "stages"), [
+    pytest.param(name, stages, marks=[] if (name, stages) in _QUICK else pytest.mark.slow)
+    for name in STEPS for stages in (1, 2)])
+def test_one_stage_has_order_2_and_two_have_4(name, stages):
+    assert abs(slope(errors(name, "G-L", stages)) - 2 * stages) < 0.15
+
+
+@pytest.mark.slow  # twenty steppers in long double, for errors below the round-off of doubles
+@pytest.mark.parametrize("stages", [3, 4, 5, 6])
+@pytest.mark.parametrize("name", STEPS)
+def test_more_stages_have_twice_their_number_as_order(name, stages):
+    """A symmetric method has an even order: 0.7 tells it from the next ones."""
+    assert abs(slope(errors(name, "G-L", stages, "long-double", 4)) - 2 * stages) < 0.7
+
+
+@pytest.mark.slow  # twelve steppers
+@pytest.mark.parametrize("stages", [2, 3])
+@pytest.mark.parametrize("name", STEPS)
+def test_lobatto_steps_have_order_2s_less_2(name, stages):
+    assert abs(slope(errors(name, "LIIIA-B", stages, "long-double", 4)) - 2 * (stages - 1)) < 0.4
+
+
+@pytest.mark.slow  # 40 digits in Python
+@pytest.mark.parametrize("name", STEPS)
+def test_stored_motions_are_those_of_their_equations(name):
+    found = np.array([[np.longdouble(x) for x in numbers]
+                      for numbers in scaled_motions.digits(name)])
+    assert np.abs(found - scaled_motions.states(name)).max() < 1e-18
+
+
+@pytest.mark.slow  # a million steps
+@pytest.mark.parametrize("name", ["very_eccentric", "tethered_pair"])
+def test_the_energy_error_is_bounded_over_a_million_steps(name):
+    """H + e without a drift: its largest in each tenth is the same; e and J are constant."""
+    step = systems.stepper(name)
+    run = systems.run(name, step, 10**6, every=100, dtau=0.1)
+    tenths = np.abs(run.energies + run.time_momentum)[1:].reshape(10, -1).max(axis=1)
+    assert tenths.max() < 1.02 * tenths.min()
+    assert np.ptp(run.time_momentum) == 0
+    half = run.q.shape[1] // 2
+    J = sum(run.q[:, i] * run.p[:, i + 1] - run.q[:, i + 1] * run.p[:, i]
+            for i in range(0, 2 * half, 2))
+    assert np.abs(J - J[0]).max() < 1e-11 * np.abs(J[0])

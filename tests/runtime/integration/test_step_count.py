@@ -94,8 +94,3 @@ def test_whole_steps_and_the_rest_lead_to_any_time(t_end, dt, t0):
     left = Fraction(t_end) - Fraction(t0) - count * Fraction(dt)
     assert rest in (0, left)
     assert (0 < rest / Fraction(dt) < 1) if rest else abs(left) <= abs(Fraction(dt)) / 2
-
-
-def test_round_is_refused(gl3):
-    with pytest.raises(TypeError, match="t_end"):
-        gl3.integrate(TOP.q0, TOP.p0, t_end=0.0304, round=True, **RUN)

@@ -131,22 +131,12 @@ def test_gradients_are_those_of_the_row_at_t_end():
     assert step.integrate(start, dt=DT, t_end=END, tangents=tangents).tangents.q[-1] \
         == pytest.approx(step.integrate(start, dt=DT, steps=11, t_eval=[END],
                                         tangents=tangents).tangents.q[-1], rel=1e-10)
-
-
-def test_value_and_gradient_ends_at_t_end():
-    step = systems.differentiable("pendulum")
-    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
-
-    def loss(run):
-        return float(run.q[-1].sum()), {"q": np.ones(step.n)}
-
     name = next(iter(start.parameters))
-    f = step.value_and_gradient(loss, start, wrt=[name], dt=DT, t_end=END)
-    x = start.parameters[name]
-    h = 1e-5 * x
-    value, slope = f([x])
-    assert value == loss(step.integrate(start, dt=DT, t_end=END))[0]
-    assert slope[0] == pytest.approx((f([x + h])[0] - f([x - h])[0]) / (2 * h), rel=1e-6)
+    value, slope = step.value_and_gradient(
+        lambda run: (float(run.q[-1].sum()), {"q": w}), start, wrt=[name], dt=DT, t_end=END)(
+            [start.parameters[name]])
+    assert value == float(made.q[-1].sum())
+    assert slope[0] == pytest.approx(made.gradient({"q": w})[name], rel=1e-12)
 
 
 def test_other_numbers_end_there_too():
@@ -299,17 +289,3 @@ def test_a_last_part_that_fails_is_a_failed_step(tmp_path):
     assert np.isnan(many.q[:, -1]).all()
     assert many.failures[1].step == 1
     assert len(many.members[1]) == 1
-
-
-def test_a_run_that_is_cut_in_two_goes_on(tmp_path):
-    """From its row to round-off, from a store and a simulation to the bit."""
-    step, start, whole, _ = run("heavy_top")
-    first = step.integrate(start, dt=DT, t_end=0.054)
-    assert np.abs(step.integrate(first.grid_end, dt=DT, steps=6).q[-1] - whole.q[-1]).max() < 1e-14
-    simulation = step.start(start, dt=DT)
-    simulation.advance(5)
-    simulation.advance(6)
-    assert np.array_equal(simulation.q, whole.q[-1])
-    stored = step.integrate(start, dt=DT, steps=5, out=tmp_path / "run.zarr")
-    assert np.array_equal(stored.q, whole.q[:6])
-    assert np.array_equal(gs.resume(tmp_path / "run.zarr", steps=11).q, whole.q)

@@ -14,8 +14,6 @@ import pytest
 import budget
 import gyrospark as gs
 import systems
-from gyrospark.runtime.derivatives.motion import Kinematics
-from random_robots import random_tree, urdf_text
 
 EPS = np.finfo(float).eps
 #: Solves with mass matrices whose condition is below some thousand; the issue asks for this much.
@@ -222,50 +220,6 @@ def test_what_cannot_be_asked_is_said():
         rolling.accelerations(*systems.start("sleigh", rolling),
                               parameters=systems.case("sleigh").parameters)
     assert "velocity constraints" in str(error.value)
-
-
-@pytest.mark.slow  # each robot is derived and compiled
-@pytest.mark.parametrize("seed", range(5))
-def test_robots_move_as_pinocchio_has_them(tmp_path, seed):
-    """Accelerations, mass matrix and torques of all joints of random trees of links."""
-    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
-    rng = np.random.default_rng(seed)
-    links = random_tree(rng, int(rng.integers(1, 5)), mimic=False)
-    path = tmp_path / "random.urdf"
-    path.write_text(urdf_text(links, rng))
-    names = [f"{link.name}_joint" for link in links if link.kind != "fixed"]
-    angles = dict(zip(names, rng.uniform(-0.5, 0.5, len(names)).tolist(), strict=True))
-    rates = dict(zip(names, rng.uniform(-1, 1, len(names)).tolist(), strict=True))
-    damping = {f"{link.name}_joint": link.damping for link in links}
-    other = pin.buildModelFromUrdf(str(path))
-    data, q, v, tau = other.createData(), pin.neutral(other), *np.zeros((2, other.nv))
-    place = []
-    for name in names:
-        joint, x = other.joints[other.getJointId(name)], angles[name]
-        q[joint.idx_q:joint.idx_q + joint.nq] = x if joint.nq == 1 else (math.cos(x), math.sin(x))
-        v[joint.idx_v], tau[joint.idx_v] = rates[name], -damping[name] * rates[name]
-        place.append(joint.idx_v)
-    model = gs.load_model(path, ignore="limits", angles=angles, rates=rates)
-    with budget.shared():
-        step = gs.stepper("G-L", 2, system=model)
-        found = step.accelerations(model.q0, model.p0, parameters=model.parameters)
-    given = {"parameters": model.parameters}
-    wanted = pin.aba(other, data, q, v, tau)[place]
-    assert np.abs([found.joint(name) for name in names] - wanted).max() <= CLOSE * np.abs(
-        wanted).max()
-    kinematics = [Kinematics(found._layout, model.parameters, model.q0).joint(
-        name, found.velocities) for name in names]
-    assert np.abs([(C @ found.q + drift)[0] for C, drift in kinematics] - wanted).max() <= (
-        CLOSE * np.abs(wanted).max())
-    M = pin.crba(other, data, q)[np.ix_(place, place)]
-    M = np.triu(M) + np.triu(M, 1).T if (np.diff(place) > 0).all() else np.maximum(M, M.T)
-    assert np.abs(step.mass_matrix(model.q0, model.p0, joints=names, **given) - M).max() <= (
-        CLOSE * np.abs(M).max())
-    goal = rng.uniform(-2, 2, other.nv)
-    torques = (pin.rnea(other, data, q, v, goal) - tau)[place]
-    forces = step.inverse_dynamics(model.q0, model.p0, dict(zip(names, goal[place], strict=True)),
-                                   **given)
-    assert np.abs([*forces.values()] - torques).max() <= CLOSE * np.abs(torques).max()
 
 
 # MuJoCo gets the start that loops have moved
