@@ -5,29 +5,12 @@
 #include "gyrospark/profiles/control.h"
 #else
 #include "gyrospark/newton/step.h"
-#include "gyrospark/run/begin_advance.h"
-
-int toy_integrate(const parameters_t *parameters, const options_t *options, const real *inputs,
-    long hold, real dt, long steps, long every, real q[N], real p[N], real *q_out, real *p_out,
-    int *iterations, report_t *report, work_t *work);
-
-int toy_integrate(const parameters_t *parameters, const options_t *options, const real *inputs,
-    long hold, real dt, long steps, long every, real q[N], real p[N], real *q_out, real *p_out,
-    int *iterations, report_t *report, work_t *work)
-{
-    const rows_t out = { .q = q_out, .p = p_out, .iterations = iterations };
-    IF_INPUTS(const inputs_t held = { inputs, hold, 0 };)
-    (void)inputs, (void)hold;
-    return integrate(parameters, options, IF_INPUTS(held,) dt, steps, every, q, p, out, report,
-        work);
-}
 #endif
 
 #if GS_FIXED_POINT
 #include "gyrospark/linear_algebra/product_sums.h"
 #include "gyrospark/run/batch.h"
 #include "gyrospark/run/crossings.h"
-#include "gyrospark/run/ensemble.h"
 
 int toy_converges(int count, const real *change, const real *defect, real tolerance,
     int max_iterations, int *failed);
@@ -222,16 +205,6 @@ void toy_small_lu(const real *W, real *b)
     for (int mu = 0; mu < M; ++mu)
         for (int i = 0; i < LANES; ++i)
             b[mu*LANES + i] = lane_get(&x[mu], i);
-}
-#endif
-
-#if GS_FRAME
-void toy_rotate(const parameters_t *parameters, real dt, long k, real q[N], real p[N]);
-
-void toy_rotate(const parameters_t *parameters, real dt, long k, real q[N], real p[N])
-{
-    const frame_t frame = frame_of(parameters);
-    rotate_state(&frame, dt, k, q, p);
 }
 #endif
 #endif
