@@ -11,26 +11,21 @@ import shutil
 from fractions import Fraction
 from functools import cache
 
-import cffi
 import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
 import systems
+from c_programs import STRICT, Program, write
+from c_programs import run as said_by
 from compilers import MAIN, compiler
 from gyrospark.core.errors import InputError
-from gyrospark.core.manifest import Manifest
 from gyrospark.generator.pipeline import generate
-from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.steppers.stepper import Stepper
 from processes import DATA, ROOT, call
 
-STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
-FLAGS = ["-ffp-contract=off", "-O2"]
-#: Of the same bits, for nothing is contracted; compiled in a quarter of the time.
-QUICK = ["-ffp-contract=off", "-O0"]
 OK, NOT_CONVERGED, SINGULAR, NOT_FINITE, DIVERGED, INVALID = 0, 1, 2, 3, 5, 6
 TOP = gs.problems.fast_top()
 PARAMETERS = TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
@@ -43,40 +38,19 @@ def made(spec, model=None, derivatives=False):
     return generate(spec.with_profile("control"), model=model, derivatives=derivatives).source
 
 
-def write(source, folder):
-    for name, text in source.files().items():
-        (folder / name).write_text(text, encoding="utf-8")
-
-
-class Control:
+class Control(Program):
     """One trajectory of a stepper of profile control."""
 
-    def __init__(self, source, folder, flags=QUICK):
-        write(source, folder)
-        name = self.name = source.name
-        command = [*compiler(MAIN), *STRICT, *flags, "-shared", "-fPIC", f"{name}.c", "-o",
-                   f"{name}.so", "-lm"]
-        done = call(command, cwd=folder)
-        assert done.returncode == 0, done.stderr
-        header = source.header[source.header.index("/* Status codes"):]
-        self.ffi = cffi.FFI()
-        self.ffi.cdef(header[: header.index(f"#ifdef {name.upper()}_WORK")])
-        self.library = self.ffi.dlopen(str(folder / f"{name}.so"))
-        self.manifest = Manifest.from_text(source.manifest)
-        self.type = np.float32 if self.manifest.real == "float" else np.float64
-
-    def __getattr__(self, function):
-        return getattr(self.library, f"{self.name}_{function}")
-
     def begin(self, parameters, q, p, dt, *, tolerance=0.0, max_iterations=50, status=OK):
-        self.work = self.ffi.new("char[]", self.work_size())
-        self.w = self.ffi.cast(f"{self.name}_work *", self.work)
+        self.w = self.new_work()
         self.q, self.p = np.array(q, self.type), np.array(p, self.type)
-        options = self.ffi.new(f"{self.name}_options *", [tolerance, max_iterations])
-        begin = getattr(self.library, f"{self.name}_begin")
-        assert begin(self.w, self.parameters(parameters), options, dt, self.pointer(self.q),
-                     self.pointer(self.p)) == status
+        assert self.library_begin(parameters, dt, tolerance, max_iterations) == status
         return self
+
+    def library_begin(self, parameters, dt, *options):
+        return getattr(self.library, f"{self.name}_begin")(
+            self.w, self.parameters(parameters), self.options(*options), dt, self.pointer(self.q),
+            self.pointer(self.p))
 
     def velocities(self, parameters, q, p):
         """Return the velocities of a state."""
@@ -93,13 +67,6 @@ class Control:
         status = self.start(self.parameters(parameters), *map(self.pointer, (q, velocity, p)))
         return status, q, p
 
-    def parameters(self, values):
-        return self.ffi.new(f"{self.name}_parameters *", dict(values))
-
-    def pointer(self, array):
-        kind = "float" if array.dtype == np.float32 else "double"
-        return self.ffi.cast(f"{kind} *", array.ctypes.data)
-
     def step(self):
         return self.advance(self.w, self.pointer(self.q), self.pointer(self.p))
 
@@ -115,7 +82,7 @@ class Control:
 
 @pytest.fixture(scope="module")
 def small(tmp_path_factory):
-    return Control(made(SMALL), tmp_path_factory.mktemp("small"), FLAGS)
+    return Control(made(SMALL), tmp_path_factory.mktemp("small"), "-O2", "-Wshadow")
 
 
 @pytest.fixture(scope="module")
@@ -204,7 +171,7 @@ def test_needs_nothing_but_the_maths_library(tmp_path):
     assert set(re.findall(r'#include [<"](.*?)[>"]', source.source)) == {
         f"{source.name}.h", "float.h", "math.h", "stdbool.h"}
     assert "double" not in source.source
-    write(source, tmp_path)
+    write(source.files(), tmp_path)
     done = call([*compiler(MAIN), "-std=c11", "-O2", "-c", f"{source.name}.c"], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     lines = [line.split() for line in call(["nm", f"{source.name}.o"], cwd=tmp_path)
@@ -282,23 +249,20 @@ def test_memory_of_zeros_is_no_trajectory(name, request):
     given = parameters, TOP.q0, TOP.p0
 
     def refuses():
-        q, p, memory = own.q.copy(), own.p.copy(), own.ffi.buffer(own.work)[:]
+        q, p, memory = own.q.copy(), own.p.copy(), own.ffi.buffer(own.memory)[:]
         assert own.set_parameters(own.w, own.parameters(parameters)) == INVALID
         assert own.step() == INVALID
-        assert own.ffi.buffer(own.work)[:] == memory
+        assert own.ffi.buffer(own.memory)[:] == memory
         assert np.array_equal([own.q, own.p], [q, p])
 
     own.begin(*given, 0.0, status=INVALID)  # sets q and p
-    own.ffi.memmove(own.work, bytes(own.work_size()), own.work_size())
+    own.ffi.memmove(own.memory, bytes(own.work_size()), own.work_size())
     refuses()
     assert (own.time(own.w), own.iterations(own.w), own.change(own.w)) == (0, 0, 0)
     q, _ = own.begin(*given, 1e-3).run(3)
     assert abs(q[3] - q[0]).max() > 1e-4
     assert own.time(own.w) == pytest.approx(3e-3)
-    options = own.ffi.new(f"{own.name}_options *", [0.0, 50])
-    assert getattr(own.library, f"{own.name}_begin")(
-        own.w, own.parameters(parameters), options, 0.0, own.pointer(own.q),
-        own.pointer(own.p)) == INVALID
+    assert own.library_begin(parameters, 0.0, 0.0, 50) == INVALID
     refuses()
 
 
@@ -375,7 +339,7 @@ def test_an_impulse_and_other_parameters_between_steps(small):
 
 def test_time_is_rounded_once(small):
     """start + n h against exact fractions, up to 2^53 steps: 285,000 years at 1 kHz."""
-    steps = small.ffi.cast("int64_t *", small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).work)
+    steps = small.ffi.cast("int64_t *", small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).memory)
     h, worst = Fraction(float(np.float32(1e-3))), 0
     for n in (1, 2**24 + 1, 2**31 + 7, 5 * 10**12 + 3, 2**53 - 1, 2**53):
         steps[0] = n
@@ -387,42 +351,11 @@ def test_time_is_rounded_once(small):
 # ---------------------------------------------------------------- choices
 
 
-@pytest.mark.parametrize(("options", "said"), [
-    (["--profile", "contrl"], "'contrl'; choose control, run or full"),
-    (["--profile", "control", "--real", "long-double"], "float or double"),
-    (["--all", "--profile", "control"], "--all"),
-])
-def test_bad_choices_end_in_a_sentence(options, said, gyrospark, tmp_path):
-    done = gyrospark("generate", *options, "--out", str(tmp_path / "out"))
-    assert done.code == 2
-    assert said in done.stderr
-    assert not (tmp_path / "out").exists()
-
-
 def test_python_says_that_it_needs_the_full_profile():
     """Runs, ensembles and all else: files of profile control make no stepper."""
     source = made(SMALL)
     with pytest.raises(InputError, match=r"'control'.*--profile full"):
         Stepper(source.name, source.files())
-
-
-def test_large_systems_are_refused():
-    model = gs.models.chain(8)
-    said = "28.*profile full"
-    with pytest.raises(InputError, match=said):
-        generate(Spec("G-L", 2).with_profile("control"), model=model, system=model.system)
-
-
-@pytest.mark.parametrize("profile", ["control", "run"])
-def test_tableaux_without_sweeps_are_refused(profile, monkeypatch):
-    monkeypatch.setattr(FastTableau, "refusal", "a weight b_i is zero")
-    with pytest.raises(InputError, match=r"b_i.*profile full"):
-        generate(SMALL.with_profile(profile))
-
-
-def test_manifests_name_their_profile():
-    assert json.loads(made(SMALL).manifest)["profile"] == "control"
-    assert json.loads(generate(SMALL).source.manifest)["profile"] == "full"
 
 
 def test_a_point_at_rest_at_the_origin_starts(tmp_path):
@@ -504,15 +437,9 @@ def needed(*programs):
             pytest.skip(f"{program} is not installed")
 
 
-def said_by(command, folder):
-    done = call(command, cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
 def program(source, folder, command, *more):
     """Compile tests/data/control_top.c with a stepper; return what it says here."""
-    write(source, folder)
+    write(source.files(), folder)
     shutil.copy(DATA / "control_top.c", folder)
     said_by([*command, "-std=c11", "-ffp-contract=off", f"-DNAME={source.name}",
              f"-D{source.name.upper()}_WORK=", f"-DSTEPS={STEPS}",
@@ -575,8 +502,7 @@ def check_derivatives(own, full, parameters, q, p):
     time = own.time(own.w) - 1e-3
     binding = full._derivative_binding()
     x = np.zeros(binding.own.unknowns, own.type)
-    options = own.ffi.new(f"{own.name}_options *", [0.0, 50])
-    own.keep(own.w, options, own.pointer(x))
+    own.keep(own.w, own.options(0.0, 50), own.pointer(x))
     memory = own.ffi.new("char[]", own.derivative_size())
     given = binding.own.parameters(parameters, time)
     normals = np.vstack(binding.constraint_derivatives(given, q, p))

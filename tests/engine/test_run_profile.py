@@ -10,24 +10,17 @@ import re
 import shutil
 from functools import cache
 
-import cffi
 import numpy as np
 import pytest
 
 import systems
+from c_programs import Program
 from calls import PARAMETERS, TOP
-from compilers import MAIN, compiler
-from gyrospark.core.errors import InputError
-from gyrospark.core.manifest import Manifest
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from gyrospark.runtime.compilation.compiler import read_declarations
-from gyrospark.runtime.steppers.stepper import Stepper
 from processes import call
 
-STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
-#: Without optimisation nothing is contracted, and compiling is quick.
-FLAGS = ["-O0", "-ffp-contract=off", "-DGYROSPARK_PLAIN", "-shared", "-fPIC"]
 ROWS = 40
 
 
@@ -59,55 +52,22 @@ def made(name, profile="run"):
     return generate(spec.with_profile(profile), system=system).source
 
 
-def declared(source):
-    """Return what a header declares; profile control has no marks there, for cffi never reads it.
-    """
-    header = source.header
-    if "begin declarations" in header:
-        return read_declarations(header)
-    end = header.index(f"#ifdef {source.name.upper()}_WORK")
-    return header[header.index("/* Status codes") : end]
-
-
-class Program:
-    """A stepper of either profile, compiled as a user of C compiles it."""
-
-    def __init__(self, source, folder):
-        name = self.name = source.name
-        folder.mkdir()
-        for file, text in source.files().items():
-            (folder / file).write_text(text, encoding="utf-8")
-        done = call([*compiler(MAIN), *STRICT, *FLAGS, f"{name}.c", "-o", f"{name}.so", "-lm"],
-                    cwd=folder)
-        assert done.returncode == 0, done.stderr
-        self.ffi = cffi.FFI()
-        self.ffi.cdef(declared(source))
-        self.path = folder / f"{name}.so"
-        self.library = self.ffi.dlopen(str(self.path))
-        self.manifest = Manifest.from_text(source.manifest)
-        real = self.manifest.real
-        self.c_type = real.replace("-", " ")
-        self.type = {"float": np.float32, "double": np.float64}.get(real, np.longdouble)
-
-    def __getattr__(self, function):
-        return getattr(self.library, f"{self.name}_{function}")
+class Run(Program):
+    """A stepper of either profile: whole runs, and trajectories that are held."""
 
     def new(self, *shape):
         array = np.zeros(shape, self.type)
-        return array, self.ffi.cast(f"{self.c_type} *", array.ctypes.data)
+        return array, self.pointer(array)
 
     def start(self, name, solver=None):
         _, _, (q0, p0), values, dt = MODELS[name]
         time = self.manifest.system.time
         fields = {key: float(value) for key, value in values.items()}
-        parameters = self.ffi.new(f"{self.name}_parameters *",
-                                  fields | ({time: 1.25} if time else {}))
-        options = solver if solver is None else self.ffi.new(f"{self.name}_options *",
-                                                             [0.0, 50, solver])
+        parameters = self.parameters(fields | ({time: 1.25} if time else {}))
+        options = solver if solver is None else self.options(0.0, 50, solver)
         (q, q_at), (p, p_at) = self.new(len(q0)), self.new(len(p0))
         q[:], p[:] = q0, p0
-        memory = self.ffi.new("char[]", self.work_size())
-        return parameters, options, dt, (q, p), (q_at, p_at), memory
+        return parameters, options, dt, (q, p), (q_at, p_at), self.new_work()
 
     def run(self, name, solver):
         """Return all that a whole run leaves: rows, record, status."""
@@ -120,8 +80,7 @@ class Program:
         wanted = [self.ffi.NULL] if self.manifest.profile == "full" else []  # multipliers
         report = self.ffi.new(f"{self.name}_report *")
         status = self.integrate(parameters, options, dt, 2 * ROWS, 2, *state, q_at, p_at, *wanted,
-                                counts, *forced, report,
-                                self.ffi.cast(f"{self.name}_work *", memory))
+                                counts, *forced, report, memory)
         return status, [text(q), text(p), text(work), list(counts), self.record(report)]
 
     def record(self, report):
@@ -130,18 +89,15 @@ class Program:
 
     def steps(self, name, count):
         """Return the end of so many steps of profile control."""
-        parameters, _, dt, arrays, state, memory = self.start(name)
-        work = self.ffi.cast(f"{self.name}_work *", memory)
-        options = self.ffi.new(f"{self.name}_options *", [0.0, 50])
-        self.begin(work, parameters, options, dt, *state)
+        parameters, _, dt, arrays, state, work = self.start(name)
+        self.begin(work, parameters, self.options(0.0, 50), dt, *state)
         for _ in range(count):
             assert self.advance(work, *state) == 0
         return [*map(text, arrays)]
 
     def hold(self, name, solver, parts):
         """Return the end of a trajectory that is held, and its record."""
-        parameters, options, dt, arrays, state, memory = self.start(name, solver)
-        work = self.ffi.cast(f"{self.name}_work *", memory)
+        parameters, options, dt, arrays, state, work = self.start(name, solver)
         self.begin(work, parameters, options, dt, *state)
         for steps in parts:
             self.advance(work, steps, *state)
@@ -156,8 +112,8 @@ def text(array):
 @pytest.fixture(scope="module")
 def programs(tmp_path_factory):
     folder = tmp_path_factory.mktemp("programs")
-    compiled = cache(lambda name, profile: Program(made(name, profile),
-                                                   folder / f"{name} {profile}"))
+    compiled = cache(lambda name, profile: Run(made(name, profile), folder / f"{name} {profile}",
+                                               "-DGYROSPARK_PLAIN"))
     return lambda name, profile: compiled("G-L2 double" if name == "long steps" else name, profile)
 
 
@@ -271,12 +227,6 @@ def test_header_is_for_cplusplus(programs, tmp_path):
 
 
 # ---------------------------------------------------------------- choices
-
-
-def test_python_says_that_it_needs_the_full_profile():
-    source = made("G-L2 double")
-    with pytest.raises(InputError, match=r"'run'.*--profile full"):
-        Stepper(source.name, source.files())
 
 
 def test_float128_is_taken():

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import ctypes
-import struct
 from fractions import Fraction
 
 import numpy as np
@@ -12,7 +10,7 @@ import sympy as sp
 
 import gyrospark as gs
 import splitting_systems
-from c_programs import shared_library
+from c_programs import Program
 from gyrospark.core.errors import InputError, StepFailed
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
@@ -291,69 +289,60 @@ def test_a_rotation_near_pi_between_kicks_is_warned_of():
         step.integrate(TOP.q0, TOP.p0, dt=3e-2, steps=3, parameters=SYMMETRIC)
 
 
+def begun(program, parameters, q0, p0, dt):
+    """Begin a trajectory; return the status, what ``advance`` takes, and arrays of the state."""
+    q, p = np.array(q0, float), np.array(p0, float)
+    held = program.new_work(), program.pointer(q), program.pointer(p)
+    values = {name: float(x) for name, x in parameters.items()}
+    limits = dict(zip(("tolerance", "max_iterations"), (0.0, 50), strict=True))
+    status = program.begin(held[0], program.parameters(values),
+                           program.ffi.new(f"{program.name}_options *", limits), dt, *held[1:])
+    return status, held, q, p
+
+
 @pytest.fixture(scope="module")
 def control(tmp_path_factory):
-    """Order 4 in profile control, and its library."""
+    """Order 4 in profile control."""
     source = generate(Spec.from_arguments("splitting", order=4).with_profile("control")).source
-    return source.name, shared_library(source, tmp_path_factory.mktemp("control"))
+    return Program(source, tmp_path_factory.mktemp("control"), "-Wshadow")
 
 
 @pytest.mark.parametrize("parameters", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
 def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control):
-    name, library = control
-    values = [parameters[key] for key in ("I1", "I2", "I3", "mgl", "gamma")]
-    work = ctypes.create_string_buffer(getattr(library, f"{name}_work_size")())
-    par = (ctypes.c_double * 5)(*values)
-    q, p = ((ctypes.c_double * 4)(*x) for x in (TOP.q0, TOP.p0))
-    options = struct.pack("di", 0.0, 1)
-    begin = getattr(library, f"{name}_begin")
-    assert begin(work, par, options, ctypes.c_double(0.0), q, p) == 6
-    assert begin(work, par, options, ctypes.c_double(2e-3), q, p) == 0
-    advance, finite = getattr(library, f"{name}_advance"), p[1]
-    p[1] = float("inf")
-    assert advance(work, q, p) == advance(work, q, p) == 3  # as often as it is tried
+    assert begun(control, parameters, TOP.q0, TOP.p0, 0.0)[0] == 6
+    status, held, q, p = begun(control, parameters, TOP.q0, TOP.p0, 2e-3)
+    assert status == 0
+    finite, p[1] = p[1], np.inf
+    assert control.advance(*held) == control.advance(*held) == 3  # as often as it is tried
     p[1] = finite
     for _ in range(50):
-        assert advance(work, q, p) == 0
+        assert control.advance(*held) == 0
     run = gs.stepper("splitting", order=4).integrate(TOP.q0, TOP.p0, dt=2e-3, steps=50,
                                                      parameters=parameters)
-    assert np.abs(np.array(q) - run.q[-1]).max() < 1e-14
-    assert np.abs(np.array(p) - run.p[-1]).max() < 1e-14
+    assert np.abs(q - run.q[-1]).max() < 1e-14
+    assert np.abs(p - run.p[-1]).max() < 1e-14
 
 
 def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
     """Whole runs and pieces; asymmetric, with drag and its work."""
     step, start, values = with_drag(turntable)
-    source = generate(Spec.from_arguments("splitting", order=4).with_profile("run"),
-                      model=turntable, system=turntable.system).source
-    library, name = shared_library(source, tmp_path), source.name
-    wanted = step.integrate(*start, dt=5e-3, steps=40, parameters=values)
-
-    def numbers(values):
-        return (ctypes.c_double * len(values))(*map(float, values))
-
-    def of(function):
-        found = getattr(library, f"{name}_{function}")
-        found.restype = ctypes.c_size_t if function == "work_size" else ctypes.c_int
-        return found
-
-    parameters = numbers([values[name] for name in step.parameter_domains])
-    options = (ctypes.c_double * 2)()  # tolerance 0, solver AUTO
-    ends, dt = [], ctypes.c_double(5e-3)
+    program = Program(generate(Spec.from_arguments("splitting", order=4).with_profile("run"),
+                               model=turntable, system=turntable.system).source, tmp_path)
+    wanted, ends = step.integrate(*start, dt=5e-3, steps=40, parameters=values), []
     for pieces in ((40,), (1, 20, 19)):
-        work = ctypes.create_string_buffer(of("work_size")())
-        q, p = map(numbers, start)
-        of("begin")(work, parameters, options, dt, q, p)
+        _, (work, *state), q, p = begun(program, values, *start, 5e-3)
         for steps in pieces:
-            assert of("advance")(work, ctypes.c_long(steps), q, p) == 0
+            assert program.advance(work, steps, *state) == 0
         ends.append([*q, *p])
-        assert np.abs(np.array(q) - wanted.q[-1]).max() < 1e-14
-        assert np.abs(np.array(p) - wanted.p[-1]).max() < 1e-13
+        assert np.abs(q - wanted.q[-1]).max() < 1e-14
+        assert np.abs(p - wanted.p[-1]).max() < 1e-13
     assert ends[0] == ends[1]
-    (q, p), report = map(numbers, start), ctypes.create_string_buffer(512)
-    rows, done = (ctypes.c_double * (4 * step.n))(), (ctypes.c_double * 4)()
-    assert of("integrate")(parameters, options, dt, ctypes.c_long(40), ctypes.c_long(10), q, p,
-                           rows, None, None, done, report, work) == 0
+    _, (work, *state), q, p = begun(program, values, *start, 5e-3)
+    rows, done, null = np.zeros((4, step.n)), np.zeros(4), program.ffi.NULL
+    parameters = program.parameters({name: float(x) for name, x in values.items()})
+    assert program.integrate(parameters, program.options(0.0), 5e-3, 40, 10, *state,
+                             program.pointer(rows), null, null, program.pointer(done),
+                             program.ffi.new(f"{program.name}_report *"), work) == 0
     assert [*q, *p] == ends[0]
-    assert np.abs(np.array(rows).reshape(4, -1) - wanted.q[10::10]).max() < 1e-14
-    assert np.abs(np.array(done) - wanted.work[10::10]).max() < 1e-13
+    assert np.abs(rows - wanted.q[10::10]).max() < 1e-14
+    assert np.abs(done - wanted.work[10::10]).max() < 1e-13

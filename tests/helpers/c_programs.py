@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
+import cffi
+import numpy as np
 
 from compilers import MAIN, compiler
+from gyrospark.core.manifest import Manifest
+from gyrospark.runtime.compilation.compiler import read_declarations
 from processes import call
 
 STRICT = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror"]
@@ -23,9 +26,41 @@ def run(command, folder, **changes):
     return done.stdout
 
 
-def shared_library(source, folder):
-    """Compile a stepper with all warnings as errors, and load it."""
-    write(source.files(), folder)
-    run([*compiler(MAIN), *STRICT, "-Wshadow", "-O0", "-shared", "-fPIC", f"{source.name}.c", "-o",
-         f"{source.name}.so", "-lm"], folder)
-    return ctypes.CDLL(str(folder / f"{source.name}.so"))
+class Program:
+    """A stepper of any profile, compiled as a user of C compiles it, and its functions by cffi."""
+
+    def __init__(self, source, folder, *flags):
+        folder.mkdir(exist_ok=True)
+        write(source.files(), folder)
+        self.name, header = source.name, source.header
+        self.path = folder / f"{self.name}.so"
+        run([*compiler(MAIN), *STRICT, *flags, "-ffp-contract=off", "-shared", "-fPIC",
+             f"{self.name}.c", "-o", self.path, "-lm"], folder)
+        if "begin declarations" in header:
+            declared = read_declarations(header)
+        else:  # of profile control, which cffi never reads
+            declared = header[header.index("/* Status codes"):].partition(
+                f"#ifdef {self.name.upper()}_WORK")[0]
+        self.ffi = cffi.FFI()
+        self.ffi.cdef(declared)
+        self.library = self.ffi.dlopen(str(self.path))
+        self.manifest = Manifest.from_text(source.manifest)
+        self.c_type = self.manifest.real.replace("-", " ")
+        self.type = {"float": np.float32, "double": np.float64}.get(self.c_type, np.longdouble)
+
+    def __getattr__(self, function):
+        return getattr(self.library, f"{self.name}_{function}")
+
+    def parameters(self, values):
+        return self.ffi.new(f"{self.name}_parameters *", dict(values))
+
+    def options(self, *values):
+        return self.ffi.new(f"{self.name}_options *", values)
+
+    def new_work(self):
+        """Return work memory, the last of which is kept."""
+        self.memory = self.ffi.new("char[]", self.work_size())
+        return self.ffi.cast(f"{self.name}_work *", self.memory)
+
+    def pointer(self, array):
+        return self.ffi.cast(f"{self.c_type} *", array.ctypes.data)
