@@ -121,12 +121,6 @@ def test_unusable_cc_is_reported(chosen, words, monkeypatch, own_cache):
     assert not kept(own_cache)
 
 
-def test_unusable_cc_on_the_command_line():
-    done = cli("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "1", CC="false")
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
-    assert "CC='false'" in done.stderr
-
-
 @pytest.mark.parametrize(("body", "words"), [
     ("echo 'bad day' >&2; exit 7", ["exit code 7", "bad day", "-Werror"]),
     ("printf 'bad \\377 byte' >&2; exit 7", ["exit code 7", "bad", "byte"]),

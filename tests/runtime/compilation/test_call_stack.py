@@ -64,17 +64,11 @@ def test_seconds_of_calls_in_threads_are_counted(monkeypatch):
     assert call_stack.thread_seconds() - start > 0.003
 
 
-def test_small_frames_are_called_as_they_are():
+def test_small_frames_are_called_as_they_are_and_errors_are_raised_by_the_call(tmp_path):
     assert call_stack.on_large_stack(abs, 1000) is abs
-
-
-def test_what_is_raised_in_the_thread_is_raised_by_the_call():
     with pytest.raises(ZeroDivisionError):
         call_stack.on_large_stack(lambda: 1 // 0, 2**28)()
-
-
-def test_a_folder_without_reports_gives_no_bound(tmp_path):
-    assert call_stack.frames_of(tmp_path) is None
+    assert call_stack.frames_of(tmp_path) is None  # a folder without reports gives no bound
 
 
 @pytest.mark.parametrize("stack", [0, None])

@@ -17,6 +17,7 @@ from scipy.integrate import solve_ivp
 import budget
 import gyrospark as gs
 import systems
+from derivative_cases import difference
 from gyrospark.core.errors import InputError
 from stores import Interrupted, assert_same, ends_after, small_blocks
 
@@ -37,10 +38,12 @@ FIRST_HITS = .76352320786946771115, 2.28475925744446628, 3.79994379415922505
 
 
 @cache
-def stepper(name: str, scheme: str = "G-L", stages: int | None = 2, **options) -> gs.Stepper:
-    """Return a stepper of one of the systems of this file, with its module of impacts."""
+def stepper(name: str, scheme: str = "G-L", stages: int | None = 2,
+            real: str = "double") -> gs.Stepper:
+    """Return a stepper of the catalogue or of a system of this file, its impacts compiled."""
     with budget.shared():
-        made = gs.stepper(scheme, stages, system=SYSTEMS[name], **options)
+        made = (gs.stepper(scheme, stages, system=OWN[name](), real=real) if name in OWN else
+                systems.stepper(name, scheme, stages, real))
         made._impact_binding()
     return made
 
@@ -57,9 +60,7 @@ def _cradle() -> gs.System:
         f"gap{i}": q[i + 1] - q[i] - 1 for i in range(4)})
 
 
-SYSTEMS = {
-    "ball": systems.case("ball").system,
-    "pendulum": systems.case("two_rods").system, "cradle": _cradle(), "hoisted": _hoisted()}
+OWN = {"cradle": _cradle, "hoisted": _hoisted}
 
 
 def dropped(steps: int = 200, *, restitution: float = 0.5, **options):
@@ -74,7 +75,7 @@ def swung(steps: int, *, scheme: str = "G-L", stages: int | None = 2, restitutio
     """Return the run of the double pendulum beside a wall."""
     a, b = -0.9, -0.4
     q = np.array([np.sin(a), -np.cos(a), np.sin(a) + np.sin(b), -np.cos(a) - np.cos(b)])
-    return stepper("pendulum", scheme, stages).integrate(
+    return stepper("two_rods", scheme, stages).integrate(
         *((q, 0 * q) if start is None else start), dt=ahead * end / steps, steps=steps,
         parameters=RODS, events=gs.Impact("gap", restitution=restitution),
         **options)
@@ -244,7 +245,7 @@ def test_the_way_back(scheme, stages, backwards):
     assert np.abs(back.q[-1] - run.q[0]).max() < 1e-13
     assert np.abs(back.p[-1]).max() < 1e-13
     # EMS leaves p along g_qᵀ to the round-off of g over Δt, which moves nothing.
-    moving = stepper("pendulum", scheme, stages).project(
+    moving = stepper("two_rods", scheme, stages).project(
         back.q[-1], back.p[-1], parameters=RODS)[1]
     assert np.abs(moving).max() < 1e-14
     assert back.report.constraint_max < 16 * EPS
@@ -385,14 +386,9 @@ def test_work_at_impacts_and_between_steps():
     assert np.abs(between.energy_error()).max() < 1e-5
 
 
-def differences(end, step):
-    """Return the derivative of a function of a number at 0 by differences of fourth order."""
-    return (8 * (end(step) - end(-step)) - (end(2 * step) - end(-2 * step))) / (12 * step)
-
-
 @cache
 def differentiable(name: str, *args: object, **options) -> gs.Stepper:
-    """Return a stepper whose modules of derivatives are compiled."""
+    """Return the same stepper, its modules of derivatives compiled."""
     made = stepper(name, *args, **options)
     with budget.shared():
         made._derivative_binding()
@@ -405,7 +401,7 @@ def differentiable(name: str, *args: object, **options) -> gs.Stepper:
     pytest.param("EMS", None, 1e-8, marks=pytest.mark.slow)])  # two modules more
 def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
     """Three impacts of the double pendulum, off the grid: by the start, parameters and dt."""
-    pendulum = differentiable("pendulum", scheme, stages)
+    pendulum = differentiable("two_rods", scheme, stages)
     run = swung(200, scheme=scheme, stages=stages, restitution=0.7, end=4.0,
                 tangents=gs.Tangents(parameters=["g", "width"], dt=True))
     made, start, steps = run.tangents, np.concatenate([run.q[0], run.p[0]]), 200
@@ -423,7 +419,7 @@ def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
 
         exact = made[name][-1]
         step = {"dt": 1e-6, "width": 1e-4}.get(name, 3e-4)  # no impact crosses the grid
-        error = np.abs(differences(end, step) - exact).max()
+        error = np.abs(difference(end, step) - exact).max()
         assert error < accuracy * np.abs(exact).max(), name
     rng = np.random.default_rng(0)
     w = {name: rng.normal(size=(201, 4)) for name in "qp"}
@@ -457,15 +453,15 @@ def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
 
     for name, at, step in (("m", 1.3, 1e-4), ("g", 9.81, 1e-3), ("c", 0.9, 1e-4),
                            ("dt", 0.07, 1e-6), ("t0", 0.3, 1e-4)):
-        assert differences(lambda h, name=name, at=at: value(**{name: at + h}), step) == (
+        assert difference(lambda h, name=name, at=at: value(**{name: at + h}), step) == (
             pytest.approx(gradient[name], rel=1e-8)), name
     for k in range(2):
         direction = gradient.basis[:, k]
-        assert differences(lambda h, d=direction: value(start=h * d + [0.5, 0.2]), 1e-4) == (
+        assert difference(lambda h, d=direction: value(start=h * d + [0.5, 0.2]), 1e-4) == (
             pytest.approx(gradient["start"][k], rel=1e-8))
     for step in (0, *run.impacts["wall"].steps[:2], 19):
         unit = (np.arange(20) == step)[:, None]
-        assert differences(lambda h, unit=unit: value(push=inputs + h * unit), 1e-3) == (
+        assert difference(lambda h, unit=unit: value(push=inputs + h * unit), 1e-3) == (
             pytest.approx(gradient["inputs"][step, 0], rel=1e-8, abs=1e-11))
 
 
@@ -508,7 +504,7 @@ def test_derivatives_after_an_impact_on_constraints_that_move(real):
         ended = run(9.81 + h)
         return np.concatenate([ended.q[-1], ended.p[-1]])
 
-    exact, bound = differences(end, 1e-3), {"float": 1e-4, "double": 1e-9}[real]
+    exact, bound = difference(end, 1e-3), {"float": 1e-4, "double": 1e-9}[real]
     struck = run(tangents=gs.Tangents(start=None, parameters=["g"]))
     assert 0 < struck.impacts["gap"].steps[0] < 18
     assert struck.tangents["g"][-1] == pytest.approx(exact, rel=bound)
@@ -523,7 +519,7 @@ def test_derivatives_of_an_end_between_two_steps_after_three_impacts():
 
     run = moved(tangents=gs.Tangents(start=None, parameters=["g"]))
     assert len(run.impacts["wall"]) == 3
-    exact = differences(lambda h: moved(9.81 + h).q[-1], 1e-4)
+    exact = difference(lambda h: moved(9.81 + h).q[-1], 1e-4)
     assert run.tangents["g"][-1][:1] == pytest.approx(exact, rel=1e-9)
 
 
@@ -630,7 +626,7 @@ def test_files_have_the_impacts(tmp_path, ending):
 
 def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
     """A ball whose run continues without its floor would fall through it."""
-    step = systems.stepper("ball")
+    step = stepper("ball")
     impact, fall = gs.Impact("floor", restitution=0.8), {"dt": 0.01, "steps": 60}
     start = gs.Start([1.0], [0.0], BALL)
     run = step.integrate(start, events=impact, **fall)
