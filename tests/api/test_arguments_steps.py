@@ -14,7 +14,8 @@ from calls import PARAMETERS, RUN, TOP, refused
 # ---------------------------------------------------------------- the constraint
 
 
-@pytest.mark.parametrize(("dq", "dp"), [(1e-10, 0), (-1e-6, 0), (0.5, 0), (0, 1e-9), (1e-12, 1e-3)])
+@pytest.mark.parametrize(("dq", "dp"), [
+    (1e-10, 0), (-1e-6, 0), (0.5, 0), (0, 1e-9), (0, 10), (1e-12, 1e-3)])
 def test_start_off_the_constraint_is_refused_and_projection_cures_it(dq, dp, step):
     q, p = TOP.q0 * (1 + dq), TOP.p0 + dp * TOP.q0 * np.linalg.norm(TOP.p0)
     momentum_free = not step.manifest.scheme.keeps_momentum_constraint
@@ -30,11 +31,6 @@ def test_start_off_the_constraint_is_refused_and_projection_cures_it(dq, dp, ste
     assert abs(q @ q - 1) < 1e-15
     assert abs(q @ p) < 1e-16
     step.step(q, p, **RUN)
-
-
-def test_large_momentum_defect_is_refused_by_every_scheme(step):
-    with refused(r"q\^T p = "):
-        step.step(TOP.q0, TOP.p0 + 0.1 * TOP.q0, **RUN)
 
 
 def test_projection_is_orthogonal_and_idempotent(gl3):

@@ -176,8 +176,3 @@ def test_bad_input(change, word):
     given = {"q": q, "p": p, "dt": 0.01, "steps": 100, "parameters": PARAMETERS} | change
     with pytest.raises(gs.InputError, match=word):
         by_names(gs.lyapunov, pendulum(), **given)
-
-
-def test_what_is_no_stepper_is_refused():
-    with pytest.raises(gs.InputError, match="stepper"):
-        gs.lyapunov("G-L", *released(2, 2), dt=0.01, steps=100)

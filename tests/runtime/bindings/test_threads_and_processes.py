@@ -12,7 +12,7 @@ import pytest
 
 import gyrospark as gs
 from fuzz.steppers import NAMES, case
-from processes import FAST_TOP, ROOT, python
+from processes import FAST_TOP, python
 
 THREADS = 16
 
@@ -145,15 +145,6 @@ print(code, one.members is one.members)
 def test_fork_while_a_thread_makes_members():
     """Nor is there one in what an ensemble makes when first asked for."""
     assert python(FORK_IN_MEMBERS).split() == ["2", "True"]
-
-
-def test_nothing_of_runs_is_behind_a_lock_of_a_class():
-    """``cached_property`` has one for all instances in Python 3.11: a forked child may have it
-    locked for ever."""
-    rooms = ("runtime", "sweeps", "storage")
-    sources = [path for room in rooms for path in sorted((ROOT / room).rglob("*.py"))]
-    assert len(sources) > 50
-    assert not [path.name for path in sources if "cached_property" in path.read_text("utf-8")]
 
 
 # ---------------------------------------------------------------- memory

@@ -229,12 +229,6 @@ def test_former_names_are_refused_with_the_present_ones(name, present, run):
     assert not hasattr(run, name)
 
 
-@pytest.mark.parametrize("name", ["record", "open_recording", "open_sweep"])
-def test_former_functions_are_refused_with_the_present_ones(name):
-    with pytest.raises(AttributeError, match=r"resume|load"):
-        getattr(gs, name)
-
-
 def test_a_trajectory_has_a_field_for_each():
     arrays = [one.name for one in fields(gs.Trajectory) if one.type == "Array"]
     assert sorted(arrays) == sorted(one.attribute for one in OUTPUTS)

@@ -29,13 +29,6 @@ def test_the_papers_runs_do_not_warn(scheme, dt, gyrospark):
     assert answer.document["fastest_body"] == "body"
 
 
-def test_the_papers_precession_does_not_warn(gyrospark):
-    answer = gyrospark("run", "regular-precession", "--scheme", "IMS", "--dt", "0.007", "--steps",
-                       "20", "--set", "radius_ratio=0.5")
-    assert answer.stderr == ""
-    assert "rad a step" in answer.stdout
-
-
 @pytest.mark.parametrize(("scheme", "borne"), [(("EMS",), 1.5), (("G-L", "--stages", "2"), 2.5),
                                                (("G-L", "--stages", "3"), 3.5)], ids=str)
 def test_more_than_is_borne_is_reported(scheme, borne, gyrospark):

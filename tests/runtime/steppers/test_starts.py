@@ -41,22 +41,17 @@ def test_a_model_is_a_start(name):
 
 
 def test_merged_moments_have_the_bits_of_a_model_with_these_moments():
+    """γ is by the rule of a model, by the mean without one, and stays where it is given."""
     moments = (0.0021, 0.0017, 0.0009)
     other = gs.Start(TOP.q0, TOP.p0, dict(zip(("I1", "I2", "I3"), moments, strict=True))
                      | {"mgl": TOP.parameters["mgl"]})
     merged = top().integrate(TOP, parameters={"I1": 0.0021, "I2": 0.0017, "I3": 0.0009}, **STEP)
     assert np.array_equal(merged.q, top().integrate(other, **STEP).q)
     assert merged.parameters["gamma"] == gs.gamma(moments)
-
-
-def test_a_gamma_that_is_given_stays():
     begin = TOP.start.replace(parameters=TOP.parameters | {"gamma": 0.0012})
     run = top().integrate(begin, parameters={"I1": 0.0021}, **STEP)
     assert run.parameters["gamma"] == 0.0012
     assert run[-1].parameters["gamma"] == 0.0012
-
-
-def test_the_rule_of_a_model_finds_gamma():
     start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "h"})
     assert top().integrate(start, **STEP).parameters["gamma"] == gs.gamma(TOP.inertia, "h")
     merged = top().integrate(start, parameters={"I1": 0.0021}, **STEP)
