@@ -85,18 +85,11 @@ def test_units_in_bodies_joints_parameters_and_coordinates():
     text = """
 name = "hinged"
 gravity = [0, 0, 0]
-[[bodies]]
-name = "door"
-mass = 1
-inertia = [1, 1, 1]
-euler = ["90 deg", 0, 0]
-[[joints]]
-name = "hinge"
-type = "revolute"
-bodies = ["ground", "door"]
-axis = [0, 0, 1]
-at = [0, 0, 0]
-rate = "120 rpm"
+bodies = [{name = "door", mass = 1, inertia = [1, 1, 1], euler = ["90 deg", 0, 0]}]
+joints = [
+    {name = "hinge", type = "revolute", bodies = ["ground", "door"], axis = [0, 0, 1], \
+     at = [0, 0, 0], rate = "120 rpm"},
+]
 """
     model = parse_model(text, "m.toml")
     assert model.q0[0] == pytest.approx(math.sqrt(0.5), abs=1e-15)

@@ -93,20 +93,14 @@ def test_one_axis_is_given_in_one_way():
 FILE = """
 name = "satellite"
 gravity = [0, 0, 0]
-[[bodies]]
-name = "bus"
-mass = 5
-inertia = [0.3, 0.4, 0.5]
-position = [1, -2, 3]
-quaternion = [0.5, 0.5, -0.1, 0.7]
-angular_velocity = [0, 0, 0]
-[[rotors]]
-name = "wheel"
-bodies = ["bus"]
-mass = 0.5
-inertia = [0.01, 0.006]
-axis_on_body = [0, 0, 1]
-rate = 20
+bodies = [
+    {name = "bus", mass = 5, inertia = [0.3, 0.4, 0.5], position = [1, -2, 3], \
+     quaternion = [0.5, 0.5, -0.1, 0.7], angular_velocity = [0, 0, 0]},
+]
+rotors = [
+    {name = "wheel", bodies = ["bus"], mass = 0.5, inertia = [0.01, 0.006], \
+     axis_on_body = [0, 0, 1], rate = 20},
+]
 """
 
 

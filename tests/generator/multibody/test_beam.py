@@ -461,40 +461,17 @@ def test_a_beam_is_drawn_as_a_tube_from_end_to_end():
 
 FILE = """
 name = "mast"
-[[bodies]]
-name = "hub"
-mass = 2
-inertia = [1, 1, 1]
-position = [0, 0, 3.1]
-[[beams]]
-name = "mast"
-points = [[0, 0, 0], [0, 0, "1/2"], [0, 0.1, 2], [0, 0, 3]]
-count = 3
-mass = 0.4
-bending = [5, 7]
-twisting = 2
-stretching = 900
-shearing = 400
-damping = 0
-rest = [0, 0, 0.1]
-normal = [1, 0, 0]
-twist = "10 deg"
-radius = 0.01
-inertia = [0.01, 0.02, 0.03]
-velocity = [0, 1, 0]
-angular_velocity = [0, 0, "60 rpm"]
-rep = "alpha"
-[[joints]]
-name = "top"
-type = "ball"
-bodies = ["mast_last", "hub"]
-on_b = [0, 0, -0.1]
-[[forces]]
-type = "force"
-bodies = ["mast_last"]
-force = ["2", "0", "sin(t)"]
-[quantities]
-lean = "mast_last_y + mast_2_x + mast_first_R33"
+bodies = [{name = "hub", mass = 2, inertia = [1, 1, 1], position = [0, 0, 3.1]}]
+beams = [
+    {name = "mast", points = [[0, 0, 0], [0, 0, "1/2"], [0, 0.1, 2], [0, 0, 3]], count = 3, \
+     mass = 0.4, bending = [5, 7], twisting = 2, stretching = 900, shearing = 400, damping = 0, \
+     rest = [0, 0, 0.1], normal = [1, 0, 0], twist = "10 deg", radius = 0.01, \
+     inertia = [0.01, 0.02, 0.03], velocity = [0, 1, 0], angular_velocity = [0, 0, "60 rpm"], \
+     rep = "alpha"},
+]
+joints = [{name = "top", type = "ball", bodies = ["mast_last", "hub"], on_b = [0, 0, -0.1]}]
+forces = [{type = "force", bodies = ["mast_last"], force = ["2", "0", "sin(t)"]}]
+quantities = {lean = "mast_last_y + mast_2_x + mast_first_R33"}
 """
 
 
@@ -525,10 +502,10 @@ def test_files_have_beams():
     ("count = 3", "count = 100000", ("100000", "1000")),
     ("count = 3", "count = -1", ("count", "-1")),
     ("damping = 0", "damping = -2", ("damping", "-2")),
-    ("twisting = 2", "", ("twisting", "missing")),
+    ("twisting = 2, ", "", ("twisting", "missing")),
     ("twisting = 2", "twisting = 0", ("twisting", "0")),
     ("twisting = 2", "torsion = 2", ("torsion", "twisting")),
-    ("shearing = 400", "", ("shearing",)),
+    ("shearing = 400, ", "", ("shearing",)),
     ("bending = [5, 7]", "bending = [5, 7, 9]", ("bending", "3")),
     ("bending = [5, 7]", 'bending = "stiff"', ("bending",)),
     ("[0, 0.1, 2]", "[0, 0.1]", ("points, row 3", "3 numbers")),

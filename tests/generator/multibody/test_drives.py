@@ -166,43 +166,22 @@ def test_wrong_use_ends_in_one_sentence():
 FILE = """
 name = "driven"
 gravity = [0, -9.81, 0]
-[parameters]
-w = 3
-k = 2
-[[points]]
-name = "pivot"
-path = ["sin(w*t)/5", 0, 0]
-[[bodies]]
-name = "upper"
-mass = 0.8
-inertia = [0.05, 0.01, 0.05]
-position = [0, -0.4, 0]
-[[bodies]]
-name = "lower"
-mass = 0.8
-inertia = [0.05, 0.01, 0.05]
-position = [0, -1.2, 0]
-[[joints]]
-name = "shaft"
-type = "revolute"
-bodies = ["pivot", "upper"]
-axis = [0, 0, 1]
-at = [0, 0, 0]
-[[joints]]
-name = "pin"
-type = "revolute"
-bodies = ["upper", "lower"]
-axis = [0, 0, 1]
-at = [0, -0.8, 0]
-[[drives]]
-name = "engine"
-joint = "shaft"
-angle = "sin(2*t)"
-[[forces]]
-name = "servo"
-type = "motor"
-joints = ["pin"]
-torque = "k*(1 - pin_angle) - pin_rate/10"
+points = [{name = "pivot", path = ["sin(w*t)/5", 0, 0]}]
+bodies = [
+    {name = "upper", mass = 0.8, inertia = [0.05, 0.01, 0.05], position = [0, -0.4, 0]},
+    {name = "lower", mass = 0.8, inertia = [0.05, 0.01, 0.05], position = [0, -1.2, 0]},
+]
+joints = [
+    {name = "shaft", type = "revolute", bodies = ["pivot", "upper"], axis = [0, 0, 1], \
+     at = [0, 0, 0]},
+    {name = "pin", type = "revolute", bodies = ["upper", "lower"], axis = [0, 0, 1], \
+     at = [0, -0.8, 0]},
+]
+drives = [{name = "engine", joint = "shaft", angle = "sin(2*t)"}]
+forces = [
+    {name = "servo", type = "motor", joints = ["pin"], torque = "k*(1 - pin_angle) - pin_rate/10"},
+]
+parameters = {w = 3, k = 2}
 """
 
 

@@ -255,48 +255,23 @@ def test_files_have_what_acts_on_joints(tmp_path):
 WHEELS = """
 name = "wheels"
 gravity = [0, 0, 0]
-[[bodies]]
-name = "one"
-mass = 1
-inertia = [0.1, 0.1, 0.2]
-position = [0, 0, 0]
-[[bodies]]
-name = "two"
-mass = 1
-inertia = [0.1, 0.1, 0.2]
-position = [1, 0, 0]
-[[joints]]
-name = "axle_one"
-type = "revolute"
-bodies = ["ground", "one"]
-axis = [0, 0, 1]
-at = [0, 0, 0]
-angle = "30 deg"
-[[joints]]
-name = "axle_two"
-type = "revolute"
-bodies = ["ground", "two"]
-axis = [0, 0, 1]
-at = [1, 0, 0]
-[[joints]]
-name = "mesh"
-type = "gear"
-joints = ["axle_one", "axle_two"]
-teeth = [1, 2]
-[[forces]]
-name = "coil"
-type = "joint_spring"
-joints = ["axle_one"]
-damping = 0.1
-stiffness = 2
-rest = [-1, 9]
-[[forces]]
-name = "drive"
-type = "motor"
-joints = ["axle_two"]
-torque = "1/4 - axle_one_angle"
-[quantities]
-turned = "axle_one_angle"
+bodies = [
+    {name = "one", mass = 1, inertia = [0.1, 0.1, 0.2], position = [0, 0, 0]},
+    {name = "two", mass = 1, inertia = [0.1, 0.1, 0.2], position = [1, 0, 0]},
+]
+joints = [
+    {name = "axle_one", type = "revolute", bodies = ["ground", "one"], axis = [0, 0, 1], \
+     at = [0, 0, 0], angle = "30 deg"},
+    {name = "axle_two", type = "revolute", bodies = ["ground", "two"], axis = [0, 0, 1], \
+     at = [1, 0, 0]},
+    {name = "mesh", type = "gear", joints = ["axle_one", "axle_two"], teeth = [1, 2]},
+]
+forces = [
+    {name = "coil", type = "joint_spring", joints = ["axle_one"], damping = 0.1, stiffness = 2, \
+     rest = [-1, 9]},
+    {name = "drive", type = "motor", joints = ["axle_two"], torque = "1/4 - axle_one_angle"},
+]
+quantities = {turned = "axle_one_angle"}
 """
 
 

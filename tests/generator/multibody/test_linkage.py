@@ -13,32 +13,16 @@ from gyrospark.generator.multibody.multibody import JOINTS
 
 TOPS = """
 name = "tops"
-[[bodies]]
-name = "outer"
-mass = 1
-inertia = [0.1, 0.1, 0.2]
-angular_velocity = [1, 2, 3]
-[[bodies]]
-name = "inner"
-mass = 1
-inertia = [0.1, 0.1, 0.2]
-[[joints]]
-name = "foot"
-type = "fixed_point"
-bodies = ["outer"]
-at = [0, 0, 0]
-on_body = [0, 0, -0.5]
-[[joints]]
-name = "middle"
-type = "ball"
-bodies = ["outer", "inner"]
-at = [0, 0, 0.5]
-[[joints]]
-name = "axis"
-type = "align"
-bodies = ["outer", "inner"]
-axis = [0, 3, 4]
-rate = "30 rpm"
+bodies = [
+    {name = "outer", mass = 1, inertia = [0.1, 0.1, 0.2], angular_velocity = [1, 2, 3]},
+    {name = "inner", mass = 1, inertia = [0.1, 0.1, 0.2]},
+]
+joints = [
+    {name = "foot", type = "fixed_point", bodies = ["outer"], at = [0, 0, 0], \
+     on_body = [0, 0, -0.5]},
+    {name = "middle", type = "ball", bodies = ["outer", "inner"], at = [0, 0, 0.5]},
+    {name = "axis", type = "align", bodies = ["outer", "inner"], axis = [0, 3, 4], rate = "30 rpm"},
+]
 """
 
 
@@ -65,7 +49,7 @@ def test_align_in_a_file(tmp_path):
     assert found.system.constraints == made.system.constraints
     assert found.system.constraint_names[-2:] == ("axis: axis 1", "axis: axis 2")
     assert found.p0 == pytest.approx(made.p0, abs=1e-14)
-    (tmp_path / "tops.toml").write_text(TOPS.replace("axis = [0, 3, 4]\n", ""), encoding="utf-8")
+    (tmp_path / "tops.toml").write_text(TOPS.replace("axis = [0, 3, 4], ", ""), encoding="utf-8")
     with pytest.raises(gs.InputError, match="axis"):
         gs.load_model(tmp_path / "tops.toml")
 

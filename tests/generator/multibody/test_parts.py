@@ -21,20 +21,10 @@ def spherical() -> gs.Multibody:
 
 SPHERICAL = """
 name = "bob_on_a_rod"
-[[point_masses]]
-name = "bob"
-mass = 1
-position = [1, 0, 0]
-velocity = [0, 1, 0]
-[[joints]]
-name = "rod"
-type = "rod"
-bodies = ["ground", "bob"]
-[quantities]
-height = "bob_z"
-[run]
-dt = 0.01
-steps = 10
+point_masses = [{name = "bob", mass = 1, position = [1, 0, 0], velocity = [0, 1, 0]}]
+joints = [{name = "rod", type = "rod", bodies = ["ground", "bob"]}]
+quantities = {height = "bob_z"}
+run = {dt = 0.01, steps = 10}
 """
 
 
@@ -53,23 +43,15 @@ def test_files_have_points_and_rotors():
     satellite = parse_model("""
 name = "bus_with_wheel"
 gravity = [0, 0, 0]
-[[bodies]]
-name = "bus"
-mass = 80
-inertia = [9, 8, 5]
-[[rotors]]
-name = "wheel"
-bodies = ["bus"]
-mass = 4
-inertia = [0.02, 0.011]
-axis = [0, 0, 1]
-at = [0, 0, 0.1]
-rate = "200 rpm"
-[[forces]]
-name = "drive"
-type = "motor"
-joints = ["wheel_bearing"]
-torque = "0.01 - 0.001*wheel_bearing_rate"
+bodies = [{name = "bus", mass = 80, inertia = [9, 8, 5]}]
+rotors = [
+    {name = "wheel", bodies = ["bus"], mass = 4, inertia = [0.02, 0.011], axis = [0, 0, 1], \
+     at = [0, 0, 0.1], rate = "200 rpm"},
+]
+forces = [
+    {name = "drive", type = "motor", joints = ["wheel_bearing"], \
+     torque = "0.01 - 0.001*wheel_bearing_rate"},
+]
 """, "sat.toml")
     assert (satellite.system.n, satellite.system.m) == (14, 7)
     assert satellite.parameters["wheel_I3"] == 0.02

@@ -149,17 +149,8 @@ def test_model_files_have_them(tmp_path):
     file = tmp_path / "marble.toml"
     file.write_text("""
 name = "marble"
-[[bodies]]
-name = "ball"
-mass = 0.5
-inertia = [0.002, 0.002, 0.002]
-position = [1, 0, 0.1]
-[[joints]]
-name = "table"
-type = "rolls"
-bodies = ["ball"]
-sphere = 0.1
-turning = "30 rpm"
+bodies = [{name = "ball", mass = 0.5, inertia = [0.002, 0.002, 0.002], position = [1, 0, 0.1]}]
+joints = [{name = "table", type = "rolls", bodies = ["ball"], sphere = 0.1, turning = "30 rpm"}]
 """, encoding="utf-8")
     model = load_model(file)
     assert model.system.velocity_constraint_names == ("table: slip 1", "table: slip 2")

@@ -71,23 +71,16 @@ def test_the_same_in_a_file(tmp_path):
     file.write_text("""
 name = "rod"
 gravity = [0, 0, 0]
-[[bodies]]
-name = "rod"
-mass = 1
-inertia = [0.1, 0.1, 0.1]
-position = [0.5, 0, 0]
-[[joints]]
-name = "h"
-type = "revolute"
-bodies = ["ground", "rod"]
-axis = [0, -1, 0]
-at = [0, 0, 0]
-angle = "30 deg"
+bodies = [{name = "rod", mass = 1, inertia = [0.1, 0.1, 0.1], position = [0.5, 0, 0]}]
+joints = [
+    {name = "h", type = "revolute", bodies = ["ground", "rod"], axis = [0, -1, 0], \
+     at = [0, 0, 0], angle = "30 deg"},
+]
 """, encoding="utf-8")
     np.testing.assert_allclose(gs.load_model(file).q0, rod(angle=math.pi / 6).model().q0,
                                atol=4 * EPS)
     file.write_text(file.read_text(encoding="utf-8").replace(
-        'angle = "30 deg"', "").replace("position", "velocity = [0, 1, 1]\nposition"),
+        ', angle = "30 deg"', "").replace("position", "velocity = [0, 1, 1], position"),
         encoding="utf-8")
     with pytest.raises(InputError, match=r"velocity.*'rod'.*\[0, 1, 1\].*nearest"):
         gs.load_model(file)
