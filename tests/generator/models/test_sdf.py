@@ -195,18 +195,6 @@ def test_links_look_as_their_file_says(tmp_path):
     assert (mesh.file, mesh.size.tolist()) == (str(tmp_path / "a.stl"), [2, 2, 2])
 
 
-def test_ranges_are_elastic_on_wish(tmp_path):
-    """V = ½ k d² beyond one end; a range of 1e16 has none."""
-    limited = JOINTS.replace("<dynamics>", "<limit><lower>-1e16</lower><upper>0.5</upper></limit>"
-                             "<dynamics>")
-    free, held = (Motion(gs.load_model(written(tmp_path, LINKS + joints), limits=limits,
-                                     angles={"coupler_pin": 0.7, "rocker_pin": -0.7}))
-                  for joints, limits in ((JOINTS, None), (limited, 40.0)))
-    assert held.energy() - free.energy() == pytest.approx(40 * 0.2**2 / 2, rel=1e-12)
-    with pytest.raises(gs.InputError, match="limits"):
-        gs.load_model(written(tmp_path, LINKS + limited))
-
-
 # ---------------------------------------------------------------- one arm, by its closed form
 
 #: A rod of 2 kg and inertia .1 kg m² whose centre of mass is .5 m from a hinge about y.

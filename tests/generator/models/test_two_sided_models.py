@@ -1,11 +1,10 @@
-"""Drag, dry friction, a rope, a rocket and a servo: by the command line, against closed forms.
+"""Drag, dry friction, a rope, a rocket and a servo: a model file against closed forms.
 
 One file has them all, a coordinate each; the same in SymPy's words gives the same C.
 """
 
 from __future__ import annotations
 
-import json
 import re
 
 import numpy as np
@@ -13,10 +12,10 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 
+import budget
 import gyrospark as gs
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from processes import cli
 from strategies import EPS
 
 TEXT = """
@@ -56,14 +55,14 @@ G, RATE, MU, L, K, BURN = 9.81, 0.3, 0.4, 2.0, 40.0, 0.5
 
 
 @pytest.fixture(scope="module")
-def result(tmp_path_factory):
-    """The states along the run of the file by the public command, and its JSON."""
-    folder = tmp_path_factory.mktemp("fairground")
-    (folder / "fairground.toml").write_text(TEXT, encoding="utf-8")
-    done = cli("run", "fairground.toml", "--scheme", "G-L", "--stages", "2", "--out", "run.npz",
-               "--json", cwd=folder)
-    assert done.returncode == 0, done.stderr
-    return gs.load(folder / "run.npz"), json.loads(done.stdout)
+def run(tmp_path_factory):
+    """A run of the file."""
+    path = tmp_path_factory.mktemp("fairground") / "fairground.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    model = gs.load_model(path)
+    with budget.shared():
+        step = gs.stepper("G-L", 2, system=model)
+    return step.integrate(model, dt=model.dt, steps=model.steps)
 
 
 def coordinate(run, name):
@@ -71,25 +70,22 @@ def coordinate(run, name):
     return run.q[:, index], run.p[:, index]
 
 
-def test_quadratic_drag(result):
+def test_quadratic_drag(run):
     """v̇ = −c|v|v: v = v₀/(1 + c v₀ t), to round-off of an order 4 of such short steps."""
-    run, _ = result
     q, p = coordinate(run, "car")
     assert np.abs(p - 2 / (1 + RATE * 2 * run.t)).max() <= 1e-12
     assert np.abs(q - np.log(1 + RATE * 2 * run.t) / RATE).max() <= 1e-12
 
 
-def test_sliding_friction(result):
-    run, _ = result
+def test_sliding_friction(run):
     q, p = coordinate(run, "block")
     pull = G / 2 - MU * G
     assert np.abs(p - 0.5 - pull * run.t).max() <= 64 * EPS
     assert np.abs(q - run.t / 2 - pull * run.t**2 / 2).max() <= 64 * EPS
 
 
-def test_rope_that_pulls_only(result):
+def test_rope_that_pulls_only(run):
     """Free fall up to the rope's length, a harmonic swing on it, and free fall again."""
-    run, _ = result
     q, _ = coordinate(run, "jumper")
     fall, frequency = np.sqrt(2 * L / G), np.sqrt(K)
     middle, swing = L + G / K, np.hypot(G / K, np.sqrt(2 * G * L) / frequency)
@@ -108,9 +104,8 @@ def test_rope_that_pulls_only(result):
     assert np.array_equal(phases[inside] == 2, (q >= L)[inside])
 
 
-def test_thrust_that_ends(result):
+def test_thrust_that_ends(run):
     """Ends at a step's end: every step has a constant force, and is exact."""
-    run, _ = result
     q, p = coordinate(run, "rocket")
     burning = run.t <= BURN * (1 + 4 * EPS)
     at_end = np.array([2 * G * BURN**2 / 2, 2 * G * BURN])
@@ -121,9 +116,8 @@ def test_thrust_that_ends(result):
     assert np.abs(p - rate).max() <= 1024 * EPS * np.abs(rate).max()
 
 
-def test_saturated_controller(result):
+def test_saturated_controller(run):
     """Against SciPy at a tight tolerance with short steps."""
-    run, _ = result
     found = solve_ivp(
         lambda t, y: [y[1], np.clip(-16 * y[0] - 8 * y[1], -1, 1)], (0, 2.0), [1.0, 0.0],
         method="DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3, t_eval=[0.5, 1.0, 2.0])
@@ -133,13 +127,12 @@ def test_saturated_controller(result):
         assert [q[row], p[row]] == pytest.approx([wanted_q, wanted_p], abs=1e-6)
 
 
-def test_quantities_and_warnings(result):
-    run, document = result
+def test_quantities_and_warnings(run):
     servo = run.q[:, 4]
     assert run.quantity("turn") == pytest.approx(np.mod(servo, 0.25), abs=4 * EPS)
     assert run.quantity("flying")[0] == 0.5  # at 0: half
     assert (run.quantity("flying")[1:] == 1).all()
-    order, jumps = document["warnings"]
+    order, jumps = run.manifest.system.remarks
     assert re.search(r"order 4 .*burn - t = 0, jumper - l =", order)
     assert "forces jump at pblock = 0" in jumps
 

@@ -85,24 +85,6 @@ def test_a_damper_takes_power(arm):
     assert force @ motion.dq == pytest.approx(-0.3 * 1.1**2, rel=1e-12)
 
 
-def test_accelerations_are_pinocchios(arm):
-    """Joint accelerations of a tree with hinge, slide, wheel, damper and a fixed link to 1e-12."""
-    pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
-    other = pin.buildModelFromUrdf(str(arm))
-    data = other.createData()
-    rng = np.random.default_rng(4)
-    for _ in range(5):
-        angles, rates = ({name: float(x) for name, x in zip(START["angles"], row, strict=True)}
-                         for row in rng.uniform(-1, 1, (2, 3)) * [2, 0.5, 3])
-        motion = Motion(gs.load_model(arm, ignore="limits", angles=angles, rates=rates))
-        a, s, w = angles.values()
-        q, v = np.array([a, s, math.cos(w), math.sin(w)]), np.array([*rates.values()])
-        wanted = pin.aba(other, data, q, v, np.array([-0.3 * v[0], 0, 0]))
-        found = [motion.acceleration(name)
-                 for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
-        assert np.abs(found - wanted).max() <= 1e-12 * np.abs(wanted).max()
-
-
 def files_of_robots():
     """Return name → path of the robots of PyPI's example-robot-data; none where it is not."""
     try:
@@ -152,17 +134,6 @@ def test_quaternions_are_rotations(tmp_path):
         tmp_path, pair, ('<robot name="arm">', '<robot name="arm" version="1.1">')),
         ignore="limits", **START)).acceleration("wheel_rate") for pair in turned]
     assert found[0] == pytest.approx(found[1], rel=1e-12)
-
-
-def test_ends_that_a_range_has_not(tmp_path):
-    """A missing end is 0 in URDF 1.0, and none in URDF 1.2."""
-    path = tmp_path / "hinge.urdf"
-    for version, end in (("1.0", 0.0), ("1.2", 2.0)):
-        path.write_text(LIMITED.replace('lower="-1" ', "").replace(
-            "<robot", f'<robot version="{version}"'), encoding="utf-8")
-        free, held = (Motion(gs.load_model(path, angles={"shoulder": -0.5}, **told)).energy()
-                      for told in ({"ignore": "limits"}, {"limits": 40.0}))
-        assert held - free == pytest.approx(40 * 0.5**2 / 2 if end == 0 else 0, rel=1e-12)
 
 
 def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
@@ -290,11 +261,6 @@ def test_a_run_without_times_is_refused_before_it_is_derived(arm, gyrospark, mon
         refused(gyrospark("run", arm, "--set", "ignore=all", *options), *words)
 
 
-BOMB = """<?xml version="1.0"?>
-<!DOCTYPE robot [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
-<robot name="&b;"/>
-"""
-DEEP = "<robot>" + "<link>" * 100_000
 MASS = '<mass value="1.2"/>'
 BAD = [
     ([('child link="slider"', 'child link="base"')], "cycle|roots"),
@@ -347,13 +313,9 @@ def test_bad_files_are_refused(tmp_path, pairs, said):
 
 
 @pytest.mark.parametrize(("text", "said"), [
-    (BOMB, "line 2.*type"), (DEEP, "64"),
-    ("<robot>" + "<a/>" * 60_000 + "</robot>", "50000"),
-    (" " * 10_000_000, "1048576"), ("", "element"),
     ("<robot/>", "<link>"), ('<robot><link name="one"/></robot>', "moves"),
-    ("<robot><link/></robot>", "line 1.*<link>.*name="),
-], ids=["bomb", "deep", "many", "ten megabytes", "empty", "no link", "no joint", "no name"])
-def test_files_cannot_grow(tmp_path, text, said):
+    ("<robot><link/></robot>", "line 1.*<link>.*name=")])
+def test_what_is_no_robot_is_refused(tmp_path, text, said):
     path = tmp_path / "bad.urdf"
     path.write_text(text, encoding="utf-8")
     with pytest.raises(gs.InputError, match=said):
@@ -423,26 +385,17 @@ rotation = [["cos(0.3)", "-sin(0.3)", 0], ["sin(0.3)", "cos(0.3)", 0], [0, 0, 1]
     assert motion.value("b_hinge_angle") == pytest.approx(1.6, rel=1e-14)
 
 
-@pytest.mark.slow  # seconds of derivation
-def test_loops_are_closed_by_another_file(tmp_path, gyrospark):
-    """A four-bar: one freedom is left, its energy is kept, and the loop by its own equations."""
+@pytest.mark.slow  # two steppers of a loop
+def test_the_command_closes_loops_by_another_file(tmp_path, gyrospark):
+    """What is kept of the first belongs to the file as it was."""
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(CLOSING)
-    with pytest.warns(gs.errors.InputWarning, match=MOVED), pytest.warns(match="left out"):
-        model = gs.load_model(robot, loops=loops, angles=ANGLES)
-    assert model.system.n - model.system.m == 1
-    done = gs.stepper("G-L", 3, system=model.system).integrate(
-        model.q0, model.p0, dt=0.005, steps=200, parameters=model.parameters)
-    found = [done.quantity(f"{name}_pin_angle") for name in ("crank", "coupler", "rocker")]
-    assert np.abs(closed(*found)).max() < 1e-13
-    assert np.ptp(found[0]) > 0.5
-    assert done.report.energy_error_max < 1e-8
     run = ["run", robot, "--set", f"loops={loops}", "--dt", "5e-3", "--steps", "200", "--json",
            *(part for name, value in ANGLES.items() for part in ("--set", f"{name}={value}"))]
     answer = gyrospark(*run)
     assert answer.code == 0, answer.stderr
-    loops.write_text(CLOSING.replace("1.1", "1.0"))  # what is kept belongs to the file as it was
+    loops.write_text(CLOSING.replace("1.1", "1.0"))
     assert gyrospark(*run).document != answer.document
 
 
@@ -501,37 +454,41 @@ def test_joints_whose_names_differ_in_a_hyphen_keep_their_quantities(arm):
     assert motion.value("slide_1_1_travel") == pytest.approx(0.2, rel=1e-14)
 
 
-def test_ranges_are_elastic_on_wish(arm):
-    """Beyond its range, which is that of the file, a shoulder has V = ½ k d² more."""
-    arm.write_text(LIMITED, encoding="utf-8")
-    free, held = (Motion(gs.load_model(arm, angles={"shoulder": 1.9}, **told))
-                  for told in ({"ignore": "limits"}, {"limits": 40.0}))
-    assert held.energy() - free.energy() == pytest.approx(40 * 0.9**2 / 2, rel=1e-12)
-    for limits, cure in ((-1, "above 0"), ("stop", "'stops'.*number"), ("1000", "'stops'.*number")):
-        with pytest.raises(gs.InputError, match=f"limits.*{limits}.*{cure}"):
-            gs.load_model(arm, limits=limits)
-
-
 @pytest.mark.parametrize(("text", "ending", "name", "ends"), [
-    (LIMITED, "urdf", "shoulder", (-1, 1)),
+    (LIMITED, "urdf", "shoulder", (-1, 1)),  # a missing end is 0 in URDF 1.0, and none in 1.2
+    (LIMITED.replace('lower="-1" ', ""), "urdf", "shoulder", (0, 1)),
     (LIMITED.replace('lower="-1" ', "").replace("<robot", '<robot version="1.2"'), "urdf",
      "shoulder", (None, 1)),
     ('<mujoco><worldbody><body><geom size=".1" pos="0 0 -1"/><joint name="j" axis="0 1 0" '
      'range="-10 20"/></body></worldbody></mujoco>', "xml", "j", np.radians([-10, 20])),
+    ('<sdf version="1.11"><model name="m"><link name="arm"><inertial><pose>.5 0 0 0 0 0</pose>'
+     "<mass>2</mass><inertia><ixx>.1</ixx><iyy>.1</iyy><izz>.1</izz></inertia></inertial></link>"
+     '<joint name="pin" type="revolute"><parent>world</parent><child>arm</child><axis>'
+     "<xyz>0 1 0</xyz><limit><lower>-1e16</lower><upper>.5</upper></limit></axis></joint></model>"
+     "</sdf>", "sdf", "pin", (None, 0.5)),
 ])
-def test_ranges_are_stops_on_wish(tmp_path, text, ending, name, ends):
-    """Gaps are the ways to the ends of the file, with one restitution for all, a parameter."""
+def test_ranges_are_elastic_or_stops_on_wish(tmp_path, text, ending, name, ends):
+    """V = ½ k d² beyond an end; or a gap to each end, with one restitution, a parameter."""
     if ending == "xml":
         pytest.importorskip("mujoco")
     path = tmp_path / f"arm.{ending}"
     path.write_text(text, encoding="utf-8")
-    options = read_settings({"limits": "stops", name: "0.1"}, text, path)
-    model = gs.load_model(path, **options)
-    motion, [lower, upper] = Motion(model), ends
-    gaps = {"lower": None if lower is None else 0.1 - lower, "upper": upper - 0.1}
-    both = lower is not None
-    for impact, (side, gap) in zip(model.events, [
-            (side, gap) for side, gap in gaps.items() if gap is not None], strict=True):
+    lower, upper = ends
+    for limits, cure in ((None, "limits"), (-1, "limits.*-1.*above 0"),
+                         ("stop", "limits.*stop.*'stops'.*number"),
+                         ("1000", "limits.*1000.*'stops'.*number")):
+        with pytest.raises(gs.InputError, match=cure):
+            gs.load_model(path, limits=limits)
+    below = (-0.7, 0) if lower is None else (lower - 0.3, 0.3)
+    for angle, beyond in ((upper + 0.4, 0.4), below):
+        free, held = (Motion(gs.load_model(path, angles={name: angle}, **told)).energy()
+                      for told in ({"ignore": "limits"}, {"limits": 40.0}))
+        assert held - free == pytest.approx(40 * beyond**2 / 2, rel=1e-12, abs=1e-12)
+    model = gs.load_model(path, **read_settings({"limits": "stops", name: "0.1"}, text, path))
+    motion, both = Motion(model), lower is not None
+    gaps = {"lower": 0.1 - lower} if both else {}
+    for impact, (side, gap) in zip(model.events, (gaps | {"upper": upper - 0.1}).items(),
+                                   strict=True):
         assert impact.name == f"{name}_limits" + f"_{side}" * both
         assert motion.value(impact.quantity) == pytest.approx(gap, abs=1e-12)
         assert impact.restitution == "restitution"

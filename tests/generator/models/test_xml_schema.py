@@ -167,6 +167,27 @@ def test_parts_of_other_programs_are_ignored_by_name(tmp_path, kind):
     gs.Multibody.from_file(path)
 
 
+BOMB = """<?xml version="1.0"?>
+<!DOCTYPE x [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;&a;&a;&a;">]>
+<x name="&b;"/>
+"""
+
+
+@pytest.mark.parametrize(("ending", "root"), [
+    ("urdf", "robot"), ("sdf", "sdf"), ("xml", "mujoco")])
+@pytest.mark.parametrize(("text", "said"), [
+    (BOMB, "line 2.*type"), ("<x>" + "<link>" * 100_000, "64"), (" " * 10_000_000, "1048576"),
+    ("<x>" + "<a/>" * 60_000 + "</x>", "50000"), ("", "element"), ("<svg/>", "<svg>"),
+], ids=["bomb", "deep", "ten megabytes", "many", "empty", "another format"])
+def test_files_cannot_grow(tmp_path, ending, root, text, said):
+    if ending == "xml":
+        pytest.importorskip("mujoco")
+    path = tmp_path / f"bad.{ending}"
+    path.write_text(text.replace("<x", f"<{root}").replace("</x", f"</{root}"), encoding="utf-8")
+    with pytest.raises(gs.InputError, match=said):
+        gs.load_model(path)
+
+
 # ---------------------------------------------------------------- the published schemas
 
 XS = "{http://www.w3.org/2001/XMLSchema}"

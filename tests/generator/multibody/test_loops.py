@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import itertools
-import math
 
 import numpy as np
 import pytest
 
 import gyrospark as gs
 from gyrospark.generator.multibody.initial_poses import rotation
-from robots import Motion
 
 
 def rods(points, *, thickness=0.1):
@@ -42,26 +40,6 @@ def test_bricards_mechanism_has_a_redundant_equation():
     model = build.model(redundant="leave out")
     assert (model.system.n, model.system.m) == (35, 34)
     assert build.redundancy.left_out == ("h5: axis 2",)
-
-
-def test_a_four_bar():
-    """φ'' = 6 g/5 sin φ of its three rods together, and no equation too many."""
-    build = gs.Multibody("four_bar", gravity=(0, -9.81, 0))
-    x, y = math.sin(0.5), math.cos(0.5)
-    upright, lying = (1 / 12, 1e-3, 1 / 12), (1e-3, 1 / 12, 1 / 12)
-    for name, inertia, place, velocity, turning in (
-            ("left", upright, (x / 2, y / 2, 0), (y / 2, -x / 2, 0), -1.0),
-            ("bar", lying, (0.5 + x, y, 0), (y, -x, 0), 0.0),
-            ("right", upright, (1 + x / 2, y / 2, 0), (y / 2, -x / 2, 0), -1.0)):
-        build.body(name, mass=1, inertia=inertia, position=place, velocity=velocity,
-                   angular_velocity=(0, 0, turning))
-    for a, b, at in (("ground", "left", (0, 0, 0)), ("left", "bar", (x, y, 0)),
-                     ("bar", "right", (1 + x, y, 0)), ("right", "ground", (1, 0, 0))):
-        build.revolute(f"{a}_{b}", a, b, axis=(0, 0, 1), at=at)
-    motion = Motion(build.model(redundant="leave out"))
-    assert len(build.redundancy.left_out) == 3
-    outward, along = np.array([x, y]), 1.2 * 9.81 * x * np.array([y, -x])
-    np.testing.assert_allclose(motion.dp[4:6], (along - outward) / 2, rtol=1e-12)
 
 
 @pytest.mark.parametrize("turn", [0.5, 1.4, 1.7, np.pi])

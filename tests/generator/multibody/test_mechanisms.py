@@ -8,7 +8,6 @@ import pytest
 import gyrospark as gs
 import systems
 from mechanisms import (
-    ANDREWS_START,
     GRAVITY,
     parallelogram,
     parallelogram_at,
@@ -50,14 +49,3 @@ def test_a_start_at_a_change_point_is_reported():
     assert "smaller" not in str(caught.value)
     assert caught.value.dt is None
     assert len(step.integrate(*LOOPS["slider_crank"][1], **run)) == 4
-
-
-@pytest.mark.slow  # a stepper of one system
-def test_andrews_mechanism_agrees_with_fifty_digits():
-    """β and γ at t = 0.03 s as an extrapolated midpoint rule in 40 digits has them."""
-    spark = systems.stepper("andrews")
-    for steps, error in ((1500, 1e-6), (3000, 1e-7)):
-        made = spark.integrate(*ANDREWS_START, dt=0.03 / steps, steps=steps, every=steps,
-                               parameters={})
-        assert abs(made.q[-1][0] - 15.8107711951537071) <= error
-        assert abs(made.q[-1][2] - 0.04082224011964580486) <= error

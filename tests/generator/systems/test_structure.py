@@ -109,17 +109,6 @@ def test_structured_ems_balances_energy_and_work():
     assert np.abs(run.q - exact.q).max() <= 1e-4  # of order 2
 
 
-def test_ensemble_of_a_structured_system():
-    """Trajectories in lanes, one of them alone: the same to round-off."""
-    step = made_beads("G-L", 2, True)
-    q, p = start_of_beads(step, 0.0)
-    many = [BEADS | {"k": 1.0 + i / 8} for i in range(5)]
-    ensemble = step.integrate_ensemble([q] * 5, [p] * 5, dt=4e-3, steps=50, parameters=many)
-    for i in (0, 4):
-        alone = step.integrate(q, p, dt=4e-3, steps=50, parameters=many[i])
-        assert np.abs(ensemble.q[i] - alone.q).max() <= 64 * EPS
-
-
 # ---------------------------------------------------------------- size and cost
 
 

@@ -305,14 +305,6 @@ def test_remarks_are_in_the_manifest_of_given_tableaux_only() -> None:
     assert family.manifest.tableau is None
 
 
-@pytest.mark.slow  # a stepper more
-def test_a_stepper_warns_of_the_remarks_of_its_tableau() -> None:
-    step = stepper_of("radau_plain_2")
-    expected = remarks(read_tableau(FOLDER / "radau_plain_2.json"))
-    assert [*step.manifest.tableau.remarks] == step.warnings == expected
-    assert step.order == 3
-
-
 @pytest.mark.parametrize(("claim", "broken"), [
     ({"symplectic": True}, ["symplectic, forces"]), ({"symplectic": False}, []),
     ({}, ["symplectic, forces"]), ({"symplectic": False, "symmetric": True}, ["symmetric"]),
