@@ -126,20 +126,6 @@ def test_without_the_folder_the_compiler_says_what_is_missing(tmp_path):
     assert "gyrospark include" in first
 
 
-@pytest.mark.parametrize("standalone", [[], ["--standalone"]])
-def test_a_folder_that_cannot_be_written_is_refused(gyrospark, tmp_path, standalone):
-    (tmp_path / "file").write_text("no folder")
-    refused(gyrospark("generate", "--scheme", "IMS", "--no-compile", *standalone, "--out",
-                      str(tmp_path / "file" / "in")), "file")
-
-
-def test_generate_standalone_writes_one_file(gyrospark, tmp_path):
-    answer = gyrospark("generate", "--scheme", "IMS", "--no-compile", "--standalone", "--out",
-                       str(tmp_path))
-    assert answer.code == 0
-    assert (tmp_path / f"{NAME}.c").read_text(encoding="utf-8") == amalgamate(text_of(NAME))
-
-
 # ---------------------------------------------------------------- engines that do not fit
 
 

@@ -181,35 +181,6 @@ def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau)
 # ---------------------------------------------------------------- what it gives
 
 
-@pytest.mark.parametrize("dt", [1e-3, 1e-2])
-@pytest.mark.parametrize(("scheme", "stages", "rep"), [
-    ("G-L", 2, "alpha"), ("LIIIA-B", 3, "gamma"),
-    pytest.param("G-L", 8, "gamma", marks=pytest.mark.slow)])
-def test_sweeps_and_newton_give_the_same_trajectory(scheme, stages, rep, dt):
-    step = gs.stepper(scheme, stages, rep)
-    parameters = TOP.parameters | {rep: gs.gamma(TOP.inertia)}
-    run = {"dt": dt, "steps": 150, "parameters": parameters}
-    fast = step.integrate(TOP.q0, TOP.p0, solver="fixed-point" if dt < 5e-3 else "auto", **run)
-    full = step.integrate(TOP.q0, TOP.p0, solver="newton", **run)
-    # The state's error grows like t²; Newton's floor at dt = 1e-2 is about 1e-14 a step.
-    assert np.abs(fast.q - full.q).max() < 5e-11 if dt > 5e-3 else 1e-12
-    size = np.abs(full.multipliers).max()
-    assert np.abs(fast.multipliers - full.multipliers).max() < 1e-8 * size
-    if not fast.report.newton_steps:
-        assert fast.report.constraint_max <= 4e-15
-        assert fast.report.momentum_constraint_max <= 8e-17
-
-
-@pytest.mark.parametrize("name", OTHERS)
-def test_other_systems_give_what_newton_gives(name):
-    step, q, p, parameters = another(name)
-    run = {"dt": 5e-3, "steps": 100, "parameters": parameters}
-    fast = step.integrate(q, p, solver="fixed-point", **run)
-    full = step.integrate(q, p, solver="newton", **run)
-    assert np.abs(fast.q - full.q).max() < 1e-12
-    assert fast.report.newton_steps == 0
-
-
 @pytest.mark.filterwarnings("ignore:The linearised motion")
 @pytest.mark.parametrize("name", OTHERS)
 def test_auto_does_every_step_that_newton_can_do(name):
@@ -273,14 +244,6 @@ def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
     made = step.integrate(q, p, solver="auto", **run)
     assert made.report.newton_steps > 0
     assert step.integrate(q, p, solver="newton", **run).report.newton_steps == 0
-
-
-def test_manifest_says_what_was_proved():
-    fast = gs.stepper("G-L", 2).manifest.fast_path
-    assert fast.available
-    assert fast.constant_schur
-    assert fast.scalar_correction
-    assert not fast.gauss_seidel
 
 
 @pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])

@@ -9,7 +9,6 @@ import pytest
 from reference import WORKING_DIGITS, doubles, numbers, reference
 from strategies import (
     EPS,
-    MEAN_SPECS,
     PAPER_SPECS,
     few,
     identify,
@@ -94,33 +93,3 @@ def test_jacobian(spec):
             for columns in parts:
                 block = np.abs(exact[rows, columns])
                 assert error[rows, columns].max() <= 1e-12 * block.max()
-
-
-@pytest.mark.parametrize("spec", few(PAPER_SPECS), ids=identify)
-def test_residual_vanishes_at_the_solution(spec):
-    """The reference's unknowns, rounded to double, solve the compiled equations to round-off."""
-    step, rng = stepper_of(spec), np.random.default_rng(14)
-    for _ in range(CASES):
-        case = random_case(rng, spec.rep)
-        method = reference(spec, case)
-        x = doubles(method.step().x)
-        r = step.residual(x, case.q, case.p, **case.run)
-        for rows, size in blocks(spec, case, method, x):
-            # IMS and EMS divide the rounding of q_k and p_k, up to ε/2 of each, by Δt.
-            if spec.stages is None:
-                state = {0: np.abs(case.q).max(), 4: np.abs(case.p).max(), 8: 0.0}[rows.start]
-                size += state / abs(case.dt)
-            assert np.abs(r[rows]).max() <= 64 * EPS * size
-
-
-@pytest.mark.parametrize("spec", few(MEAN_SPECS), ids=identify)
-def test_unknowns_of_ims_and_ems_are_the_state(spec):
-    step, rng = stepper_of(spec), np.random.default_rng(16)
-    case = random_case(rng, spec.rep)
-    exact = reference(spec, case).step()
-    x = np.concatenate([doubles(exact.q), doubles(exact.p), doubles(exact.multipliers[0])])
-    assert step.unknowns == 9
-    assert np.array_equal(x, doubles(exact.x))
-    guess = step.guess(case.q, case.p, **case.run)
-    # An explicit Euler step is off by the second-order term of a step, (Δt|Ω|)² and gravity.
-    assert np.abs(guess[:4] - x[:4]).max() <= (case.dt * np.linalg.norm(case.omega)) ** 2

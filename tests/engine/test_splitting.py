@@ -77,18 +77,6 @@ def test_bodies_in_space_forces_and_drag_against_gauss_lobatto(pair):
             assert own.report.energy_error_max < 20 * bound
 
 
-@pytest.mark.slow  # derives the satellite
-def test_order_of_a_satellite_in_axes_of_its_orbit():
-    model = gs.models.satellite()
-    start, values = (model.q0, model.p0), model.parameters
-    step = gs.stepper("splitting", order=4, system=model)
-    exact, _ = end(step, start, values, 6000, 1600)
-    errors = [distance(step, start, values, 6000, n, exact) for n in (50, 100)]
-    assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.1)
-    run = step.integrate(*start, dt=6, steps=5000, every=5000, parameters=values)
-    assert run.report.energy_error_max < 1e-9 * abs(run.energy()[0])
-
-
 @pytest.fixture(scope="module")
 def turntable():
     """A body and a point on a spring in axes that turn at w, with drag of the body."""

@@ -118,23 +118,6 @@ def test_tangents_against_differences_in_50_digits(case):
     assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
 
 
-@pytest.mark.slow  # two modules; G-L has float128 beside doubles in test_against_differences.py
-@pytest.mark.parametrize("values", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
-def test_a_type_without_lanes_has_the_derivatives_of_doubles(values):
-    dq, dp = np.random.default_rng(2).normal(size=(2, 4))
-
-    def derivatives(step):
-        start, given = step.project(TOP.q0, TOP.p0, parameters=values), {
-            "dt": 2e-3, "parameters": values}
-        back = step.vjp(*start, wrt=["q", "p"], **given)[2](dq, dp)
-        forth = step.jvp(*start, dq, dp, project=True, **given)
-        return np.concatenate([np.asarray(x, float) for x in (*forth, back.q, back.p)])
-
-    doubles, wide = map(derivatives, (
-        splitting(), gs.stepper("splitting", order=4, real="float128")))
-    assert np.abs(doubles - wide).max() <= 1e-13 * np.abs(wide).max()
-
-
 def test_runs_backwards_from_checkpoints_and_in_reverse():
     run = splitting().integrate(TOP.q0, TOP.p0, dt=2e-3, steps=200, parameters=ASYMMETRIC, every=10)
     cotangents = {"q": run.q, "p": 3 * run.q}

@@ -5,6 +5,8 @@ from __future__ import annotations
 import contextlib
 import shutil
 
+import pytest
+
 import gyrospark as gs
 from stores import Interrupted, assert_same_bytes, ends_after, record, recorded
 
@@ -28,10 +30,16 @@ def in_pieces(step, out, calls, **arguments):
     return len(calls)
 
 
-def check(step, folder, calls, **arguments):
-    """Check that an interrupted run ends with the bytes of one that was not."""
+def check(step, folder, calls, chunk=None, **arguments):
+    """Check that an interrupted run ends with the bytes of one that was not.
+
+    ``chunk`` is how many steps a call of compiled code does in the interrupted one.
+    """
     with contextlib.suppress(gs.StepFailed):
         recorded(step, folder / "whole.zarr", **arguments)
-    ends = in_pieces(step, folder / "pieces.zarr", calls, **arguments)
+    with pytest.MonkeyPatch.context() as patch:
+        if chunk:
+            patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", chunk)
+        ends = in_pieces(step, folder / "pieces.zarr", calls, **arguments)
     assert_same_bytes(folder / "whole.zarr", folder / "pieces.zarr")
     return ends

@@ -30,26 +30,20 @@ def check(step, out, **arguments):
     ("heavy_top", "EMS", "double", "newton"), ("heavy_top", "G-L", "float", "fixed-point"),
     ("heavy_top", "G-L", "float128", "auto"), ("dragged_pendulum", "G-L", "double", "fixed-point")])
 def test_a_stored_run_is_that_of_integrate(name, scheme, real, solver, tmp_path, monkeypatch):
-    """Blocks of 8 rows, of which the last is begun; a last state off the grid of ``every``."""
+    """Blocks of 8 rows, of which the last is begun; a last state off the grid; one goes back."""
     small_blocks(monkeypatch, 8)
     step, case = systems.stepper(name, scheme, real=real), systems.case(name)
     q, p = systems.start(name, step)
-    check(step, tmp_path / "run.zarr", q=q, p=p, dt=case.dt, t0=case.t0, steps=40, every=3,
-          parameters=case.parameters, solver=solver)
+    check(step, tmp_path / "run.zarr", q=q, p=p, dt=case.dt * (1 - 2 * (real == "float")),
+          t0=case.t0, steps=40, every=3, parameters=case.parameters, solver=solver)
 
 
-@pytest.mark.parametrize(("steps", "every"), [
-    (0, 1), (65, 64), (80, 150), (80, 3), *(
-        pytest.param(*pair, marks=pytest.mark.slow) for pair in ((1, 9), (64, 64), (129, 128)))])
+@pytest.mark.parametrize(("steps", "every"), [(0, 1), (65, 64), (80, 150), (80, 3)])
 def test_counts(steps, every, gl3, tmp_path, monkeypatch):
     """Around the steps that compiled code does in one call; nothing, and one row, as well."""
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 64)
     small_blocks(monkeypatch, 16)
     check(gl3, tmp_path / "run.zarr", **START, steps=steps, every=every)
-
-
-def test_backwards(gl3, tmp_path):
-    check(gl3, tmp_path / "run.zarr", **START | {"dt": -1e-3}, steps=100, t0=5.0)
 
 
 def test_searched_gamma(tmp_path):
@@ -124,13 +118,3 @@ def test_rows_of_a_block():
         assert rows & (rows - 1) == 0
         assert rows * row <= 32 * 2**20 < 4 * rows * row
         assert block_rows(fields, 5) == 5
-
-
-def test_what_a_killed_run_left_unfinished_is_removed(gl3, tmp_path):
-    store = tmp_path / "run.zarr"
-    record(gl3, **START, steps=20, out=store)
-    left = [store / ".zarr.json.1234.part", store / "q" / ".0.part"]
-    for path in left:
-        path.write_bytes(b"half")
-    record(gl3, **START, steps=30, out=store, resume=True)
-    assert not any(path.exists() for path in left)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import ast
 import itertools
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -27,17 +26,6 @@ def test_no_wall_clock_in_the_source():
                 assert node.module not in ("datetime", "time"), file
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
                 assert node.func.attr not in WALL, (file, ast.unparse(node))
-
-
-def test_clock_that_jumps(gl3, tmp_path, monkeypatch):
-    """Back to 1970 and on to 2100 at every look; and files with times of the future."""
-    small_blocks(monkeypatch, 64)
-    recorded(gl3, tmp_path / "whole.zarr", **START, steps=1000, every=3)
-    jumps = itertools.cycle([0.0, 4.1e9, 1e9, -1.0])
-    monkeypatch.setattr(time, "time", lambda: next(jumps))
-    monkeypatch.setattr(time, "time_ns", lambda: int(next(jumps) * 1e9))
-    recorded(gl3, tmp_path / "jumping.zarr", **START, steps=1000, every=3)
-    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "jumping.zarr")
 
 
 def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypatch):

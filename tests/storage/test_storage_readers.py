@@ -13,8 +13,7 @@ import zarr
 import gyrospark as gs
 import systems
 from calls import PARAMETERS, TOP, integrate
-from processes import FAST_TOP, python
-from stores import START, assert_same_bytes, record, small_blocks
+from stores import START, record, small_blocks
 
 
 @pytest.fixture
@@ -40,8 +39,10 @@ def test_dimensions_and_units(opened, gl3):
     assert opened["iterations"].dtype == np.int32
 
 
-def test_values(opened, gl3):
+def test_values(opened, gl3, tmp_path):
     """t0 + k dt, the last one off the grid; what belongs to steps has nothing at the start."""
+    names = {path.name for path in (tmp_path / "run.zarr").rglob("*") if path.is_file()}
+    assert names <= {"zarr.json", "0"}  # nothing but metadata and blocks
     whole = integrate(gl3, **START, steps=20, every=3, t0=1.0)
     np.testing.assert_array_equal(opened["time"], whole.t)
     np.testing.assert_array_equal(opened["q"], whole.q)
@@ -95,28 +96,6 @@ def test_rows_to_come(gl3, tmp_path, monkeypatch):
     assert np.isnan(whole["q"][last:]).all()
     assert np.isnan(whole["time"][last:]).all()
     assert (whole["iterations"][last:] == 0).all()
-
-
-def test_files_have_no_leftovers_of_another_kind(opened, tmp_path):
-    """Nothing but metadata and blocks."""
-    names = {path.name for path in (tmp_path / "run.zarr").rglob("*") if path.is_file()}
-    assert names <= {"zarr.json", "0"}
-
-
-@pytest.mark.slow  # two processes; the order of sets is no part of what is stored
-def test_same_bytes_whatever_the_hash_seed(tmp_path):
-    """Two processes, two orders of sets and of dictionaries of them."""
-    code = FAST_TOP + """
-for real in ("double", "long-double"):
-    step = gs.stepper("G-L", stages=2, real=real)
-    q, p = step.project(top.q0, top.p0, parameters=parameters)
-    step.integrate(q, p, dt=1e-3, steps=100, every=3, parameters=parameters, out=real + ".zarr")
-"""
-    for seed in ("1", "2"):
-        (tmp_path / seed).mkdir()
-        python(code, cwd=tmp_path / seed, PYTHONHASHSEED=seed)
-    for real in ("double", "long-double"):
-        assert_same_bytes(tmp_path / "1" / f"{real}.zarr", tmp_path / "2" / f"{real}.zarr")
 
 
 def test_slices_have_the_most_iterations_of_their_steps(tmp_path, monkeypatch):

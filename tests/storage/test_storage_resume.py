@@ -15,7 +15,7 @@ import gyrospark as gs
 import systems
 from calls import LATE, PARAMETERS, TOP, integrate
 from gyrospark.storage import array_layout, recorder
-from resumed_stores import check, in_pieces
+from resumed_stores import check
 from stores import (
     START,
     Interrupted,
@@ -40,11 +40,10 @@ def test_runs_ended_often(name, scheme, real, solver, tmp_path, monkeypatch):
 
     The padding of a long double is whatever was there: it must not get into the store.
     """
-    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 5)
     small_blocks(monkeypatch, 4)
     step, case = systems.stepper(name, scheme, real=real), systems.case(name)
     q, p = systems.start(name, step)
-    ends = check(step, tmp_path, [1, 3] * 5, q=q, p=p, dt=case.dt, t0=case.t0, steps=45,
+    ends = check(step, tmp_path, [1, 3] * 5, 5, q=q, p=p, dt=case.dt, t0=case.t0, steps=45,
                  every=7, parameters=case.parameters, solver=solver)
     assert ends > 2
 
@@ -52,22 +51,20 @@ def test_runs_ended_often(name, scheme, real, solver, tmp_path, monkeypatch):
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_steps_that_newton_took(tmp_path, monkeypatch):
     """Diverged iterations leave a mark in the work memory, which a resumed run has too."""
-    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     step = systems.stepper("heavy_top")
     for dt in (0.03, 0.024):
         arguments = START | {"dt": dt, "steps": 40, "every": 4}
         if integrate(step, **arguments).report.newton_steps > 3:
-            check(step, tmp_path, [3] * 10, **arguments)
+            check(step, tmp_path, [3] * 4, 3, **arguments)
             return
     pytest.fail("no step size at which Newton takes some of the steps")
 
 
 def test_runs_that_fail(failures, tmp_path, monkeypatch):
-    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 3)
     small_blocks(monkeypatch, 4)
     step, options, _ = failures[0]
-    check(step, tmp_path, [2] * 20, q=LATE[0], p=LATE[1], steps=200, every=3, **options)
+    check(step, tmp_path, [2] * 5, 3, q=LATE[0], p=LATE[1], steps=200, every=3, **options)
     assert gs.load(tmp_path / "pieces.zarr").status.startswith("failed: ")
 
 
@@ -80,21 +77,10 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
     step = systems.stepper("heavy_top", scheme)
     arguments = START | {"steps": steps, "every": every}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", chunk)
         small_blocks(patch, rows, seconds)
-        check(step, tmp_path, calls, **arguments)
+        check(step, tmp_path, calls, chunk, **arguments)
         found = gs.load(tmp_path / "pieces.zarr")[:]
         assert_same(found, integrate(step, **arguments))
-
-
-def test_pieces_of_other_sizes(gl3, tmp_path, monkeypatch):
-    """How many steps a call of compiled code does is no part of the result."""
-    small_blocks(monkeypatch, 16)
-    arguments = START | {"steps": 200, "every": 3}
-    recorded(gl3, tmp_path / "whole.zarr", **arguments)
-    monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 17)
-    in_pieces(gl3, tmp_path / "pieces.zarr", (3, 0), **arguments)
-    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
 
 
 # ---------------------------------------------------------------- what an end leaves
