@@ -22,7 +22,6 @@ from calls import equal
 from gyrospark.core.exact_numbers import digits_of, exact
 from gyrospark.core.warnings import capture_warnings
 from gyrospark.runtime.bindings.real_numbers import from_text, rounding
-from processes import cli
 from python_newton import integrate
 from stores import assert_same, record
 from strategies import tableau_of
@@ -363,7 +362,7 @@ def test_the_start_of_a_body(kind, tmp_path):
     assert doubles.q0.tolist() == [float(x) for x in q]
 
 
-def test_the_command_line(tmp_path):
+def test_the_command_line(gyrospark, tmp_path):
     """A file's numbers, --dt and --set t with all digits, the second time from the cache."""
     real = "float128"
     (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
@@ -371,9 +370,7 @@ def test_the_command_line(tmp_path):
                "--real", real]
     for more, dt, t0 in (([], DT, Fraction(0)),
                          (["--dt", "0.1", "--set", "t=0.7"], Fraction(1, 10), Fraction(7, 10))):
-        done = cli(*command, *more)
-        assert done.returncode == 0, done.stderr
-        found = json.loads(done.stdout)
+        found = gyrospark(*command, *more).document
         digits = found["all_digits"]
         one = rounding(real)
         assert digits["parameters"] == {"m": "0.7", "c": "1.1"}
@@ -385,10 +382,10 @@ def test_the_command_line(tmp_path):
         assert found["parameters"] == {"m": 0.7, "c": 1.1}
 
 
-def test_gamma_on_the_command_line():
-    done = cli("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--real",
+def test_gamma_on_the_command_line(gyrospark):
+    done = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--real",
                "float128", "--dt", "1e-3", "--steps", "2", "--gamma", "0.0016", "--json")
-    assert json.loads(done.stdout)["all_digits"]["parameters"]["gamma"] == "0.0016"
+    assert done.document["all_digits"]["parameters"]["gamma"] == "0.0016"
 
 
 def test_means_of_moments():

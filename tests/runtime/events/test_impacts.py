@@ -587,7 +587,7 @@ def test_impacts_on_grid_points_count_once():
     assert run.p[4, 0] == 0.5
     assert run.energy_error().tolist() == [0.0] * 8
     assert run[4:].energy_error().tolist() == [0.0] * 4
-    raised = swung(200, scheme="EMS", stages=None)
+    raised = swung(200)
     assert raised.report.energy_error_mean == pytest.approx(
         np.abs(raised.energy_error()).mean(), rel=0.05)
 

@@ -130,7 +130,7 @@ def test_a_run_goes_on_from_its_end_near_rest():
     step = systems.stepper("dragged_pendulum")
     steady = {"k": 1e-9, "c": 15.0, "f": 6.75, "omega": 1e-9}  # it rests aside, atan(f/9)
     q, p = np.array([np.sin(1), -np.cos(1)]), np.zeros(2)
-    for _ in range(400):
+    for _ in range(200):
         run = step.integrate(q, p, dt=0.01, steps=20, parameters=steady)
         q, p = run.q[-1], run.p[-1]
     assert np.abs(p).max() <= 64 * np.finfo(float).eps
