@@ -23,6 +23,9 @@ FEATURES = {
     "Lagrangian with constraint, time, forces": "bead", "rolling": "sleigh",
     "frame": "heavy_top_in_frame", "bodies": "double_top", "scaled time": "scaled_pendulum",
 }
+#: Systems whose steps a simulation and a loop make too.
+OTHERS = ["driven_oscillator", "kepler", "relativistic", "pendulum", "two_rods", "heavy_bob",
+          "skate_chain", "eccentric", "tethered_pair", "heavy_top", "four_bar"]
 #: A parameter that changes the motion, where that is not the first.
 CHANGED = {"heavy_top_in_frame": "omega_body", "bead": "k", "breathing": "k",
            "driven_pendulum": "c"}
@@ -70,7 +73,7 @@ def model_of(name):
 # ---------------------------------------------------------------- simulation, loop
 
 
-@features()
+@pytest.mark.parametrize("name", [*FEATURES.values(), *OTHERS])
 def test_a_simulation_and_a_loop_of_steps_have_the_bits_of_a_run(name):
     """Also a copy that goes on alone, and what the simulation recorded."""
     step, entry = stepper(name), case(name)

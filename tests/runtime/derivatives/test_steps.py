@@ -225,12 +225,12 @@ def test_gamma_by_a_rule_does_not_follow_the_moments_of_x():
 
 @pytest.mark.parametrize(("name", "scheme"), [
     pytest.param(name, scheme, id=f"{name}-{label(scheme)}", marks=[pytest.mark.slow] * (
-        (name, scheme) not in (("driven_pendulum", ("G-L", 2)), ("heavy_top", ("G-L", 2)))))
-    for name, scheme in product()])
+        (name, scheme) not in (("driven_pendulum", ("G-L", 2)), ("two_rods", ("EMS", None)))))
+    for name, scheme in (*product(), ("two_rods", ("EMS", None)))])
 def test_cotangents_are_transposed(name, scheme):
     step, case = stepper_for(name, scheme), systems.case(name)
     begin = systems.timed_start(name, step).replace(parameters=case.parameters)
-    assert transposition_defect(step, begin, case.dt, 4) <= 1e-14
+    assert transposition_defect(step, begin, case.dt, 4) <= 200 * step.binding.epsilon
 
 
 def test_cotangents_are_transposed_over_two_thousand_steps():
