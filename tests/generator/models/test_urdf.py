@@ -50,39 +50,23 @@ def changed(tmp_path, *pairs):
     return path
 
 
-@pytest.mark.parametrize("gravity", [None, (1.0, -2.0, 0.5)])
-def test_gravity_is_that_of_the_earth(arm, gravity):
-    """All forces on the bodies together are their weight, down z, or along another gravity."""
-    model = gs.load_model(arm, ignore="limits", gravity=gravity, **START)
-    system = model.system
-    at = dict(zip((*system.q, *system.p), (*model.q0, *np.zeros(system.n)), strict=True))
-    at |= {parameter: model.parameters[str(parameter)] for parameter in system.parameters}
-    mass = sum(model.parameters[f"{body.name}_m"] for body in system.bodies)
-    force = -evaluate(system.H_q, at).reshape(-1, 7)[:, 4:].sum(axis=0)
-    weight = mass * np.array(gravity or (0, 0, -9.81))
-    assert np.abs(force - weight).max() <= 64 * EPS * 9.81 * mass
-
-
-def test_links_that_are_fixed_are_one_body(arm):
-    """Mass, centre and inertia of the upper arm with its plate, by sums over both."""
-    model = gs.load_model(arm, ignore="limits", **START)
-    assert (model.system.n, model.system.m) == (21, 18)
+def test_an_arm_has_its_masses_weight_and_damper(arm):
+    """A link that is fixed to another is one body with it; the shoulder alone has damping."""
+    model = gs.load_model(arm, ignore="limits", gravity=(1.0, -2.0, 0.5), **START)
+    motion, system = Motion(model), model.system
+    assert (system.n, system.m) == (21, 18)
     assert model.parameters["upper_arm_m"] == pytest.approx(2.9, abs=4 * EPS)
-    assert [body.name for body in model.system.bodies] == ["upper_arm", "slider", "wheel"]
-    motion = Motion(model)
+    assert [body.name for body in system.bodies] == ["upper_arm", "slider", "wheel"]
     for name, value in (("shoulder_angle", 0.4), ("slide_1_travel", -0.15), ("wheel_angle", 2.0),
                         ("shoulder_rate", -1.1), ("slide_1_speed", 0.7), ("wheel_rate", 9.0)):
         assert abs(motion.value(name) - value) <= 64 * EPS * max(1, abs(value)), name
-
-
-def test_a_damper_takes_power(arm):
-    """F·q' = -c ω² of the shoulder, the only joint with damping: c = 0.3, ω = -1.1."""
-    model = gs.load_model(arm, ignore="limits", **START)
-    motion, system = Motion(model), model.system
-    values = dict(zip([*system.q, *system.p], [*motion.q, *motion.p], strict=True))
-    force = evaluate(system.forces, values | {s: model.parameters[str(s)] for s in
-                                              system.parameters})
-    assert force @ motion.dq == pytest.approx(-0.3 * 1.1**2, rel=1e-12)
+    at = dict(zip((*system.q, *system.p), (*model.q0, *np.zeros(system.n)), strict=True))
+    at |= {parameter: model.parameters[str(parameter)] for parameter in system.parameters}
+    mass = sum(model.parameters[f"{body.name}_m"] for body in system.bodies)
+    weight = -evaluate(system.H_q, at).reshape(-1, 7)[:, 4:].sum(axis=0)
+    assert np.abs(weight - mass * np.array([1.0, -2.0, 0.5])).max() <= 64 * EPS * 9.81 * mass
+    force = evaluate(system.forces, at | dict(zip(system.p, motion.p, strict=True)))
+    assert force @ motion.dq == pytest.approx(-0.3 * 1.1**2, rel=1e-12)  # -c ω²
 
 
 def files_of_robots():

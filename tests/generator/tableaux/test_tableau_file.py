@@ -82,10 +82,7 @@ def test_example_is_in_the_docstring() -> None:
     assert json.loads(documented.group()) == example()
 
 
-@pytest.mark.parametrize(
-    ("family", "s"),
-    [(gauss_lobatto, 1), (gauss_lobatto, 3), (lobatto_iiiab, 2), (lobatto_iiiab, 3)],
-)
+@pytest.mark.parametrize(("family", "s"), [(gauss_lobatto, 1), (lobatto_iiiab, 3)])
 def test_families_survive_the_way_through_a_file(read: Any, family: Any, s: int) -> None:
     tableau = read(content_of(family(s)))
     for key in FIELDS:
@@ -94,7 +91,7 @@ def test_families_survive_the_way_through_a_file(read: Any, family: Any, s: int)
     assert tableau.order == family(s).order
 
 
-@pytest.mark.parametrize("digits", [12, 18, 40])
+@pytest.mark.parametrize("digits", [12, 40])
 def test_decimals_are_checked_to_the_digits_they_have(read: Any, digits: int) -> None:
     tableau = read(content_of(gauss_lobatto(3), digits))
     assert tableau.decimal_digits is not None
@@ -112,21 +109,18 @@ def test_half_a_unit_is_what_digits_allow(read: Any, weight: str) -> None:
     assert tableau.order < 4
 
 
-@pytest.mark.parametrize("stages", [2, 3])
-def test_every_rounding_of_all_entries_is_allowed(read: Any, stages: int) -> None:
+@pytest.mark.parametrize("way", [ROUND_HALF_EVEN, ROUND_FLOOR])
+def test_every_rounding_of_all_entries_is_allowed(read: Any, way: Any) -> None:
     """Entries cut to nine digits up and down, which is less exact than rounded."""
-    content = content_of(gauss_lobatto(stages), 30)
 
-    def cut(entry: Any, way: Any) -> Any:
+    def cut(entry: Any) -> Any:
         if isinstance(entry, list):
-            return [cut(one, way) for one in entry]
+            return [cut(one) for one in entry]
         return entry if not isinstance(entry, str) or "." not in entry else str(
             Decimal(entry).quantize(Decimal("1e-9"), way))
 
-    for way in (ROUND_HALF_EVEN, ROUND_FLOOR) if stages == 2 else (ROUND_HALF_EVEN,):
-        rounded = {key: cut(value, way) if key in FIELDS else value
-                   for key, value in content.items()}
-        assert failed(read(rounded)) == []
+    content = content_of(gauss_lobatto(2), 30)
+    assert failed(read(content | {key: cut(content[key]) for key in FIELDS})) == []
 
 
 def test_decimals_are_exact(read: Any) -> None:
