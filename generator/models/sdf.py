@@ -342,6 +342,10 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
                          f"choose {join_or(KINDS)}{proposal(kind, KINDS)}.")
     parent, child = (scopes.link(scopes.resolve(_text(element, end), name))
                      for end in ("parent", "child"))
+    if child == "world":
+        raise InputError(f"line {element.line}: the child of joint {shown(name)} is 'world', which "
+                         "SDF allows as a parent alone; swap <parent> and <child>, and reverse "
+                         "the axis.")
     axis = element.first("axis") if KINDS[kind] in ("hinge", "slide") else None
     if axis is None:  # a ball or fixed joint needs none; the standard gives others the axis z
         return PlacedJoint(name, kind, parent, child, scopes.places[name],
@@ -398,16 +402,15 @@ def _tree(
     robot, places = Robot(scopes.name, "an SDF", "link"), scopes.places
     first: dict[str, PlacedJoint] = {}  # child → the joint of the tree
     for joint in joints:
-        if joint.child != "world":
-            first.setdefault(joint.child, joint)
-    if any("world" in (joint.parent, joint.child) for joint in joints):
+        first.setdefault(joint.child, joint)
+    if any(joint.parent == "world" for joint in joints):
         links = {"world": (RobotLink("world", 0.0, np.zeros(3), np.zeros((3, 3))), 0.0), **links}
     edges = [_edge(joint, places) for joint in first.values()]
     robot.followers = [joint.follower for joint in first.values() if joint.follower]
     root = root_of(links, edges, "swap <parent> and <child> of one of their joints")
     floats = root != "world" if base is None else base == "floating"
     if floats and root == "world":
-        holding = next(joint.name for joint in joints if "world" in (joint.parent, joint.child))
+        holding = next(joint.name for joint in joints if joint.parent == "world")
         raise InputError(f"base = 'floating', and joint {shown(holding)} holds the model in the "
                          "world; remove the joint, or leave base out.")
     grow_tree(robot, links, edges, pose.then(places[root]), free_base() if floats else None)
