@@ -38,7 +38,16 @@ from ..integration.run_arguments import StartNumbers, step_argument
 from ..integration.starts import merged_start
 from ..rigid_body.gamma_rules import is_inertia_parameter
 from .fit_coordinates import Coordinates
-from .least_squares import SHARE, Linear, Minimum, identify, minimise, reduced_basis
+from .least_squares import (
+    RANK,
+    SHARE,
+    Linear,
+    Minimum,
+    identify,
+    minimise,
+    reduced_basis,
+    triangle,
+)
 from .observations import Observation, Observe, Residuals, observation_of
 
 if TYPE_CHECKING:
@@ -56,6 +65,8 @@ _EARLY, _EARLY_TOLERANCE = 8, 1e-1
 _TOLERANCE = 1e-8
 #: How far a time may be from a whole number of steps, in steps.
 _OFF_GRID = 1e-3
+#: A user's derivatives are wrong if differences of values are off by this share of them.
+_WRONG = 0.05
 
 
 @explain_arguments
@@ -471,6 +482,9 @@ def fit(
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
     counts = _horizons(horizons, len(times), fitting.fewest(point))
+    fitting.samples = counts[0]
+    if observation.function is not None:
+        _refuse_wrong_derivatives(fitting, point)
     with log_progress(f"fitting {stepper.name}", len(counts), progress) as report:
         minimum = _minimise_horizons(fitting, point, counts, iteration_limit, report)
     return _result(fitting, minimum.point, minimum.iterations, counts, minimum.converged,
@@ -487,6 +501,28 @@ def _first_point(fitting: Fitting) -> Point:
     # in scaled time t and −H are behind the n coordinates and momenta
     q, p = (np.asarray(x[: stepper.n], float) for x in (run.q, run.p))
     return fitting.consistent(fitting.coordinates.inside(parameters), q, p)
+
+
+def _refuse_wrong_derivatives(fitting: Fitting, point: Point) -> None:
+    """Refuse a user's function whose derivatives differ from differences of its values.
+
+    A step h y changes all unknowns by a part h of their units: (r(h y) − r(−h y))/2 is J h y. The
+    median of the samples counts, because an angle may jump by 2π at one of them.
+    """
+    linear, h = fitting.linearise(point), np.cbrt(fitting.step.binding.epsilon)
+    y = linear.units * h
+    after, before = (fitting.residuals(fitting.apply_step(point, x)) for x in (y, -y))
+    differences, predicted = (after - before) / 2, (linear.J @ y).reshape(after.shape)
+    errors, sizes = (np.median(np.abs(x), axis=0)
+                     for x in (differences - predicted, np.abs(differences) + np.abs(predicted)))
+    column = int(np.argmax(errors - _WRONG * sizes))
+    round_off = h**2 * np.abs(fitting.data).max()  # of columns that no unknown moves
+    if errors[column] > _WRONG * sizes[column] + round_off:
+        i = int(np.argmax(np.abs(differences - predicted)[:, column]))
+        raise InputError(
+            f"The derivatives that observe returned are not those of its values: where column "
+            f"{column} changes by {differences[i, column]:.3g}, they say "
+            f"{predicted[i, column]:.3g}. Correct them, by q or by p.")
 
 
 def _minimise_horizons(
@@ -652,13 +688,15 @@ def _result(
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
     estimates = np.array([point.parameters[name] for name in free_names])
     scaled = (r / fitting.sigma).ravel()
-    degrees_of_freedom = max(1, len(scaled) - J.shape[2])
+    # by the parameters themselves, not by the coordinates that steps move
+    linear = fitting.scale_residuals(point, r, J, coordinates.scales(point.parameters))
+    # a direction without effect fits no residual
+    s = np.linalg.svd(triangle(linear.J * linear.units), compute_uv=False)
+    degrees_of_freedom = max(1, len(scaled) - int(np.sum(s > RANK * s[0])))
     noise = 1.0 if sigma_known else float(np.sqrt(scaled @ scaled / degrees_of_freedom))
     # a direction that the data fix no better than the error of Δt is not determined by them
     scaled_truncation = np.sqrt(np.mean(((halved - r) / fitting.sigma) ** 2))
     noise_with_truncation = float(np.hypot(noise, scaled_truncation))
-    # by the parameters themselves, not by the coordinates that steps move
-    linear = fitting.scale_residuals(point, r, J, coordinates.scales(point.parameters))
     identified = identify(linear, noise_with_truncation)
     covariance = identified.covariance * noise**2
     names = [*free_names, *(f"start[{k}]" for k in range(basis.shape[1]))]

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_items, shown, unknown
+from ...core.arguments import as_items, join_or, shown, unknown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.records import dataclass
@@ -81,7 +81,7 @@ class Observation:
         samples = as_numbers("data", data)
         # one number a sample is one column; bodies side by side, (rows, bodies, 4), are their
         # columns
-        if samples.ndim == 1 and rows != 1:
+        if samples.shape == (rows,):
             samples = samples[:, None]
         elif samples.ndim == 3:
             samples = samples.reshape(len(samples), -1)
@@ -174,6 +174,13 @@ class Observation:
             raise InputError(f"observe returned arrays of the shapes {predictions.shape}, "
                              f"{by_q.shape} and {by_p.shape}; values are {data.shape} as data are, "
                              f"and derivatives by q and by p {shape}.")
+        for array, label in ((predictions, "a value"), (by_q, "a derivative by q"),
+                             (by_p, "a derivative by p")):
+            if not np.isfinite(array).all():
+                row = int(np.argwhere(~np.isfinite(array))[0, 0])
+                raise InputError(f"observe returned {label} that is not finite, at the state "
+                                 f"q = {shown(q[row].tolist())}, p = {shown(p[row].tolist())}; "
+                                 "return finite numbers for every state.")
         return Residuals(predictions - data, by_q, by_p, {})
 
 
@@ -234,6 +241,10 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
         if not isinstance(name, str):
             raise InputError(f"observe has {shown(name)}, which is no name; write text.")
         if name not in measurable:
+            if name in ("attitude", "angular_velocity"):  # the first is the default
+                raise InputError(f"observe = {shown(name)} needs a body, and {step.name} has none; "
+                                 f"choose {join_or(measurable)}, or give a function of (q, p) that "
+                                 "returns values and derivatives by q and by p.")
             raise unknown("quantity to observe", name, measurable,
                           "; for a quantity, such as a joint's angle, give a function of (q, p) "
                           "that returns values and derivatives by q and by p")

@@ -174,11 +174,23 @@ def test_a_damping_that_is_none_is_determined(first):
     assert abs(found.parameters["c"]) < 4 * found.sigma["c"] < 1e-5
 
 
+def test_directions_without_effect_take_no_degree_of_freedom():
+    """From rest m moves nothing: deviations are those of a fit of the other parameters."""
+    _, model, run = pendulum()
+    data = run.q[:6] + 1e-3 * np.random.default_rng(3).normal(size=(6, 2))
+    two, three = (fit_pendulum(data, times=run.t[:6], free=free,
+                               start=gs.Start(model.q0, model.p0))
+                  for free in (["l", "g"], ["l", "m", "g"]))
+    assert three.sigma["l"] == pytest.approx(two.sigma["l"], rel=1e-6)
+
+
 def test_fewer_residuals_than_unknowns():
     step, model, run = pendulum()
     found = gs.fit(step, model, run.t[1:2], run.q[1:2], observe="q", dt=0.01,
                    free=["l", "g", "start"])
     assert len(found.undetermined) == 2
+    one = gs.fit(step, model, run.t[1:2], run.q[1:2, 0], observe="x", dt=0.01, free=["l"])
+    assert one.residuals.shape == (1, 1)
 
 
 # ---------------------------------------------------------------- what is observed
@@ -353,7 +365,17 @@ WRONG = [
     ({"dt": "small"}, "dt"),
     ({"observe": lambda q, p: q}, "returned"),
     ({"observe": lambda q, p: (q, q, q)}, r"\(1, 2, 2\)"),
+    ({"observe": "attitude"}, "attitude.*body.*x"),
+    ({"observe": lambda q, p: (np.nan * q, *states(q))}, "value.*finite.*q ="),
+    ({"observe": lambda q, p: (q, np.nan * states(q)[0], states(q)[1])}, "by q.*finite"),
+    ({"observe": lambda q, p: (q, -states(q)[0], states(q)[1])}, "derivatives.*column"),
 ]
+
+
+def states(q):
+    """Return the derivatives of q by q and by p."""
+    by_q = np.tile(np.eye(2), (len(q), 1, 1))
+    return by_q, 0 * by_q
 
 
 @pytest.mark.parametrize(("change", "message"), WRONG,
