@@ -9,7 +9,7 @@ import gyrospark as gs
 from calls import TOP
 from command_line import refused
 from gyrospark.core.registry import MODELS
-from processes import ROOT, python
+from processes import ROOT
 from stores import record
 
 EXAMPLES = ROOT / "examples"
@@ -33,18 +33,6 @@ def test_every_model_runs_by_its_name(name, gyrospark):
     step = gs.stepper("G-L", 2, system=made)
     run = step.integrate(made.start, dt=made.dt, steps=2)
     assert answer.document["q"] == list(run.report.q)
-
-
-def test_a_model_that_ran_needs_no_sympy(gyrospark):
-    """By its name, and by its file."""
-    models = ["double-top", str(PENDULUM)]
-    for model in models:
-        gyrospark("run", model, *TWO, "--steps", "1")
-    code = (f"import sys\nfrom gyrospark.commands import main\nfor model in {models}:\n"
-            f"    sys.argv = ['gyrospark', 'run', model, *{TWO}, '--steps', '1']\n"
-            "    try:\n        main()\n    except SystemExit as end:\n"
-            "        assert end.code == 0\nprint('sympy' in sys.modules)")
-    assert python(code).splitlines()[-1] == "False"
 
 
 def test_scheme_and_stages_have_defaults(gyrospark, generate):

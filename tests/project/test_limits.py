@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import pytest
 
-from gyrospark.generator.pipeline import generate
-from gyrospark.generator.spec import Spec
 from processes import ROOT, call
 from toy import HEADERS
 
@@ -23,15 +21,6 @@ def test_generated_files_hold_what_was_derived():
     assert len(files) == 6
     assert lines(ROOT / "generated" / "heavy_top_gl3_gamma.c") <= 750
     assert max(map(lines, files)) <= 900
-
-
-@pytest.mark.parametrize(("spec", "profile", "most"), [
-    (Spec("G-L", 2, real="float"), "control", 900), (Spec("G-L", 3), "run", 1850)],
-    ids=["control", "run"])
-def test_profiles_are_short_enough_to_be_read_whole(spec, profile, most):
-    source = generate(spec.with_profile(profile)).source
-    assert "gyrospark/" not in source.source.replace("gyrospark 0", "")
-    assert source.source.count("\n") <= most
 
 
 def test_the_engine_has_few_headers_none_of_them_long():

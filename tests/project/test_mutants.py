@@ -5,8 +5,6 @@ from __future__ import annotations
 import ast
 import random
 
-import pytest
-
 import gyrospark
 from mutants import c_places, mutants_of, python_places
 from processes import ROOT
@@ -59,11 +57,9 @@ def test_c_is_changed_where_it_runs():
         ("y[i] = -x[i]*y[1]", "(void)0"), ("g(y)", "(void)0")}
 
 
-@pytest.mark.parametrize("package", [  # Python and C
-    "storage", pytest.param("engine", marks=pytest.mark.slow)])
-def test_each_of_this_project_changes_one_place_and_parses(package):
+def test_each_of_this_project_changes_one_place_and_parses():
     assert ROOT.samefile(gyrospark.__path__[0])
-    mutants = [mutant for place in mutants_of(ROOT, package) for mutant in place]
+    mutants = [mutant for place in mutants_of(ROOT, "storage") for mutant in place]
     assert len(mutants) > 500
     for mutant in random.Random(0).sample(mutants, 60):
         source = (ROOT / mutant.file).read_bytes()

@@ -121,7 +121,7 @@ def applied(title: str, folder: Path) -> Path:
     copy.mkdir()
     for path in ROOT.iterdir():
         if path.name in WANTED:
-            shutil.copytree(path, copy / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(path, copy / path.name)  # with bytecode, which fits its files
         elif path.suffix in (".py", ".pyi") or path.name in ("py.typed", "pyproject.toml"):
             shutil.copy(path, copy)
     for change in RECIPES[title].changes:
