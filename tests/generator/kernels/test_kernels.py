@@ -253,15 +253,11 @@ def runs_of(rep):
 
 
 @pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
-def test_every_kernel_of_the_heavy_top_computes_its_expressions_exactly(rep):
+def test_every_kernel_of_the_heavy_top_computes_its_expressions_exactly_and_is_counted(rep):
     constants, runs = runs_of(rep)
     for kernel, at, found, _, _ in runs:
         for name, value in expected_of(kernel, constants, at).items():
             assert found[name] == Fraction(int(value.p), int(value.q)), (kernel.name, name)
-
-
-@pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
-def test_operation_counts_of_every_kernel_are_those_of_its_text(rep):
     for kernel, _, _, counted, result in runs_of(rep)[1]:
         assert result.operations == without_zeros(counted), kernel.name
         assert result.temporaries == sum(line.startswith("const ") for line in result.lines)
@@ -393,9 +389,6 @@ def test_two_signs_never_meet():
     assert "--" not in printed(-((-root) ** 3))[0]
     assert "--" not in printed(x - (-2 * y))[0]
     assert "--" not in printed(-sp.Mul(-1, x, evaluate=False))[0]
-
-
-def test_two_signs_never_meet_before_a_half_integer_power_of_a_negative():
     r = sp.Symbol("r", real=True)
     assert "--" not in printed(-((-r) ** sp.Rational(3, 2)))[0]
 
@@ -486,14 +479,11 @@ def test_compensation_is_left_out_where_the_terms_are_no_exact_products(e):
 # ---------------------------------------------------------------- kernels, piece by piece
 
 
-def test_common_subexpressions_and_bases_of_powers_are_computed_once():
+def test_common_subexpressions_are_computed_once_and_equal_outputs_copied():
     e = (x + y) ** 2 + (x + y) ** 3 * z
     emitted = emit_kernel(Kernel("f", "", {"v": [x, y, z]}, {"f": e}), Constants(()), DOUBLE)
     assert sum("v[0] + v[1]" in line for line in emitted.lines) == 1
     assert emitted.operations["add"] == 2
-
-
-def test_equal_outputs_are_copied():
     e = x * y + 1
     kernel = Kernel("f", "", {"v": [x, y]}, {"f": [e, e], "g": [[e, x], [x, e]]})
     found, _, emitted = run_kernel(kernel, Constants(()), POINT)

@@ -112,7 +112,7 @@ def test_rotation_matrix_and_quaternion_give_one_attitude(parts):
     assert min(abs(by_matrix - q).max(), abs(by_matrix + q).max()) <= 8 * EPS
 
 
-def test_system():
+def test_a_system_has_its_forces_and_time():
     model = read(SYSTEM)
     x, y = model.system.q
     m, g, length = model.system.parameters
@@ -124,9 +124,6 @@ def test_system():
     assert model.q0.tolist() == [0.5, 0]
     assert model.bodies == {}
     assert (model.dt, model.steps) == (None, None)
-
-
-def test_forces_and_time():
     text = changed(SYSTEM, "constraints =", 'forces = ["-px", "sin(s)"]\ntime = "s"\nconstraints =')
     system = read(text).system
     assert system.time == sp.Symbol("s", real=True)
@@ -404,12 +401,9 @@ def test_mistake_in_bodies_is_named(old, new, fragments):
         assert fragment in str(caught.value), str(caught.value)
 
 
-def test_keywords_of_c_are_no_symbols():
+def test_keywords_of_c_are_no_symbols_and_a_system_has_no_rep():
     with pytest.raises(InputError, match=r"'int'.*keyword"):
         read(SYSTEM.replace('"y"', '"int"').replace("g*y", "g*int").replace("y**2 -", "int**2 -"))
-
-
-def test_rep_belongs_to_bodies():
     with pytest.raises(InputError, match="leave"):
         read(SYSTEM, "gamma")
 

@@ -103,30 +103,6 @@ def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
     assert np.abs(one.q0[11:] - (at - rotation_matrix(qb) @ on_b)).max() <= 64 * EPS
 
 
-def test_parameters_make_equal_forms():
-    """In a chain every joint reads the same up to the names."""
-    model = gs.models.chain(3)
-    def anonymous(g, i):
-        text = str(g)
-        for new, old in ((f"b{i - 1}_", "above_"), (f"b{i}_", "own_"), (f"j{i}_", "joint_")):
-            text = text.replace(new, old)
-        return sorted(text.replace("above", "x").replace("own", "y"))
-    second, third = (model.system.constraints[k : k + 4] for k in (4, 8))
-    for two, three in zip(second, third, strict=True):
-        assert anonymous(two, 1) == anonymous(three, 2)
-
-
-def test_chain_is_block_tridiagonal():
-    """Every constraint meets those of its own body and of the two beside it only."""
-    model = gs.models.chain(5)
-    numeric = NumericSystem(model.system, model.parameters)
-    W = numeric.W(model.q0, model.p0, numeric.G(model.q0))
-    blocks = np.abs(W).reshape(5, 4, 5, 4).max(axis=(1, 3)) > 0
-    i, j = np.nonzero(blocks)
-    assert np.abs(i - j).max() == 1
-    assert model.system.n == 35
-
-
 def test_springs_forces_and_expressions():
     build = gs.Multibody("sprung", gravity=(0, 0, 0))
     a = build.body("a", mass=2.0, inertia=INERTIA, position=(0, 0, 1), velocity=(1, 0, 0),
@@ -225,15 +201,12 @@ def test_length_of_an_axis_does_not_matter(length):
     np.testing.assert_allclose(starts[1], starts[0], rtol=4 * EPS, atol=4 * EPS)
 
 
-def test_start_beyond_the_doubles_is_refused():
+def test_empty_builders_and_starts_beyond_the_doubles_are_refused():
     build = gs.Multibody("comet")
     body = build.body("a", mass=1, inertia=INERTIA, position=(1e200, 0, 0))
     build.revolute("hinge", build.ground, body, at=(0, 0, 0), axis=(0, 0, 1), rate=1e200)
     with pytest.raises(gs.InputError, match=r"'comet'.*doubles"):
         build.model()
-
-
-def test_empty_builder_is_refused():
     with pytest.raises(gs.InputError, match="no body"):
         gs.Multibody("empty").model()
 

@@ -91,7 +91,6 @@ def along(matrix, direction):
                                                                          strict=True)))
 
 
-
 def test_the_prover_itself_rejects_what_is_false():
     assert not on_manifold(Q.dot(Q))
     assert not on_manifold(q[0] * p[0])
@@ -102,33 +101,24 @@ def test_the_prover_itself_rejects_what_is_false():
 # ---------------------------------------------------------------- section 2: L and R
 
 
-def test_9_L_q_vanishes_and_L_is_antisymmetric_in_its_two_vectors():
+def test_9_10_11_L_is_antisymmetric_in_its_vectors_and_has_L_LT_and_LT_L_for_unit_q():
     assert vanishes(L * Q)
     assert vanishes(L * V + left_matrix(v) * Q)
     assert vanishes(left_matrix(v) * V)
-
-
-def test_10_L_LT_is_the_square_of_q_times_one_and_one_for_unit_q():
     assert vanishes(L * L.T - Q.dot(Q) * ONE3)
     assert not vanishes(L * L.T - ONE3)  # erratum 2: the printed form needs |q| = 1
     assert vanishes_on([UNIT], L * L.T - ONE3)
-
-
-def test_11_LT_L_is_the_square_of_q_times_one_minus_q_qT_and_reduced_for_unit_q():
     assert vanishes(L.T * L - Q.dot(Q) * ONE4 + Q * Q.T)
     assert not vanishes(L.T * L - ONE4 + Q * Q.T)
     assert vanishes_on([UNIT], L.T * L - ONE4 + Q * Q.T)
 
 
-def test_3_R_is_orthogonal_with_determinant_one_for_unit_q():
+def test_3_R_is_the_rotation_x_to_q_x_conjugate_q_with_determinant_one_for_unit_q():
     assert vanishes(R * R.T - Q.dot(Q) ** 2 * ONE3)
     assert vanishes(R.T * R - Q.dot(Q) ** 2 * ONE3)
     assert vanishes(R.det(method="berkowitz") - Q.dot(Q) ** 3)
     assert vanishes_on([UNIT], R * R.T - ONE3)
     assert vanishes_on([UNIT], R.det(method="berkowitz") - 1)
-
-
-def test_3_R_is_the_rotation_x_to_q_x_conjugate_q():
     def product(s, t):
         return [
             s[0] * t[0] - s[1] * t[1] - s[2] * t[2] - s[3] * t[3],
@@ -154,14 +144,11 @@ def test_5_to_8_Rdot_is_R_Omega_hat_with_Omega_2_L_qdot_so_R_maps_body_to_space(
 # ---------------------------------------------------------------- (14)-(21): momentum
 
 
-def test_19_l_is_half_L_q_p_and_minus_half_L_p_q():
+def test_19_20_l_and_the_legendre_transform_of_14():
     momentum = 4 * L.T * J * L * V
     assert vanishes_on([UNIT], J * (2 * L * V) - L * momentum / 2)
     assert vanishes(L * P + LP * Q)
     assert vanishes(sp.Matrix(double_momentum(q, p)) - L * P)
-
-
-def test_20_is_the_legendre_transform_of_14():
     momentum = 4 * L.T * J * L * V
     T = (2 * V.T * L.T * J * L * V)[0]
     assert vanishes(momentum.dot(V) - T - T)  # pᵀq̇ − T = T
@@ -174,9 +161,6 @@ def test_20_is_the_legendre_transform_of_14():
     w = 4 * square * J * u
     hamiltonian = sum(x**2 / Ii for x, Ii in zip(w, moments, strict=True)) / 8
     assert sp.expand(hamiltonian - square**2 * 2 * (u.T * J * u)[0]) == 0  # |q|⁴ T
-
-
-def test_20_original_kinetic_energy_in_matrix_form():
     assert vanishes(kinetic_energy("original") - (P.T * L.T * J_INVERSE * L * P)[0] / 8)
 
 
@@ -188,7 +172,7 @@ FORMS = {
 
 
 @pytest.mark.parametrize("rep", FORMS)
-def test_21_23_27_hamiltons_equations_are_the_derivatives_of_H(rep):
+def test_21_23_27_hamiltons_equations_and_their_derivatives_are_those_of_H(rep):
     D, q_qT, p_pT, square = FORMS[rep]
     top = heavy_top(rep)
     H_p = (L.T * D * L * P + q_qT * P + square * P) / 4
@@ -196,10 +180,6 @@ def test_21_23_27_hamiltons_equations_are_the_derivatives_of_H(rep):
     assert vanishes(sp.Matrix(top.H_p) - H_p)
     assert vanishes(sp.Matrix(top.H_q) - H_q)
     assert [[2 * x for x in q]] == top.G  # the force −2λq
-
-
-@pytest.mark.parametrize("rep", FORMS)
-def test_second_derivatives_of_H_are_those_of_21_23_27(rep):
     D, q_qT, p_pT, square = FORMS[rep]
     top = heavy_top(rep)
     assert vanishes(sp.Matrix(top.H_pp) - (L.T * D * L + q_qT + square) / 4)
@@ -211,20 +191,14 @@ def test_second_derivatives_of_H_are_those_of_21_23_27(rep):
 # ---------------------------------------------------------------- section 3.1: α and γ
 
 
-def test_22_alpha_type_in_matrix_form_and_equal_to_20_on_the_manifold():
+def test_22_26_28_types_equal_20_on_the_manifold_and_differ_by_a_multiple_of_the_constraint():
     extra = kinetic_energy("alpha") - kinetic_energy("original")
     assert vanishes(extra - P.dot(Q) ** 2 / alpha / 8)
     assert on_manifold(extra)
-
-
-def test_26_gamma_type_in_matrix_form_and_equal_to_20_on_the_manifold():
     D = J_INVERSE - ONE3 / gamma
     assert vanishes(kinetic_energy("gamma") - P.dot(P) / gamma / 8
                     - (P.T * L.T * D * L * P)[0] / 8)
     assert on_manifold(kinetic_energy("gamma") - kinetic_energy("original"))
-
-
-def test_28_gamma_and_alpha_types_differ_by_a_multiple_of_the_constraint():
     difference = kinetic_energy("gamma") - kinetic_energy("alpha").subs(alpha, gamma)
     assert vanishes(difference + UNIT * P.dot(P) / gamma / 8)
     assert vanishes_on([UNIT], difference)
@@ -247,19 +221,13 @@ def intercept():
     return (DELTA_L.T * J_INVERSE * L_NOW)[0] + (DELTA_L.T * J_INVERSE * DELTA_L)[0] / 2
 
 
-def test_36_intercept_is_the_error_of_the_original_kinetic_energy():
+def test_34_to_38_energy_errors_are_the_intercept_and_k_over_gamma_or_alpha():
     error = kinetic_energy("original", MOVED_Q, MOVED_P) - kinetic_energy("original")
     assert vanishes(error - intercept())
-
-
-def test_34_35_energy_error_of_gamma_type_is_k_s_over_gamma_plus_intercept():
     moved = kinetic_energy("gamma", MOVED_Q, MOVED_P)
     # exactly, with (20) in place of T on the manifold, which 26 proves equal:
     assert vanishes(moved - kinetic_energy("original") - K_S / gamma - intercept())
     assert on_manifold(kinetic_energy("gamma") - kinetic_energy("original"))
-
-
-def test_37_38_energy_error_of_alpha_type_is_k_a_over_alpha_plus_intercept():
     moved = kinetic_energy("alpha", MOVED_Q, MOVED_P)
     assert vanishes(moved - kinetic_energy("original") - K_A / alpha - intercept())
     assert on_manifold(kinetic_energy("alpha") - kinetic_energy("original"))
@@ -287,15 +255,12 @@ def test_original_type_is_singular_so_that_no_multiplier_can_act_on_qT_p():
     system = heavy_top("original")
     assert vanishes(sp.Matrix(system.H_pp) * Q)
     assert vanishes(sp.Matrix(system.G) * sp.Matrix(system.H_p))
-
-
-def test_hidden_constraint_that_vanishes_identically_is_zero():
     assert heavy_top("original").hidden == [0]
 
 
 @pytest.mark.parametrize("rep", ["alpha", "gamma"])
 def test_hamiltons_equations_are_eulers_equations_with_the_moment_of_gravity(rep):
-    """l̇ = l × Ω + e₃ × (−mgl Rᵀe_z) for every multiplier, on the manifold."""
+    """l̇ = l × Ω + e₃ × (−mgl Rᵀe_z) for every multiplier; q̇ gives Ω = J⁻¹l."""
     top = heavy_top(rep)
     force = sp.Symbol("lam")
     q_rate = sp.Matrix(top.H_p)
@@ -304,10 +269,6 @@ def test_hamiltons_equations_are_eulers_equations_with_the_moment_of_gravity(rep
     rate = (left_matrix(list(q_rate)) * P + L * p_rate) / 2
     moment = sp.Matrix([0, 0, 1]).cross(-mgl * R[2, :].T)
     assert on_manifold(rate - angular.cross(J_INVERSE * angular) - moment)
-
-
-@pytest.mark.parametrize("rep", ["alpha", "gamma"])
-def test_velocity_of_both_types_is_tangent_and_gives_Omega_as_J_inverse_l(rep):
     q_rate = sp.Matrix(heavy_top(rep).H_p)
     assert on_manifold(Q.dot(q_rate))
     assert on_manifold(2 * L * q_rate - J_INVERSE * L * P / 2)
@@ -327,12 +288,9 @@ def test_systems_are_unit_quaternions_with_the_parameters_of_their_energy(system
     assert system.H.free_symbols == {*q, *p, *parameters}
 
 
-def test_free_body_is_the_heavy_top_without_weight():
+def test_free_body_is_the_heavy_top_without_weight_and_T_takes_other_states_and_moments():
     for rep in ("alpha", "gamma"):
         assert vanishes(heavy_top(rep).H.subs(mgl, 0) - free_body(rep).H)
-
-
-def test_kinetic_energy_takes_other_states_and_moments():
     swapped = kinetic_energy("gamma", p, q, a)
     there = dict(zip((*q, *p, *moments), (*p, *q, *a), strict=True))
     assert vanishes(swapped - kinetic_energy("gamma").xreplace(there))

@@ -20,7 +20,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from c_programs import STRICT, run, write
+from c_programs import run
 from compilers import compiler
 from gyrospark.core.errors import InputError
 from gyrospark.generator.pipeline import generate
@@ -141,12 +141,14 @@ def test_derivative_at_the_kink_is_a_mean_or_that_of_a_side(e, at_zero):
         ours(found, {x: Fraction(0)}) == 0
 
 
-def test_roots_of_what_rests_at_zero_do_not_move():
-    """√max(0, x) has the derivative 0 at x < 0, not 0/0; in the second derivative too."""
+def test_roots_that_rest_at_zero_do_not_move_and_pieces_that_cover_the_line_need_no_true():
     for e in (sp.sqrt(sp.Max(0, x)), sp.Max(0, x) ** Q(3, 2), (k * sp.Max(0, x)) ** Q(1, 3)):
         first = derivative(as_switches(e), x)
         for d in (first, derivative(first, x)):
             assert ours(d, {x: Fraction(-1), k: Fraction(2)}) == 0
+    for e in (P((0, x <= 0), (x, x > 0)), P((0, x < 0), (x, (x >= 0) & (x < 1)), (1, x >= 1))):
+        found = as_switches(e)
+        assert [ours(found, {x: Fraction(p)}) for p in (-1, 0.5)] == [0, 0.5]
 
 
 @pytest.mark.parametrize(("e", "reason"), [
@@ -160,12 +162,6 @@ def test_roots_of_what_rests_at_zero_do_not_move():
 def test_what_is_no_expression_is_refused(e, reason):
     with pytest.raises(InputError, match=reason):
         gs.System((x,), (u,), (k,), u**2 / 2, forces=(e,))
-
-
-def test_a_piecewise_that_covers_the_line_needs_no_true():
-    for e in (P((0, x <= 0), (x, x > 0)), P((0, x < 0), (x, (x >= 0) & (x < 1)), (1, x >= 1))):
-        found = as_switches(e)
-        assert [ours(found, {x: Fraction(p)}) for p in (-1, 0.5)] == [0, 0.5]
 
 
 def test_symbols_are_real_numbers_declared_or_not():
@@ -250,59 +246,6 @@ def test_lanes_take_their_own_sides():
         # other starting values end at other roundings, which kinks spread: ten times an ulp of q
         # for each of the 60 steps
         assert np.abs(alone.q - many.q[i]).max() <= 60 * 10 * 2.0**-52 * np.abs(alone.q).max()
-
-
-MAIN = r"""
-#include <stdio.h>
-#include <stdlib.h>
-#include "NAME.h"
-
-enum { COUNT = 5 };
-
-int main(void)
-{
-    const NAME_options options = { .tolerance = 0, .max_iterations = 50 };
-    NAME_work *work = malloc(NAME_work_size());
-    static NAME_batch batch;
-    for (int from = 0; from < COUNT; from += NAME_lanes()) {
-        const int rest = COUNT - from, count = rest < NAME_lanes() ? rest : NAME_lanes();
-        NAME_parameters par[COUNT];
-        NAME_report reports[COUNT] = { { 0 } };
-        double q[2*COUNT], p[2*COUNT], dt[COUNT];
-        int status[COUNT] = { 0 };
-        for (int i = 0; i < count; ++i) {
-            par[i] = (NAME_parameters){ .k = 1.5, .a = 0.75, .t = 0 };
-            q[2*i] = 0.9*(from + i) - 2;
-            q[2*i + 1] = 1.7 - 0.8*(from + i);
-            p[2*i] = 1 - 0.5*(from + i);
-            p[2*i + 1] = -0.3;
-            dt[i] = 0.01;
-        }
-        NAME_integrate_lanes(count, par, &options, dt, 120, 120, 0, q, p, NULL, NULL, NULL, NULL,
-                             NULL, reports, status, &batch, work);
-        for (int i = 0; i < count; ++i)
-            printf("%d %a %a %a %a\n", status[i], q[2*i], q[2*i + 1], p[2*i], p[2*i + 1]);
-    }
-    return 0;
-}
-"""
-
-
-@pytest.mark.slow  # three compilations; the top's is quick
-@pytest.mark.parametrize("name", ["gcc", "clang"])
-def test_lanes_of_any_width_give_the_same_bits(name, tmp_path):
-    """Plain numbers, the baseline of the machine, and all it has; no warning in any of them."""
-    command = compiler(name)
-    source = generate(Spec.from_arguments("IMS"), system=FORCED).source
-    write({**source.files(), "main.c": MAIN.replace("NAME", source.name)}, tmp_path)
-    native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
-    found = {}
-    for label, flags in (("plain", ["-DGYROSPARK_PLAIN"]), ("baseline", []), ("native", [native])):
-        run([*command, *STRICT, "-O0", "-ffp-contract=off", *flags, "main.c", f"{source.name}.c",
-             "-lm", "-o", label], tmp_path)
-        found[label] = run([tmp_path / label], tmp_path)
-    assert re.fullmatch(r"(0( \S+){4}\n){5}", found["plain"])
-    assert found["plain"] == found["baseline"] == found["native"]
 
 
 def test_lanes_have_no_branch(tmp_path):

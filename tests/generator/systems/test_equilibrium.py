@@ -38,22 +38,15 @@ def test_a_hanging_chain_of_rods():
 
 
 def test_the_stable_one_of_two_is_found():
-    """A pendulum that starts a little off its upper equilibrium, or far off its circle, hangs."""
+    """A pendulum hangs that starts off its upper equilibrium, very close to it, or off its circle.
+    """
     system = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1],
                        [q[0]**2 + q[1]**2 - 1], name="pendulum")
-    for start in ([0.1, np.sqrt(0.99)], [1.2, -1.6], [-5.0, 3.0], [0.01, 0.2]):
+    for start in ([0.1, np.sqrt(0.99)], [1.2, -1.6], [-5.0, 3.0], [0.01, 0.2],
+                  *([beside, 1.0] for beside in (1e-3, 1e-6, 1e-9, 1e-12))):
         found, force = equilibrium(system, {"g": 2.0}, np.array(start))
         assert np.abs(found - [0, -1]).max() <= 8 * EPS
         assert force == pytest.approx([1.0], abs=8 * EPS)  # g + 2 λ y = 0
-
-
-@pytest.mark.parametrize("beside", [1e-3, 1e-6, 1e-9, 1e-12])
-def test_a_start_close_to_an_unstable_equilibrium(beside):
-    """A pendulum next to its upper equilibrium, where forces grow on the way to the lower one."""
-    system = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1],
-                       [q[0]**2 + q[1]**2 - 1], name="pendulum")
-    rest, _ = equilibrium(system, {"g": 2.0}, np.array([beside, 1.0]))
-    assert np.abs(rest - [0, -1]).max() <= 8 * EPS
 
 
 @pytest.mark.parametrize("soft", [1e-4, 1e-8])

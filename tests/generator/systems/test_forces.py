@@ -10,8 +10,6 @@ import gyrospark as gs
 from gyrospark.generator.multibody.rigid_body import free_body
 from gyrospark.generator.schemes.fast_path import FastSystem
 from gyrospark.generator.schemes.step_equations import hoist_constants
-from gyrospark.generator.systems.repeated_structure import Structure
-from structured_systems import beads
 from systems import case, start, stepper
 
 x, y, u, v, tau = sp.symbols("x y u v tau", real=True)
@@ -63,14 +61,6 @@ def test_nothing_is_shared_across_places():
     timed = gs.System((x, y), (u, v), (), kinetic + swirl**2 * x, circle,
                       forces=(tau * y + swirl * (u - tau), 0), time=tau)
     assert all(tau not in u.free_symbols for u in FastSystem(timed).shared_sums)
-
-
-def test_cost_of_damping_grows_with_the_length():
-    """Twice the chain has the same forms, and a band as wide."""
-    short, long = (Structure(hoist_constants(beads(links))[0]) for links in (3, 6))
-    assert len(short.force_templates) == len(long.force_templates)
-    assert [len(form.expressions) for form in short.force_templates] == [
-        len(form.expressions) for form in long.force_templates]
 
 
 def test_time_at_a_failure():

@@ -94,20 +94,6 @@ def test_shapes(name, scheme, stages):
         run.axis()
 
 
-@pytest.mark.parametrize("name", ["pendulum", "runner"])
-def test_project(name):
-    """A state off the constraints is refused, and accepted once projected."""
-    step, example = stepper_for(name, "G-L", 2), EXAMPLES[name]
-    run = {"dt": 0.01, "parameters": example.parameters}
-    with pytest.raises(gs.InputError, match="constraints"):
-        step.step(example.q, example.p, **run)
-    q, p = step.project(example.q, example.p, parameters=example.parameters)
-    equations = example.by_hand(float)
-    assert largest(equations.g(q)) <= 16 * EPS
-    assert largest(equations.G(q) @ equations.H_p(q, p)) <= 32 * EPS * largest(p)
-    step.step(q, p, **run)
-
-
 @pytest.mark.parametrize("dt", [0.1, 0.01])
 def test_redundant_constraints_fail_clearly(dt):
     """A constraint given twice leaves its multipliers undetermined: a clear failure, or the step.

@@ -223,22 +223,15 @@ def test_what_cancels_is_not_written_and_nothing_has_two_names(factors):
     assert not any(e.has(sp.sin) for _, e in made.shared)
 
 
-def test_an_l_that_is_quadratic_though_it_is_no_polynomial():
-    """Its degree is not seen from the outside: its derivatives are looked at."""
+def test_degrees_zeros_of_m_and_names_of_momenta():
     v, w = sp.symbols("v w", real=True)
     x, y = sp.symbols("x y", real=True)
     L = sp.exp(2 * sp.log(1 + v**2) / 2) + w**2 * (1 + x**2) / 2
     system = gs.System.from_lagrangian(L, [x, y], [v, w], [])
     assert system.mass[0, 0].subs(v, 0) == 2
-
-
-def test_zeros_of_the_mass_matrix_are_not_touched():
     system = bead()
     assert system.elimination.entries == 4  # three on the diagonal, r with z
     assert system.elimination.products == 1
-
-
-def test_a_momentum_takes_a_name_that_is_free():
     x, v, stiffness = sp.symbols("x v p_x", real=True)
     system = gs.System.from_lagrangian(v**2 / 2 - stiffness * x**2, [x], [v], [stiffness])
     assert [str(p) for p in system.p] == ["p_x_"]

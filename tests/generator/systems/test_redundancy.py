@@ -37,7 +37,7 @@ SQUARE = [(0, 0), (0.1, 0.4), (0.9, 0.8), (1.0, 0.0)]
 
 
 def test_closed_loop_names_three_to_leave_out():
-    """Grübler: 4·5 equations on 3·6 freedoms, mobility 1, hence 20 − 17 = 3 too many."""
+    """Grübler: 4·5 equations on 3·6 freedoms, mobility 1, hence 20 − 17 = 3 too many; open none."""
     with pytest.raises(gs.InputError, match=r"3 of the 23 .*'linkage'") as caught:
         four_bar(SQUARE).model()
     message = str(caught.value)
@@ -49,9 +49,6 @@ def test_closed_loop_names_three_to_leave_out():
     assert (model.system.n, model.system.m) == (21, 20)
     with pytest.raises(gs.InputError, match="1 of the 21 "):
         four_bar(SQUARE).model(without=to_remove[:2])
-
-
-def test_open_chain_passes():
     assert four_bar(SQUARE, closed=False).model().system.m == 18
 
 
@@ -107,14 +104,11 @@ def test_dependence_on_the_manifold_only():
         refuse_redundant_anywhere(system(SPHERE, plane, SPHERE * plane + SPHERE))
 
 
-def test_contradicting_constraints_are_named_before_they_are_counted():
+def test_contradicting_constraints_and_constants_are_named_before_they_are_counted():
     for names, constraints in ((("one", "two"), (x - 1, x - 2)), (("k", "two"), (x - k, x - 2))):
         with pytest.raises(gs.InputError, match=r"'two'.*contradict"):
             gs.System((x,), (sp.Symbol("u", real=True),), (k,), sp.Symbol("u", real=True)**2 / 2,
                       constraints, constraint_names=names)
-
-
-def test_contradiction_and_constants():
     with pytest.raises(gs.InputError, match=r"'g0', 'g1'.*contradict"):
         refuse_redundant_anywhere(system(SPHERE, SPHERE - 1))
     with pytest.raises(gs.InputError, match=r"'g1'.*always"):
@@ -153,13 +147,10 @@ def test_what_varies_is_not_multiplied_out(monkeypatch):
     redundant_constraints.refuse_constant("s", [long], ["g0"])
 
 
-def test_a_constraint_on_a_parameter_is_refused_as_one():
+def test_constraints_on_parameters_and_greek_symbols_are_refused():
     x, px, k = sp.symbols("x px k", real=True)
     with pytest.raises(gs.InputError, match=r"'g0'.*k - 1 = 0.*coordinate"):
         gs.stepper("G-L", 2, system=gs.System((x,), (px,), (k,), px**2 / 2 + x, (k - 1,)))
-
-
-def test_greek_symbols_are_spelled_out():
     angle = sp.Symbol("α_1", real=True)
     with pytest.raises(gs.InputError, match=r"'α_1'.*Symbol\('alpha_1'\)"):
         gs.System((angle,), (a,), (), a**2 / 2)

@@ -103,15 +103,12 @@ def test_plain_numbers_are_expressions(changes):
 # ---------------------------------------------------------------- what it holds
 
 
-def test_sequences_become_tuples_and_the_system_is_frozen():
+def test_sequences_become_tuples_and_parts_without_constraints_are_empty():
     made = system(q=list(q), p=list(p), parameters=[m, grav], constraints=[x**2 - 1])
     assert (made.q, made.p, made.parameters, made.constraints) == (q, p, (m, grav), (x**2 - 1,))
     assert (made.n, made.m, made.rigid_body) == (3, 1, False)
     with pytest.raises(dataclasses.FrozenInstanceError):
         made.name = "other"
-
-
-def test_system_without_constraints_has_empty_constraint_parts():
     made = system(constraints=())
     assert (made.m, made.G, made.hidden, made.hidden_matrix) == (0, [], [], [])
     assert made.curvature([]) == [[0] * 3] * 3
@@ -153,21 +150,15 @@ def test_hessians_hold_the_same_object_on_both_sides_of_the_diagonal():
             assert all(H[i][j] is H[j][i] for i in range(made.n) for j in range(made.n))
 
 
-def test_symmetric_jacobian_is_the_jacobian_of_a_gradient():
+def test_jacobians_are_symmetric_and_curvature_is_the_derivative_of_GT_lambda_by_q():
     f = x**3 * y**2 + sp.exp(x * y * z)
     grad = gradient(f, q)
     assert sp.simplify(sp.Matrix(symmetric_jacobian(grad, q)) - sp.hessian(f, q)) == sp.zeros(3)
     assert sp.simplify(sp.Matrix(jacobian(grad, q)) - sp.hessian(f, q)) == sp.zeros(3)
-
-
-def test_curvature_is_the_derivative_of_GT_lambda_by_q():
     made = system(constraints=(x**2 * y - z, sp.sin(x * z)))
     lam = sp.symbols("l0:2")
     force = sp.Matrix(made.G).T * sp.Matrix(lam)
     assert sp.simplify(sp.Matrix(made.curvature(lam)) - force.jacobian(q)) == sp.zeros(3)
-
-
-def test_curvature_needs_one_multiplier_a_constraint():
     with pytest.raises(ValueError, match="longer than"):
         system().curvature([])
 
@@ -198,11 +189,15 @@ def test_hidden_matrix_is_the_derivative_of_hidden_along_GT():
         assert sp.expand(W - sp.Matrix(made.hidden_matrix)) == sp.zeros(made.m)
 
 
-def test_factor_that_is_constant_on_the_constraint_is_dropped():
+def test_factors_that_are_constants_are_dropped_unless_they_may_be_zero():
     radius = x**2 + y**2 + z**2
     made = system(H=radius * (px**2 + py**2 + pz**2) / (2 * m), constraints=(radius - c,),
                   parameters=(m, c))
     assert [sp.expand(f) for f in made.hidden] == [px * x + py * y + pz * z]
+    radius, k = x**2 + y**2 + z**2, sp.Symbol("k", real=True)
+    made = system(H=radius * (px**2 + py**2 + pz**2), constraints=(radius - k,), parameters=(k,))
+    assert made.hidden[0].has(x**2)
+    assert system(H=px**2, constraints=(z,)).hidden == [0]
 
 
 @pytest.mark.parametrize(("kinetic", "parameters", "factor"), [
@@ -214,16 +209,6 @@ def test_factor_that_is_constant_on_the_constraint_is_dropped():
 def test_factor_that_may_vanish_is_kept(kinetic, parameters, factor):
     made = system(H=kinetic, constraints=(x,), parameters=parameters)
     assert sp.expand(made.hidden[0] - factor * px) == 0
-
-
-def test_factor_is_kept_when_its_constant_on_the_constraint_may_be_zero():
-    radius, k = x**2 + y**2 + z**2, sp.Symbol("k", real=True)
-    made = system(H=radius * (px**2 + py**2 + pz**2), constraints=(radius - k,), parameters=(k,))
-    assert made.hidden[0].has(x**2)
-
-
-def test_constraint_along_which_nothing_moves_has_the_hidden_constraint_zero():
-    assert system(H=px**2, constraints=(z,)).hidden == [0]
 
 
 @pytest.mark.parametrize(("e", "short"), [
@@ -314,9 +299,6 @@ def test_constants_are_numbered_in_order_of_appearance_and_parameters_keep_their
     assert sorted(map(str, e.free_symbols)) == ["k0", "k1", "x", "y"]
     assert constants.hoist(3 * m) == 3 * m
     assert set(constants.names().values()) == {"c->m", "c->c", "c->k0", "c->k1"}
-
-
-def test_parameter_may_be_called_like_a_constant():
     k0 = sp.Symbol("k0", real=True)
     made = system(H=sp.sqrt(m) * px**2 + k0 * x**2, parameters=(m, k0))
     reduced, constants = hoist_constants(made)

@@ -258,16 +258,13 @@ def test_undetermined_multipliers_are_refused(nodes: Any, written: Any) -> None:
         gs.stepper(tableau=path)
 
 
-def test_verify_ends_where_no_step_can_be_taken(written: Any) -> None:
+def test_undetermined_multipliers_matter_with_constraints_alone(written: Any) -> None:
     path = written(on_nodes("singular", *SINGULAR["a constraint node without weight"]))
     broken = {line.name: line
               for line in verify_stepper(Spec.from_arguments(tableau=path)).conditions
               if not line.holds}
     assert broken.keys() == {"multipliers", "order, measured"}
     assert "singular" in broken["order, measured"].found
-
-
-def test_undetermined_multipliers_do_not_matter_without_constraints(written: Any) -> None:
     path = written(on_nodes("singular", *SINGULAR["a constraint node without weight"]))
     spring = systems.case("oscillator").system
     assert generate(Spec.from_arguments(tableau=path),
@@ -286,16 +283,13 @@ def test_several_violations_are_all_named(written: Any) -> None:
         gs.stepper(tableau=written(table))
 
 
-def test_remarks_name_what_limits_the_order() -> None:
+def test_remarks_name_what_limits_the_order_in_manifests_of_given_tableaux_only() -> None:
     limited, = remarks(read_tableau(FOLDER / "gauss_3_2.json"))
     assert re.search(r"order 4 .*order 6.* B̃, C̃\(1\)", limited)
     assert remarks(read_tableau(FOLDER / "lobatto_iiid_3.json")) == []
     plain = remarks(read_tableau(FOLDER / "radau_plain_2.json"))
     assert re.search(r"symplectic.*b_i â_ij \+ b̂_j a_ji = b_i b̂_j; residual 0\.", plain[0])
     assert plain[1].startswith("not symmetric")
-
-
-def test_remarks_are_in_the_manifest_of_given_tableaux_only() -> None:
     path = FOLDER / "radau_plain_2.json"
     about = json.loads(generate(Spec.from_arguments(tableau=path)).source.manifest)["tableau"]
     assert about["remarks"] == remarks(read_tableau(path))

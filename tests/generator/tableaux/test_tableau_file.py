@@ -123,22 +123,19 @@ def test_every_rounding_of_all_entries_is_allowed(read: Any, way: Any) -> None:
     assert failed(read(content | {key: cut(content[key]) for key in FIELDS})) == []
 
 
-def test_decimals_are_exact(read: Any) -> None:
+def test_decimals_are_exact_and_short_ones_leave_the_tableau_exact(read: Any) -> None:
     content = example()
     content["A"][0][0] = 0.25
     tableau = read(json.dumps(content).replace('"1/4 - sqrt(3)/6"', "-0.038675134594812882254"))
     assert tableau.A[0] == (sp.Rational(1, 4), sp.Rational("-0.038675134594812882254"))
     assert tableau.decimal_digits == 21
     assert failed(tableau) == []
-
-
-def test_short_decimals_leave_the_tableau_exact(read: Any) -> None:
     content = example()
     content["A"][0][0], content["b"] = 0.25, ["0.5", 0.5]
     assert read(content).decimal_digits is None
 
 
-def test_parts_left_out(read: Any) -> None:
+def test_parts_may_be_left_out_and_A_hat_and_b_hat_are_read(read: Any) -> None:
     content = example()
     for key in ("c", "c_tilde", "order", "symmetric"):
         del content[key]
@@ -149,9 +146,6 @@ def test_parts_left_out(read: Any) -> None:
     assert tableau.c == gauss_lobatto(2).c
     assert tableau.c_tilde == gauss_lobatto(2).c_tilde
     assert failed(tableau) == []
-
-
-def test_a_hat_and_b_hat_are_read(read: Any) -> None:
     content = example()
     content["A_hat"] = [[1, 2], [3, 4]]
     content["b_hat"] = ["1/3", "2/3"]
@@ -169,27 +163,18 @@ def test_a_perturbed_tableau_is_refuted(read: Any, key: str, row: int, condition
     assert condition in failed(read(content))
 
 
-def test_a_perturbed_decimal_tableau_is_refuted(read: Any) -> None:
+def test_perturbed_decimals_and_wrong_claims_are_refuted(read: Any) -> None:
     content = content_of(gauss_lobatto(3), 20)
     content["A"][1][0] = str(sp.Rational(content["A"][1][0]) + sp.Rational(1, 10**15))
     assert "symplectic, forces" in failed(read(content))
-
-
-def test_wrong_claims_are_refuted(read: Any) -> None:
     assert failed(read(example() | {"order": 5})) == ["order"]
 
 
-def test_confluent_nodes_are_allowed(read: Any) -> None:
+def test_confluent_nodes_a_byte_order_mark_32_stages_and_order_100_are_allowed(read: Any) -> None:
     content = example()
     content["c"] = ["1/2", "1/2"]
     assert "C" in failed(read(content))
-
-
-def test_byte_order_mark_is_allowed(read: Any) -> None:
     assert read(b"\xef\xbb\xbf" + EXAMPLE.read_bytes()).s == 2
-
-
-def test_32_stages_and_order_100_are_allowed(read: Any) -> None:
     tableau = read(filled())
     assert (tableau.s, tableau.p) == (32, 32)
     assert read(example() | {"order": 100}).claims["order"] == 100
