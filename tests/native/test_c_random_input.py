@@ -345,8 +345,7 @@ def test_sanitizers_find_nothing_in_random_calls(name, compiler_name, tmp_path):
 # ---------------------------------------------------------------- valgrind
 
 #: Uninitialised memory decides nothing, nothing is read or written outside, nothing is left.
-VALGRIND = ["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full",
-            "--track-origins=yes"]
+VALGRIND = ["valgrind", "--quiet", "--error-exitcode=9", "--leak-check=full", "--track-origins=yes"]
 
 needs_valgrind = pytest.mark.skipif(shutil.which("valgrind") is None,
                                     reason="valgrind is not installed")

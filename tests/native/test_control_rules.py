@@ -75,8 +75,7 @@ def test_deviations_from_misra_are_those_of_the_page(written):
 def test_analyzers_find_nothing(written):
     name, _, folder = written
     assert "warning" not in run(folder, "clang", "--analyze", "-std=c11", f"{name}.c")
-    said = run(folder, "clang-tidy", "--quiet", f"--checks={CHECKS}", f"{name}.c", "--",
-               "-std=c11")
+    said = run(folder, "clang-tidy", "--quiet", f"--checks={CHECKS}", f"{name}.c", "--", "-std=c11")
     assert "warning:" not in said
 
 

@@ -50,8 +50,7 @@ def test_temporaries_of_a_system_are_those_of_sympy(name):
 @settings(max_examples=25, derandomize=True)
 @given(expressions, st.booleans())
 def test_definitions_give_the_expressions_back(e, sort):
-    definitions, reduced = common_subexpressions(
-        e, sp.numbered_symbols("_t", real=True), sort=sort)
+    definitions, reduced = common_subexpressions(e, sp.numbered_symbols("_t", real=True), sort=sort)
     known = {}
     for symbol, definition in definitions:
         known[symbol] = substitute([definition], known)[0]

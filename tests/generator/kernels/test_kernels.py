@@ -24,11 +24,7 @@ from hypothesis import strategies as st
 from gyrospark.core.errors import InputError
 from gyrospark.core.real_types import REALS
 from gyrospark.generator.kernels.c_printer import CPrinter
-from gyrospark.generator.kernels.kernel import (
-    Constants,
-    emit_kernel,
-    wrap,
-)
+from gyrospark.generator.kernels.kernel import Constants, emit_kernel, wrap
 from gyrospark.generator.kernels.statements import Kernel
 from gyrospark.generator.multibody.rigid_body import heavy_top
 from gyrospark.generator.schemes.step_equations import (
@@ -336,8 +332,7 @@ def test_text_of_rational_expressions_is_exact(e):
         assert run_text(text, VALUES, suffix=real.suffix)[0] == Fraction(int(value.p), int(value.q))
 
 
-@pytest.mark.parametrize(
-    "e", [pytest.param(e, id=name) for name, e in CASES.items()])
+@pytest.mark.parametrize("e", [pytest.param(e, id=name) for name, e in CASES.items()])
 def test_values_and_counted_operations_are_those_of_the_expression(e):
     """To the digits of a literal, where a number of the expression is rounded to one."""
     kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": e})
@@ -514,10 +509,7 @@ def test_symbols_called_like_temporaries_are_not_mixed_up_with_them(name):
         assert abs(found["return"] - mpmath.mpf(str(sp.N(e.xreplace(at), 40)))) < 1e-36
 
 
-@pytest.mark.parametrize("name", [
-    "t", "u", "d", "qm", "dq", "pm", "lambda", "c",
-    "k",
-])
+@pytest.mark.parametrize("name", ["t", "u", "d", "qm", "dq", "pm", "lambda", "c", "k"])
 def test_system_whose_symbols_are_called_like_the_generators_own_has_right_kernels(name):
     a, b, c0 = sp.symbols(f"{name}0:3", real=True)
     momenta = sp.symbols("v0:2", real=True)

@@ -10,11 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.core.errors import InputError
-from gyrospark.generator.models.formulas import (
-    FUNCTIONS,
-    parse_formula,
-    parse_number,
-)
+from gyrospark.generator.models.formulas import FUNCTIONS, parse_formula, parse_number
 from gyrospark.generator.symbolic.switching_functions import Max, Min, Where
 
 x, y = sp.symbols("x y", real=True)

@@ -160,8 +160,7 @@ def test_armatures_of_balls_and_free_joints(tmp_path):
     path = written(tmp_path, hinged(shape, f'<joint name="j" type="ball" armature="{a}"/>'))
     build = gs.Multibody.from_file(path, rates={"j": w})
     for k in range(3):
-        build.quantity(f"w{k}", build._components.body(
-            "b", "it").angular_velocity[k])
+        build.quantity(f"w{k}", build._components.body("b", "it").angular_velocity[k])
     motion = Motion(build.model())
     J = np.diag([1, 2, 2.5]) + a * np.eye(3)
     wanted = np.linalg.solve(J, np.cross(J @ w, w))

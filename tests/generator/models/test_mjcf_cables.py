@@ -59,8 +59,7 @@ def test_segments_are_where_the_curve_is(tmp_path):
     ("none", 16, 4), ("ball", 20, 5), ("free", 17, 5)])
 def test_the_start_of_a_cable_is_held(tmp_path, initial, constraints, bodies):
     """Rigidly, by a ball, or not at all; 3 constraints for each ball, 1 for each quaternion."""
-    model = gs.load_model(path_of(tmp_path, cable(
-        f'curve="s" count="6 1 1" initial="{initial}"')))
+    model = gs.load_model(path_of(tmp_path, cable(f'curve="s" count="6 1 1" initial="{initial}"')))
     assert (len(model.system.constraints), len(model.q0)) == (constraints, 7 * bodies)
 
 

@@ -98,8 +98,7 @@ def test_start_of_a_body_is_the_runtimes():
 
 
 @pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
-@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(
-    lambda x: np.linalg.norm(x) > 0.1))
+@given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda x: np.linalg.norm(x) > 0.1))
 @settings(max_examples=10)
 def test_rotation_matrix_and_quaternion_give_one_attitude(parts):
     """R → q up to its sign, whichever entry of q is the largest."""
@@ -345,8 +344,7 @@ def test_bodies_are_what_the_builder_makes():
     pair = gs.Multibody("pair")
     a = pair.body("a", mass=1, inertia=(1, 2, 2.5), position=(0, 0, -1))
     quarter = from_euler(0, 0, np.pi / 2)
-    b = pair.body("b", mass=2, inertia=(1, 1, 1), rep="alpha", weight=3,
-                  quaternion=quarter)
+    b = pair.body("b", mass=2, inertia=(1, 1, 1), rep="alpha", weight=3, quaternion=quarter)
     pair.fixed_point("top", a, at=(0, 0, 0))
     pair.revolute("hinge", a, b, at=(0, 0, -2), axis=(0, 1, 0), on_b=(0, 0, 1), rate=2)
     c, k = pair.parameter("c", 4), pair.parameter("k", 0.1)

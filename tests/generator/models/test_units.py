@@ -85,8 +85,7 @@ joints = [
     model = parse_model(text, "m.toml")
     assert model.q0[0] == pytest.approx(math.sqrt(0.5), abs=1e-15)
     step_q = 0.5 * 4 * math.pi * math.sqrt(0.5)  # q̇ = ½ q ∘ (0, Ω)
-    assert gs.consistent(model.system, model).p == pytest.approx(
-        model.p0)
+    assert gs.consistent(model.system, model).p == pytest.approx(model.p0)
     assert model.p0[3] / 4 == pytest.approx(step_q, rel=1e-14)  # p = 4 J q̇ for J = 1
     pendulum = """
 name = "angle"

@@ -132,8 +132,7 @@ def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
     wanted = pin.aba(other, other.createData(), q, np.array([*v, *START["rates"].values()]),
                      np.zeros(9))
     motion = Motion(model)
-    found = [motion.acceleration(name)
-             for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
+    found = [motion.acceleration(name) for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
     assert np.abs(found - wanted[6:]).max() <= 1e-12 * np.abs(wanted).max()
 
 
@@ -383,8 +382,7 @@ def test_the_command_closes_loops_by_another_file(tmp_path, gyrospark):
     assert gyrospark(*run).document != answer.document
 
 
-@pytest.mark.parametrize("kind", [
-    pytest.param("ball", marks=pytest.mark.slow), "revolute"])
+@pytest.mark.parametrize("kind", [pytest.param("ball", marks=pytest.mark.slow), "revolute"])
 def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
     """<constraint> of urdfdom's proposal is the same four-bar as a file of loops makes."""
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"

@@ -173,8 +173,7 @@ BOMB = """<?xml version="1.0"?>
 """
 
 
-@pytest.mark.parametrize(("ending", "root"), [
-    ("urdf", "robot"), ("sdf", "sdf"), ("xml", "mujoco")])
+@pytest.mark.parametrize(("ending", "root"), [("urdf", "robot"), ("sdf", "sdf"), ("xml", "mujoco")])
 @pytest.mark.parametrize(("text", "said"), [
     (BOMB, "line 2.*type"), ("<x>" + "<link>" * 100_000, "64"), (" " * 10_000_000, "1048576"),
     ("<x>" + "<a/>" * 60_000 + "</x>", "50000"), ("", "element"), ("<svg/>", "<svg>"),

@@ -521,8 +521,7 @@ def test_files_with_other_beams(old, new, words):
 
 
 def test_clamps_inside_are_refused_in_files():
-    text = FILE.replace('type = "ball"', 'type = "fixed"').replace(
-        '["mast_last"', '["mast_2"', 1)
+    text = FILE.replace('type = "ball"', 'type = "fixed"').replace('["mast_last"', '["mast_2"', 1)
     with pytest.raises(gs.InputError, match=r"mast\.toml.*first"):
         parse_model(text, "mast.toml")
 

@@ -24,8 +24,7 @@ def test_rods_lead_from_point_to_point(points, axis, freedom):
         half = np.linalg.norm(end - start) / 2
         q = dict(zip(map(str, model.system.q), model.q0, strict=True))
         for point, place in (((-half, 0, 0), start), ((half, 0, 0), end)):
-            at = [float(e.subs({x: q[str(x)] for x in e.free_symbols}))
-                  for e in rod.point(point)]
+            at = [float(e.subs({x: q[str(x)] for x in e.free_symbols})) for e in rod.point(point)]
             np.testing.assert_allclose(at, place, rtol=0, atol=1e-15)
     m, length = 3.0, np.linalg.norm(points[3] - points[2])
     across = m * (3 * 0.02**2 + length**2) / 12

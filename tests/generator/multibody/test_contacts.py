@@ -27,8 +27,7 @@ def two_bodies() -> gs.Multibody:
     """Return a builder with two bodies in any pose."""
     build = gs.Multibody("pair")
     for name, x, turn in (("a", (0.3, -0.2, 1.7), (0.4, -0.3, 0.8)), ("b", (1, 2, -1), (1, 2, 3))):
-        build.body(name, mass=1, inertia=INERTIA, position=x,
-                   rotation=Rotation.from_rotvec(turn))
+        build.body(name, mass=1, inertia=INERTIA, position=x, rotation=Rotation.from_rotvec(turn))
     return build
 
 
@@ -38,8 +37,7 @@ def gaps(model: gs.Model) -> dict[str, float]:
         s: model.parameters.get(str(s), 1.0) for s in model.system.parameters}
     gap = {impact.name: model.system.quantities[impact.quantity].xreplace(numbers)
            for impact in model.events}
-    return {name: float(e.xreplace(dict.fromkeys(e.free_symbols, 0.0)))
-            for name, e in gap.items()}
+    return {name: float(e.xreplace(dict.fromkeys(e.free_symbols, 0.0))) for name, e in gap.items()}
 
 
 def test_gaps_are_distances():
@@ -66,8 +64,7 @@ def test_gaps_are_distances():
 def test_gaps_are_formulas_and_ranges_of_joints():
     build = gs.Multibody("slide")
     bead = build.body("bead", mass=1, inertia=INERTIA)
-    build.prismatic("rail", build.ground, bead, axis=(1, 0, 0), travel=0.2,
-                    at=(0, 0, 0))
+    build.prismatic("rail", build.ground, bead, axis=(1, 0, 0), travel=0.2, at=(0, 0, 0))
     depth = build.parameter("depth", 0.3)
     build.contact("pit", gap=[bead.x[0] + depth, depth - bead.x[0] + build.time])
     build.stop("ends", "rail", lower=-0.5, upper=1)

@@ -7,13 +7,7 @@ import pytest
 
 import gyrospark as gs
 import systems
-from mechanisms import (
-    GRAVITY,
-    parallelogram,
-    parallelogram_at,
-    slider_crank,
-    slider_crank_at,
-)
+from mechanisms import GRAVITY, parallelogram, parallelogram_at, slider_crank, slider_crank_at
 
 EPSILON = np.finfo(float).eps
 LOOPS = {"parallelogram": (parallelogram, parallelogram_at(1.9, 3.0)),

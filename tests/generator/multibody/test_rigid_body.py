@@ -196,8 +196,7 @@ def test_22_26_28_types_equal_20_on_the_manifold_and_differ_by_a_multiple_of_the
     assert vanishes(extra - P.dot(Q) ** 2 / alpha / 8)
     assert on_manifold(extra)
     D = J_INVERSE - ONE3 / gamma
-    assert vanishes(kinetic_energy("gamma") - P.dot(P) / gamma / 8
-                    - (P.T * L.T * D * L * P)[0] / 8)
+    assert vanishes(kinetic_energy("gamma") - P.dot(P) / gamma / 8 - (P.T * L.T * D * L * P)[0] / 8)
     assert on_manifold(kinetic_energy("gamma") - kinetic_energy("original"))
     difference = kinetic_energy("gamma") - kinetic_energy("alpha").subs(alpha, gamma)
     assert vanishes(difference + UNIT * P.dot(P) / gamma / 8)

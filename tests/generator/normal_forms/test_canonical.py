@@ -191,8 +191,7 @@ def test_names_do_not_matter():
     """Symbols of other names, in the same order: the same H in those names."""
     system = links(3, equal=False)
     symbols = [*system.q, *system.p, *system.parameters]
-    names = {s: sp.Symbol(f"z{len(symbols) - i}", **s.assumptions0)
-             for i, s in enumerate(symbols)}
+    names = {s: sp.Symbol(f"z{len(symbols) - i}", **s.assumptions0) for i, s in enumerate(symbols)}
     other = replace(system, H=sp.expand(system.H).xreplace(names),
                     constraints=[e.xreplace(names) for e in system.constraints],
                     **{side: [names[s] for s in getattr(system, side)]

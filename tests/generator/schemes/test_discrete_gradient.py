@@ -17,9 +17,7 @@ from gyrospark.generator.multibody.rigid_body import (
     mgl,
     moments,
 )
-from gyrospark.generator.schemes.discrete_gradient import (
-    discrete_gradient,
-)
+from gyrospark.generator.schemes.discrete_gradient import discrete_gradient
 from gyrospark.generator.schemes.step_equations import MeanScheme
 from gyrospark.generator.schemes.system_differences import constraint_increment, vector
 from gyrospark.generator.symbolic.shared_subexpressions import expand_shared

@@ -255,8 +255,7 @@ def test_steps_across_a_kink_are_found(stiffness):
             parameters=FAIR_PARAMETERS | {"b": stiffness})
         q1, p1 = np.array(run.q)[:, -1, 4], np.array(run.p)[:, -1, 4]
         assert np.isfinite(q1).all()
-        H0, H1 = (m**2 / 2 + stiffness * np.maximum(x, 0) ** 2 / 2
-                  for x, m in ((q0, p0), (q1, p1)))
+        H0, H1 = (m**2 / 2 + stiffness * np.maximum(x, 0) ** 2 / 2 for x, m in ((q0, p0), (q1, p1)))
         assert (np.abs(H1 - H0) <= 256 * EPS * (H0 + H1)).all()
 
 

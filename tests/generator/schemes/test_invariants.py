@@ -255,10 +255,7 @@ PRECESSION = {
     },
 }
 #: Cells of Tables 6 and 7 where our number, sure to four digits, rounds to another third digit.
-OTHERWISE = {
-    (6, "3-LIIIA-B", "ht", "H"): 1.68e-6,
-    (7, "2-G-L", "h", "z"): 5.63e-10,
-}
+OTHERWISE = {(6, "3-LIIIA-B", "ht", "H"): 1.68e-6, (7, "2-G-L", "h", "z"): 5.63e-10}
 
 
 @pytest.mark.parametrize(("table", "ratio", "dt"), [(6, 0.5, 0.005), (7, 1.5, 0.01)])

@@ -133,8 +133,7 @@ def test_decimals_are_checked_to_their_digits(tmp_path, digits):
 # ---------------------------------------------------------------- compiled steps
 
 
-few = pytest.mark.parametrize("s", [2, *(
-    pytest.param(s, marks=pytest.mark.slow) for s in (1, 3))])
+few = pytest.mark.parametrize("s", [2, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 3))])
 
 
 @few

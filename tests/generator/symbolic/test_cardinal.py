@@ -39,8 +39,7 @@ def program(real, tmp_path: Path):
         show = "char text[90]; strfromf128(text, sizeof text, \"%.60g\", f(x)); puts(text);"
     else:
         show = f"printf(\"{PRINT[real.name]}\\n\", f(x));"
-    calls = "\n".join(f"show({name}, {point.hex()}{real.suffix});"
-                      for name, point in cases(real))
+    calls = "\n".join(f"show({name}, {point.hex()}{real.suffix});" for name, point in cases(real))
     source = tmp_path / "cardinal.c"
     source.write_text(f"""#define __STDC_WANT_IEC_60559_TYPES_EXT__ 1
 #include <float.h>

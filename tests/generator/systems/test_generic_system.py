@@ -87,8 +87,7 @@ def test_shapes(name, scheme, stages):
     for steps in (5, 0):
         run = step.integrate(q, p, dt=0.01, steps=steps, parameters=example.parameters)
         assert run.q.shape == run.p.shape == (steps + 1, n)
-        assert run.multipliers.shape == {0: (steps, 0), 1: (steps, count),
-                                         2: (steps, count, 2)}[m]
+        assert run.multipliers.shape == {0: (steps, 0), 1: (steps, count), 2: (steps, count, 2)}[m]
     assert step.unknowns == (2 * n * stages + m * (count - 1) if stages else 2 * n + m)
     with pytest.raises(gs.GyrosparkError, match="rigid"):
         run.axis()

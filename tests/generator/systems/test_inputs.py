@@ -30,11 +30,9 @@ def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
     step = stepper("pushed_pendulum")
     what = {"dt": 0.02, "steps": 30, "parameters": {"k": 2.0}}
     run = step.integrate(*START, inputs=[0.3, -1], **what)
-    same = step.integrate(*START, **what | {
-        "parameters": {"k": 2.0, "push": 0.3, "pull": -1}})
+    same = step.integrate(*START, **what | {"parameters": {"k": 2.0, "push": 0.3, "pull": -1}})
     assert np.array_equal(run.at([0.33]).q, same.at([0.33]).q)
-    varied = step.integrate(*START, inputs={"push": np.arange(30), "pull": 1},
-                            **what)
+    varied = step.integrate(*START, inputs={"push": np.arange(30), "pull": 1}, **what)
     found, read = varied.at([0.33]), gs.load(varied.save(tmp_path / "run.npz"))
     for forgotten in (found, read):
         with pytest.raises(InputError, match=r"'push'.*changes"):

@@ -76,8 +76,7 @@ def test_work_is_that_of_the_forces_at_the_mean():
     run = systems.run("bead", step, 300, t=0.3)
     v, dt = np.diff(run.q, axis=0) / 0.01, 0.01
     q_mean, k, now = (run.q[1:] + run.q[:-1]) / 2, parameters["k"], run.t[:-1] + dt / 2
-    F = [-k * v[:, 0] * q_mean[:, 1]**2, -k * v[:, 1],
-         parameters["a"] * np.cos(now) - k * v[:, 2]]
+    F = [-k * v[:, 0] * q_mean[:, 1]**2, -k * v[:, 1], parameters["a"] * np.cos(now) - k * v[:, 2]]
     size = np.abs(run.energies).max() + np.abs(run.work).max()
     np.testing.assert_allclose(np.diff(run.work), np.sum(np.transpose(F) * v, axis=1) * dt, rtol=0,
                                atol=64 * EPS * size)

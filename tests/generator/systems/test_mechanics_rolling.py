@@ -51,8 +51,7 @@ def sleigh(kind):
     body = me.RigidBody("sleigh", C, B, m, (me.inertia(B, J, J, J), C))
     blade = (C.vel(N) + B.ang_vel_in(N).cross(-d * B.x)).dot(B.y)
     if kind == "lagrange":
-        return me.LagrangesMethod(me.Lagrangian(N, body), q, None, [body], N,
-                                  nonhol_coneqs=[blade])
+        return me.LagrangesMethod(me.Lagrangian(N, body), q, None, [body], N, nonhol_coneqs=[blade])
     system = me.System(N, O)
     system.add_bodies(body)
     system.add_coordinates(*q)

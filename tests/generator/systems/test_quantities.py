@@ -113,8 +113,7 @@ def test_kept_in_the_file(step, tmp_path):
 
 
 def test_reported_by_run(step):
-    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.125, steps=5, every=2,
-                         parameters=PARAMETERS)
+    run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.125, steps=5, every=2, parameters=PARAMETERS)
     problem: Any = SimpleNamespace(name="watched", q0=[0.6, -0.8], p0=[0.8, 0.6])
     outcome = RunOutcome(run, run, 1.0, 5, None, None)
     result = json.loads(json.dumps(result_of(problem, step, outcome)))

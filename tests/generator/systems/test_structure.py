@@ -116,8 +116,7 @@ def test_structured_ems_balances_energy_and_work():
 def test_forms_of_a_chain(links):
     """Rotation, translation across and along gravity; norm, first, inner joint: at any length."""
     structure = Structure(hoist_constants(chain(links))[0])
-    assert [len(form.instances) for form in structure.templates] == [
-        links, 2 * links, links]
+    assert [len(form.instances) for form in structure.templates] == [links, 2 * links, links]
     assert sorted(len(form.instances) for form in structure.constraint_templates) == sorted(
         [links, 1, links - 1])
     assert structure.is_worthwhile

@@ -16,11 +16,7 @@ from hypothesis import strategies as st
 
 from gyrospark.core.errors import InputError, TableauError
 from gyrospark.core.real_types import REALS, round_binary
-from gyrospark.generator.tableaux.conditions import (
-    check_tableau,
-    counts,
-    order,
-)
+from gyrospark.generator.tableaux.conditions import check_tableau, counts, order
 from gyrospark.generator.tableaux.enclosures import horner
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, solve_rows
 from gyrospark.generator.tableaux.node_algebra import PolynomialNodes, column, power
@@ -65,8 +61,7 @@ def test_nodes_are_roots_of_A17_and_A18_that_is_of_legendre_polynomials(kind, s)
 
 
 def value_at(polynomial, point):
-    return sum(Fraction(int(c.p), int(c.q)) * point**k
-               for (k,), c in polynomial.terms())
+    return sum(Fraction(int(c.p), int(c.q)) * point**k for (k,), c in polynomial.terms())
 
 
 @nodes_of_each
@@ -105,8 +100,7 @@ def independent_nodes(kind, s):
         return [(1 + t) / 2 for t in roots]
 
 
-@pytest.mark.parametrize(
-    ("kind", "s"), [(k, s) for k in WHICH for s in (2, 3, 6)])
+@pytest.mark.parametrize(("kind", "s"), [(k, s) for k in WHICH for s in (2, 3, 6)])
 def test_exact_roots_lie_in_the_enclosures_in_the_same_order(kind, s):
     polynomial = WHICH[kind][0](s)
     for root, e in zip(exact_roots(polynomial), enclose_roots(polynomial), strict=True):
@@ -297,8 +291,7 @@ def independent_tableau(family, s):
     A_bar = [[lagrange_integral(c, j, u) for j in range(s)] for u in c_tilde]
 
     def conjugate(of, weights):
-        return [[weights[j] * (1 - of[j][i] / b[i]) for j in range(len(weights))]
-                for i in range(s)]
+        return [[weights[j] * (1 - of[j][i] / b[i]) for j in range(len(weights))] for i in range(s)]
 
     return {"A": A, "A_hat": conjugate(A, b), "A_tilde": conjugate(A_bar, b_tilde),
             "A_bar": A_bar, "b": b, "b_hat": b, "b_tilde": b_tilde, "c": c, "c_tilde": c_tilde}
