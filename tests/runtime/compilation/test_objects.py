@@ -1,10 +1,13 @@
-"""A stepper's C in several objects, of which lanes are compiled when they are first asked for."""
+"""A stepper's C in several objects: lanes and Newton's method are compiled when first asked for."""
 
 from __future__ import annotations
 
+import errno
+import os
 import re
 import threading
 from concurrent.futures import ThreadPoolExecutor
+from multiprocessing import get_context
 
 import numpy as np
 import pytest
@@ -14,90 +17,35 @@ import systems
 from gyrospark import api
 from gyrospark.core.real_types import REALS
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.compilation import compiler, object_files
-from gyrospark.runtime.steppers import evaluation
+from gyrospark.runtime.compilation import newton_library, object_files, stepper_module
+from gyrospark.runtime.compilation.build_cache import CacheError
+from processes import PATIENCE
 
-TOP = gs.problems.fast_top()
 MODULES = "oscillator_*.so"
-COUNT = 9  # more than the lanes of a register, and no multiple of them
 
 
-def files_of(real, scheme="IMS"):
-    """Return the files of a stepper whose sweeps fail for long steps: Newton is behind them."""
-    return api.files_of(Spec.from_arguments(scheme, 2 if scheme == "G-L" else None, real=real))
+def made(**options):
+    files = api.files_of(Spec.from_arguments("IMS", **options))
+    name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
+    return name, dict(files)
 
 
 @pytest.fixture
 def own_cache(monkeypatch, tmp_path):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
+    monkeypatch.setenv("GYROSPARK_OPTIMISE", "1")  # at -O0 one module has all
     return tmp_path
-
-
-def numbers(array):
-    return [str(x) for x in np.asarray(array).flat]  # as many digits as tell one from the next
-
-
-def results(step):
-    """Return what the stepper's functions give, entry by entry."""
-    par = {name: TOP.parameters[name] for name in ("I1", "I2", "I3", "mgl")} | {"gamma": 1e-3}
-    q, p = step.project(np.array(TOP.q0) * 1.0001, TOP.p0, parameters=par)
-    found = []
-    for solver in ("auto", "newton", "fixed-point"):
-        what = {"parameters": par, "solver": solver, "steps": 12}
-        one = step.integrate(q, p, dt=2e-3, **what)
-        many = step.integrate_ensemble([q] * COUNT, [p] * COUNT,
-                                       dt=np.linspace(1e-3, 0.05, COUNT), **what)
-        found += [one.q, one.p, one.multipliers, one.energies, many.q, many.p, many.multipliers]
-        found += [[int(member.report.newton_steps) for member in many.members]]
-        found += [sorted(many.failures)]
-    x = step.guess(q, p, dt=1e-3, parameters=par)
-    at = {"dt": 1e-3, "parameters": par}
-    found += [q, p, x, step.residual(x, q, p, **at), step.jacobian(x, q, p, **at)]
-    return [numbers(part) for part in found]
-
-
-@pytest.mark.filterwarnings("ignore:The fastest rotation")
-@pytest.mark.slow  # nine objects with optimisation
-@pytest.mark.parametrize(("scheme", "real", "level"), [
-    ("IMS", "double", "1"), ("IMS", "long-double", "1"), ("G-L", "double", "3")])
-def test_objects_compute_the_bits_of_one(scheme, real, level, own_cache, monkeypatch):
-    """Runs, Newton behind them, lanes and what is evaluated once, against the file in one piece."""
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", level)
-    files = files_of(real, scheme)
-    apart = results(gs.Stepper(*named(files)))
-    steps = apart[7]
-    assert steps[0] == "0"
-    assert steps[-1] == "12"  # Newton was asked on lanes
-    monkeypatch.setattr(compiler, "objects_of", lambda name, files, part, **how: [
-        object_files.Object("whole", files[f"{name}.h"], checks=("numbers", "lanes"))])
-    monkeypatch.setattr(compiler, "has_newton_apart", lambda name, files: False)
-    monkeypatch.setattr(compiler, "declarations_of", lambda name, header, part: header)
-    monkeypatch.setattr(evaluation, "load_module", loaded_in_one_piece(evaluation.load_module))
-    assert results(gs.Stepper(*named(files))) == apart
-
-
-def named(files):
-    name = next(file for file in files if file.endswith(".json")).removesuffix(".json")
-    return name, dict(files)
 
 
 def small_stepper():
     """Return an oscillator's stepper whose objects are not compiled yet."""
-    files = systems.stepper("oscillator").files
-    return gs.Stepper(*named(files))
-
-
-def loaded_in_one_piece(load):
-    """Return ``load`` with a comment in the C, which makes it another entry of the cache."""
-    return lambda name, files, part="runs": load(
-        name, files | {f"{name}.c": files[f"{name}.c"] + "/* in one piece */\n"}, part)
+    known = systems.stepper("oscillator")
+    return gs.Stepper(known.name, dict(known.files))
 
 
 @pytest.mark.slow  # three modules with optimisation; the test below asks for lanes too
-def test_lanes_are_compiled_when_first_asked_for(own_cache, monkeypatch):
+def test_lanes_are_compiled_when_first_asked_for(own_cache):
     """Not for a run, nor for an ensemble without them; once, also by threads that ask together."""
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "1")  # at -O0 one module has all
     step = small_stepper()
     what = {"dt": 1e-3, "steps": 2, "parameters": {"k": 4.0}}
     step.integrate([0.8], [-0.3], **what)
@@ -121,19 +69,19 @@ def test_lanes_are_compiled_when_first_asked_for(own_cache, monkeypatch):
 def test_a_module_has_its_functions_and_no_other():
     """Those of one trajectory, or those of many; each object defines what no other does."""
     for real in REALS:
-        name, files = named(files_of(real))
+        name, files = made(real=real)
         header = files[f"{name}.h"]
         every = object_files._functions(name, header)
         assert {"step", "integrate_lanes", "hamiltonian", "increment_size"} < every
-        made = {}
+        parts = {}
         for part in ("runs", "lanes"):
             declared = object_files.declarations_of(name, header, part)
-            made[part] = object_files._functions(name, declared)
+            parts[part] = object_files._functions(name, declared)
             defined = [found for one in object_files.objects_of(name, files, part)
                        for found in every if not is_static(name, found, one.header)]
-            assert sorted(defined) == sorted(made[part])
-        assert made["runs"] | made["lanes"] == every
-        assert made["runs"] & made["lanes"] == {"lanes", "work_size"}
+            assert sorted(defined) == sorted(parts[part])
+        assert parts["runs"] | parts["lanes"] == every
+        assert parts["runs"] & parts["lanes"] == {"lanes", "work_size"}
 
 
 def is_static(name, function, header):
@@ -146,3 +94,83 @@ def test_a_stepper_without_lanes_is_one_object():
     assert object_files.objects_of("a", files, "runs") == [
         object_files.Object("whole", files["a.h"], checks=("numbers",))]
     assert object_files.declarations_of("a", files["a.h"], "runs") == files["a.h"]
+
+
+RUN = {"dt": 0.02, "steps": 3, "parameters": {"k": 4.0}}
+
+
+def run(step, solver="auto"):
+    return step.integrate([0.8], [-0.3], solver=solver, **RUN).q
+
+
+def by_newton(step):
+    return run(step, "newton")
+
+
+def guess(step):
+    return step.guess([0.8], [-0.3], dt=0.02, parameters=RUN["parameters"])
+
+
+def forked(step, results):
+    results.put(by_newton(step).tolist())
+
+
+def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cache, monkeypatch):
+    """Without a compiler, on a full disk, in a forked process, then in this one."""
+    step = small_stepper()
+    fixed = run(step)
+    assert len(list(own_cache.glob(MODULES))) == 1
+    monkeypatch.setenv("CC", "no-such-compiler")
+    for call in (by_newton, guess):
+        with pytest.raises(gs.errors.CompilerError, match="no-such-compiler"):
+            call(step)
+    assert np.array_equal(run(step), fixed)
+    monkeypatch.delenv("CC")
+
+    def full(*_):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    with monkeypatch.context() as changed:
+        changed.setattr(stepper_module, "publish", full)
+        with pytest.raises(CacheError, match="space"):
+            by_newton(step)
+    assert len(list(own_cache.glob(MODULES))) == 1
+    context = get_context("fork")
+    results = context.Queue()
+    child = context.Process(target=forked, args=(step, results))
+    child.start()
+    found = results.get(timeout=PATIENCE)
+    child.join()
+    assert len(list(own_cache.glob(MODULES))) == 2
+    own = by_newton(step)
+    assert own.tolist() == found
+    assert np.abs(own - fixed).max() < 1e-12
+    assert len(list(own_cache.glob(MODULES))) == 2
+
+
+def test_the_table_has_every_function_in_the_order_of_the_calls():
+    for real in ("double", "float128"):
+        name, files = made(real=real)
+        header = files[f"{name}.h"]
+        table = newton_library.table_text(name, header, "void check(int kernel);")
+        calls = newton_library.trampolines(name, header, public=True)
+        entries = [line.strip(" ,").removeprefix("(newton_function)")
+                   for line in table.splitlines() if line.startswith("    (newton_function)")]
+        assert entries[newton_library.CHECK] == "check"
+        assert len(entries) == 4 + len(object_files.newton_functions(name, header))
+        for place, function in enumerate(entries):
+            assert (f"(&{function}))table[{place}])" in calls) is (function != "check")
+
+
+def test_modules_of_one_name_keep_their_functions():
+    """Two kinds of modules have the name of their stepper; another stepper of it loads both again.
+
+    CPython would load each again into the object of the other.
+    """
+    known = systems.stepper("oscillator")
+    kinds = ["runs", "derivatives", "runs", "derivatives"]
+    loaded = [stepper_module.load_module(known.name, dict(known.files), kind) for kind in kinds]
+    paths = [module.__file__ for module in loaded]
+    assert paths[0] == paths[2] != paths[1] == paths[3]
+    functions = [dir(module.lib) for module in loaded]
+    assert functions[0] == functions[2] != functions[1] == functions[3]

@@ -51,12 +51,6 @@ def test_states_between_late_steps_are_those_of_early_ones(t0) -> None:
     assert np.array_equal(late.q, early.q)
 
 
-def test_a_file_keeps_the_digits_of_events(tmp_path) -> None:
-    run = run_from(1e12, events=EVENTS)
-    read = gs.load(run.save(tmp_path / "late.npz"))
-    assert np.array_equal(read.events["side"].elapsed, run.events["side"].elapsed)
-
-
 @pytest.mark.parametrize(("name", "t0"), [
     pair if i == 3 else pytest.param(*pair, marks=pytest.mark.slow) for i, pair in enumerate(
         product(("driven_oscillator", "heavy_top"), LATE))])

@@ -79,7 +79,7 @@ def test_what_is_saved_is_loaded_with_all_digits(real, end, tmp_path):
                  "quantity_values"):
         assert np.array_equal(getattr(again, name), getattr(whole, name)), name
     assert (again.dt, again.every, again.report) == (whole.dt, whole.every, whole.report)
-    assert again.parameters == whole.parameters
+    assert (again.parameters, again.manifest) == (whole.parameters, whole.manifest)
     for part in ("t", "q", "p", "steps", "rising", "elapsed"):
         assert np.array_equal(getattr(again.events["along"], part),
                               getattr(whole.events["along"], part))
