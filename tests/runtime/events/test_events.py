@@ -60,9 +60,15 @@ def test_each_of_two_events_has_the_times_it_has_alone(names):
 @pytest.mark.parametrize(("real", "dt"), [
     ("float", 0.02), pytest.param("float128", 0.01, marks=pytest.mark.slow)])  # two seconds
 def test_in_every_type_and_backwards(real: str, dt: float) -> None:
-    """Times are found to the last places of the type; backwards they are the same ones."""
+    """Times are found to the last places of the type; backwards they are the same ones.
+
+    A dip is as deep as numbers tell: about the bottom, where the bob goes √(2 (1 − cos θ₀)) fast.
+    """
     step = pendulum(real, stages=8 if real == "float128" else 2)
-    run = {"parameters": {"g": 1}, "every": 100, "events": [gs.Event("side")]}
+    with mpmath.workdps(34):
+        depth = {"float": mpmath.mpf(1e-4), "float128": mpmath.mpf(10) ** -20}[real]
+        run = {"parameters": {"g": 1}, "every": 100, "events": [
+            gs.Event("side"), gs.Event("height", level=-1 + depth)]}
     if real == "float128":
         angle = mpmath.mpf(1)
         with mpmath.workdps(40):
@@ -70,7 +76,8 @@ def test_in_every_type_and_backwards(real: str, dt: float) -> None:
         q0, p0 = step.project(q0, [0, 0], parameters={"g": 1})
     else:
         q0, p0 = step.project(*start(), parameters={"g": 1})
-    ahead = step.integrate(q0, p0, dt=dt, steps=round(6 / dt), **run).events["side"]
+    found = step.integrate(q0, p0, dt=dt, steps=round(6 / dt), **run).events
+    ahead = found["side"]
     back = step.integrate(q0, p0, dt=-dt, steps=round(6 / dt), **run).events["side"]
     assert len(ahead) == len(back) == 2
     bound = {"float": 64 * EPS[real], "float128": 1e-27}[real]  # 16th order, 0.01: 1e-28
@@ -78,6 +85,9 @@ def test_in_every_type_and_backwards(real: str, dt: float) -> None:
         for k, time in enumerate(ahead.t):
             assert abs(time - period() * (2 * k + 1) / 4) < bound * 6
             assert abs(time + back.t[k]) < bound * 6
+            half = mpmath.sqrt(2 * depth / (2 - 2 * mpmath.cos(1)))
+            assert abs((time - found["height"].t[2 * k]) / half - 1) < 1e-2
+            assert abs((found["height"].t[2 * k + 1] - time) / half - 1) < 1e-2
     assert not ahead.rising[0]
     assert not back.rising[0]
 

@@ -70,23 +70,6 @@ def test_random_dips_of_an_oscillator(quantity: str, dt: float, slow: int, many:
     assert dips > (10_000 if many else 50)
 
 
-@pytest.mark.parametrize(("real", "depth"), [
-    ("float", 1e-4), pytest.param("float128", 1e-20, marks=pytest.mark.slow)])
-def test_in_every_type(real: str, depth: float) -> None:
-    """As deep as its numbers tell: about the bottom, where the bob goes √(2 (1 − cos θ₀)) fast."""
-    step = pendulum(real)
-    q, p = step.project(*start(), parameters={"g": 1})
-    with mpmath.workdps(34):
-        low = gs.Event("height", level=-1 + mpmath.mpf(depth))
-        found = step.integrate(q, p, dt=0.05, steps=40, parameters={"g": 1},
-                               events=[low, gs.Event("side")]).events
-        before, behind = found["height"].t
-        (bottom,) = found["side"].t
-        half = mpmath.sqrt(2 * mpmath.mpf(depth)) / mpmath.sqrt(2 - 2 * mpmath.cos(1))
-        assert abs((bottom - before) / half - 1) < 1e-2
-        assert abs((behind - bottom) / half - 1) < 1e-2
-
-
 def test_a_terminal_dip_ends_the_run() -> None:
     """At its first crossing, in any part of a step, whatever else happens in that step."""
     step = oscillator()

@@ -87,25 +87,6 @@ def test_times_are_asked_for_up_to_t_end():
         run(t_eval=[0.105])
 
 
-@pytest.mark.parametrize("terminal", [False, True])
-@pytest.mark.parametrize("time", [0.052, 0.1013, 0.1065])
-def test_events_in_the_last_part_of_a_step(time, terminal):
-    step, start, whole, _ = run()
-    event = gs.Event(step.manifest.system.coordinates[0], float(whole.at([time]).q[0, 0]),
-                     terminal=terminal, name="there")
-    made = step.integrate(start, dt=DT, t_end=END, events=event)
-    found = made.events["there"]
-    if time > END:
-        assert not len(found)
-        assert made.t[-1] == END
-        return
-    assert found.t == pytest.approx([time], abs=1e-13)
-    assert found.steps.tolist() == [int(time / DT)]
-    assert found.elapsed == pytest.approx([time], abs=1e-13)
-    assert made.t[-1] == (pytest.approx(time, abs=1e-13) if terminal else END)
-    assert np.abs(made.q[-1] - whole.at([made.t[-1]]).q[0]).max() < 1e-12
-
-
 def test_inputs_have_a_row_for_the_last_part():
     step = systems.stepper("pushed_pendulum")
     start = gs.Start([0.6, -0.8], [0.8, 0.6], {"k": 2.0})
@@ -212,26 +193,33 @@ def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, mon
     assert_same_bytes(whole, killed)
 
 
-@pytest.mark.parametrize(("time", "terminal"), [
-    *in_pairs([0.052, 0.1], [True, False]),
-    *(pytest.param(*pair, marks=pytest.mark.slow) for pair in ((0.1013, True), (0.1065, False)))])
-def test_events_of_stored_runs_and_ensembles_in_the_last_part(time, terminal, tmp_path):
+@pytest.mark.parametrize(("time", "terminal"), in_pairs(
+    [0.052, 0.1013, 0.1065, 0.1], [True, False]))
+def test_events_in_the_last_part_of_a_step(time, terminal, tmp_path):
+    """Of a run, a stored one, and an ensemble."""
     step, start, whole, _ = run()
     event = gs.Event(step.manifest.system.coordinates[0], float(whole.at([time]).q[0, 0]),
                      terminal=terminal, name="there")
     plan = {"dt": DT, "t_end": END, "events": event, "solver": "newton"}
     made = step.integrate(start, **plan)
+    crossings = made.events["there"]
+    assert crossings.t == pytest.approx([time] * (time < END), abs=1e-13)
+    assert crossings.elapsed == pytest.approx([time] * (time < END), abs=1e-13)
+    assert all(k * DT <= time <= (k + 1) * DT for k in crossings.steps)
+    ended = terminal and time < END
+    assert made.t[-1] == (pytest.approx(time, abs=1e-13) if ended else END)
+    assert np.abs(made.q[-1] - whole.at([made.t[-1]]).q[0]).max() < 1e-12
     stored = step.integrate(start, **plan, out=tmp_path / "run.zarr")
     assert_same(stored, made)
-    assert stored.ended_by == ("there" if terminal and time < END else None)
+    assert stored.ended_by == ("there" if ended else None)
     found = [stored.events["there"]]
     if not terminal:
         many = step.integrate_ensemble([start, start], **plan)
         assert np.array_equal(many.q[1], made.q)
         found.append(many.events["there"][1])
-    for crossings in found:
+    for other in found:
         for name in ("t", "q", "steps", "elapsed"):
-            assert np.array_equal(getattr(crossings, name), getattr(made.events["there"], name))
+            assert np.array_equal(getattr(other, name), getattr(crossings, name))
 
 
 @pytest.mark.parametrize("solver", ["auto", "newton"])
