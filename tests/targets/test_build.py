@@ -12,6 +12,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import systems
 from command_line import refused
 from gyrospark.targets import TARGETS
 from gyrospark.targets.artefact import MARKER, literal
@@ -139,17 +140,6 @@ def test_nothing_is_left_where_a_target_fails(built, tmp_path, monkeypatch):
 # ---------------------------------------------------------------- what is refused
 
 
-def lagrangian():
-    x, v = sp.symbols("x v", real=True)
-    m = sp.Symbol("m", positive=True)
-    return gs.System.from_lagrangian(m * v**2 / 2 - x**2, (x,), (v,), (m,), name="spring")
-
-
-def plain():
-    x, y, m = *sp.symbols("x y", real=True), sp.Symbol("m", positive=True)
-    return gs.System((x,), (y,), (m,), y**2 / (2 * m) + x**2 / 2, name="spring")
-
-
 @pytest.mark.parametrize(("change", "said"), [
     ({"target": "fmu1"}, "fmu1.*cpp"),
     ({"target": 3}, "3.*cpp"),
@@ -178,6 +168,7 @@ def plain():
     ({"colour": "red"}, "colour"),
     ({"scheme": "RK4"}, "RK4"),
     ({"system": None}, "None"),
+    ({"system": systems.case("oscillator").system, "dt": 0.1}, "no start"),
 ])
 def test_what_cannot_be_built_is_refused(built, tmp_path, change, said):
     change = {"stages": None, "scheme": None, **change} if "system" in change else change
@@ -195,17 +186,6 @@ def test_a_gamma_that_runs_search_is_refused(built, tmp_path):
     with pytest.raises(gs.InputError, match="gamma = 'auto'"):
         built("cpp", parameters=None, **choice)
     assert built("cpp", parameters={"gamma": 2e-3}, **choice).options.parameters["gamma"] == 2e-3
-
-
-def test_systems_that_profile_control_does_not_take_are_refused(built):
-    given = {"stages": None, "scheme": None, "parameters": {"m": 1.0}, "dt": 0.1}
-    with pytest.raises(gs.InputError, match="Lagrangian"):
-        built("cpp", system=lagrangian(), start=([1.0], [0.0]), **given)
-    with pytest.raises(gs.InputError, match="no start"):
-        built("cpp", system=plain(), **given)
-    watched = gs.Model(plain(), {"m": 1.0}, [1.0], [0.0], events=gs.Event("x"), dt=0.1)
-    with pytest.raises(gs.InputError, match="event 'x'"):
-        built("cpp", **given | {"system": watched})
 
 
 def test_names_that_a_language_keeps_for_itself_are_refused(built):

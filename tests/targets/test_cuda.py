@@ -237,9 +237,7 @@ def test_failures_on_a_card_are_named(card, step):
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
-    ({"solver": "newton"}, "newton"),
-    ({"events": gs.Event("q1")}, "events"), ({"tangents": gs.Tangents()}, "tangents"),
-    ({"workers": 2}, "workers"), ({"inputs": {"torque": 1.0}}, "inputs"),
+    ({"solver": "newton"}, "newton"),  # others are of test_incompatibilities.py
     ({"device": "gpu"}, "'gpu'"), ({"device": "cuda:1"}, "cuda:1"),
     ({"parameters": PARAMETERS | {"I1": -1.0}}, "I1"), ({"q": 2 * MANY[0]}, "Trajectory 0"),
 ])

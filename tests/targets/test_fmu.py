@@ -18,7 +18,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-from c_programs import STRICT, run
+from c_programs import STRICT, Program, run
 from compilers import MAIN, compiler
 from gyrospark.core.manifest import NumberManifest, SystemManifest
 from gyrospark.generator.spec import Spec
@@ -74,43 +74,28 @@ def satellite(request, tmp_path_factory):
     return Fmu(built, request.param, folder)
 
 
-class Native:
+class Native(Program):
     """The same C, compiled here and called with other parameters before each step."""
 
     def __init__(self, built, folder):
-        self.name, self.options = built.stepper.name, built.options
-        for file, text in built.stepper.sources.items():
-            (folder / file).write_text(text, encoding="utf-8")
-        run([*compiler(MAIN), "-std=c11", "-O0", "-ffp-contract=off", "-shared", "-fPIC",
-             f"{self.name}.c", "-o", "native.so", "-lm"], folder)
-        self.library = ctypes.CDLL(str(folder / "native.so"))
+        name, texts, self.built = built.stepper.name, built.stepper.sources, built
+        super().__init__(SimpleNamespace(name=name, files=lambda: texts, header=texts[f"{name}.h"],
+                                         manifest=texts[f"{name}.json"]), folder)
 
     def rows(self, steps, dt=DT):
         """Return q after each step, with torques."""
-        real = ctypes.c_double
-        state = [(real * 4)(*x) for x in (self.options.q, self.options.p)]
-        values = dict(self.options.parameters)
-        size = self["work_size"]
-        size.restype = ctypes.c_size_t
-        work = ctypes.create_string_buffer(size())
-
-        class Limits(ctypes.Structure):
-            _fields_ = (("tolerance", real), ("most", ctypes.c_int))
-
-        rows = []
+        start, rows, work = self.built.options, [], self.new_work()
+        q, p = np.array(start.q), np.array(start.p)
+        state = self.pointer(q), self.pointer(p)
         for step in range(steps):
-            values |= dict(zip(INPUTS, torques(step), strict=True))
-            parameters = (real * len(values))(*values.values())
+            values = self.parameters(start.parameters | dict(zip(INPUTS, torques(step),
+                                                                 strict=True)))
             if step == 0:
-                assert self["begin"](work, parameters, ctypes.byref(Limits(0, 50)), real(dt),
-                                     *state) == 0
-            assert self["set_parameters"](work, parameters) == 0
-            assert self["advance"](work, *state) == 0
-            rows.append([*state[0]])
+                assert self.begin(work, values, self.options(0.0, 50), dt, *state) == 0
+            assert self.set_parameters(work, values) == 0
+            assert self.advance(work, *state) == 0
+            rows.append(q.tolist())
         return rows
-
-    def __getitem__(self, function):
-        return getattr(self.library, f"{self.name}_{function}")
 
 
 @pytest.fixture(scope="module")

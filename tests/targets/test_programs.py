@@ -12,9 +12,7 @@ import pytest
 import gyrospark as gs
 from c_programs import run
 from compilers import COMPILERS_OF_CPLUSPLUS, MAIN, compiler
-from gyrospark.targets.arduino import program_of
-from gyrospark.targets.artefact import fill_template
-from gyrospark.targets.native import C_FLAGS, native_bits
+from gyrospark.targets.native import C_FLAGS
 from gyrospark.targets.tools import TOOLS
 from processes import ROOT, call
 
@@ -167,30 +165,3 @@ def test_octave_compiles_what_was_built_again_and_says_where_steps_are_less_exac
     assert float(again.stdout) == pytest.approx(float(other.stdout), rel=1e-10)
     assert "converge" not in again.stderr
     assert "converge" in last("40, 3").stderr
-
-
-def test_the_sketch_has_the_same_bits_on_a_cortex_m4(tmp_path):
-    """In float, at -Os, on the emulated processor."""
-    for program in ("arm-none-eabi-gcc", "arm-none-eabi-g++", "qemu-system-arm"):
-        if shutil.which(program) is None:
-            pytest.skip(f"{program} is not installed")
-    built = gs.build("arduino", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made",
-                     parameters={"u1": 0.01})
-    name = built.stepper.name
-    board = ROOT / "tests" / "data" / "cortex_m4"
-    m4 = ["-mcpu=cortex-m4", "-mthumb", "-mfloat-abi=hard", "-mfpu=fpv4-sp-d16"]
-    sketch = built.path / "examples" / name / f"{name}.ino"
-    (tmp_path / "main.cpp").write_text(program_of(sketch, 100), encoding="utf-8")
-    (tmp_path / "Arduino.h").write_text(fill_template("Arduino.h"), encoding="utf-8")
-    start = run(["arm-none-eabi-gcc", *m4, "-print-file-name=rdimon-crt0.o"], tmp_path).strip()
-    run(["arm-none-eabi-gcc", *m4, "-Os", "-std=c11", "-ffp-contract=off", "-c",
-         built.path / "src" / f"{name}.c", "-o", "stepper.o"], tmp_path)
-    run(["arm-none-eabi-gcc", *m4, "-Os", "-c", board / "start.c"], tmp_path)
-    run(["arm-none-eabi-g++", *m4, "-Os", "-std=c++11", "-fno-exceptions", "-fno-rtti", "-I",
-         built.path / "src", "-c", "main.cpp"], tmp_path)
-    run(["arm-none-eabi-gcc", *m4, "--specs=rdimon.specs", "-nostartfiles", "-T",
-         board / "mps2_an386.ld", "start.o", "main.o", "stepper.o", start, "-lm", "-o",
-         "sketch.elf"], tmp_path)
-    said = call(["qemu-system-arm", "-M", "mps2-an386", "-kernel", "sketch.elf", "-display", "none",
-                 "-monitor", "none", "-serial", "none", "-semihosting"], cwd=tmp_path)
-    assert said.stdout.strip() == native_bits(built.stepper, built.options, 100)

@@ -63,14 +63,6 @@ def test_texts_of_other_models_stay_the_same(written, request):
     assert digests == json.loads(path.read_text(encoding="utf-8"))
 
 
-@pytest.mark.parametrize("target", TEXTS)
-def test_the_same_arguments_write_the_same_files(target, tmp_path):
-    made = [gs.build(target, **MODELS["top"], out=tmp_path / name) for name in "ab"]
-    assert made[0].files == made[1].files
-    for name in made[0].files:
-        assert (made[0].path / name).read_bytes() == (made[1].path / name).read_bytes()
-
-
 def test_every_target_is_listed_with_a_module():
     for name, target in TARGETS.items():
         module = target.load()
