@@ -81,16 +81,6 @@ def test_full_disk_behind_stdout(tmp_path):
     assert "space" in done.stderr
 
 
-def on_terminal(arguments, cwd, **changes):
-    """Start a command whose stderr is a terminal; return the process and the terminal."""
-    ours, theirs = pty.openpty()
-    process = subprocess.Popen(
-        gyrospark_command(*arguments), stdout=subprocess.PIPE, stderr=theirs, cwd=cwd,
-        env=environment(TERM="xterm", COLUMNS="100", **changes), stdin=subprocess.DEVNULL)
-    os.close(theirs)
-    return process, ours
-
-
 def read_until(terminal, wanted, seconds=PATIENCE):
     """Read from a terminal until a word has appeared or it is closed."""
     text, end = b"", time.monotonic() + seconds
@@ -103,28 +93,6 @@ def read_until(terminal, wanted, seconds=PATIENCE):
             break
         text += more
     return text
-
-
-@pytest.mark.slow  # test_storage_ends.py interrupts such a run, which is no terminal's
-def test_interrupt_ends_a_long_run(tmp_path):
-    """The time left shows that steps are being done; Ctrl-C then ends it, with code 130."""
-    arguments = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-5", "--steps", "999999999",
-                 "--every", "999999999"]
-    process, terminal = on_terminal(arguments, tmp_path)
-    try:
-        text = read_until(terminal, b" left")
-        assert b"%" in text
-        process.send_signal(signal.SIGINT)
-        said = read_until(terminal, b"Stopped at step")
-        code = process.wait(PATIENCE)
-    finally:
-        process.kill()
-        process.wait()
-        os.close(terminal)
-        process.stdout.close()
-    assert code == 130
-    assert b"Stopped at step" in said
-    assert b"Traceback" not in said
 
 
 @pytest.mark.parametrize(("entry", "name"), [("main", "gyrospark"), ("main_generate", "generate")])
@@ -156,37 +124,28 @@ def test_interrupt_of_a_read_from_a_store():
         130, "", "gyrospark: Interrupted.")
 
 
-def said_on_terminal(arguments, cwd, **changes):
-    """Return what a command says on a terminal as stderr, and on stdout, to its end."""
-    process, terminal = on_terminal(arguments, cwd, **changes)
-    with process.stdout as stream:
-        shown = read_until(terminal, b"no such word")
-        printed = stream.read()
-    os.close(terminal)
-    assert process.wait(PATIENCE) == 0, shown
-    return shown.decode(), printed.decode()
-
-
 PENDULUM = ["run", str(ROOT / "examples" / "pendulum.toml"), "--scheme", "IMS", "--steps", "5"]
 
 
 @pytest.mark.slow  # derived and compiled for this; test_progress.py tests messages
 def test_first_compile_is_said_on_a_terminal(tmp_path):
     """What is derived and compiled, while it is done and with its time."""
-    cache = {"GYROSPARK_CACHE": str(tmp_path / "cache")}
-    shown, printed = said_on_terminal(PENDULUM, tmp_path, **cache)
+    terminal, theirs = pty.openpty()
+    process = subprocess.Popen(
+        gyrospark_command(*PENDULUM), stdout=subprocess.PIPE, stderr=theirs, cwd=tmp_path,
+        env=environment(TERM="xterm", COLUMNS="100", GYROSPARK_CACHE=str(tmp_path / "cache")),
+        stdin=subprocess.DEVNULL)
+    os.close(theirs)
+    with process.stdout as stream:
+        shown = read_until(terminal, b"no such word").decode()
+        printed = stream.read().decode()
+    os.close(terminal)
+    assert process.wait(PATIENCE) == 0, shown
     for name in (r"deriving \S+pendulum\.toml", r"derived \S+pendulum\.toml in [\d.]+ s",
                  "compiling pendulum_ims", r"compiled pendulum_ims in [\d.]+ s"):
         assert re.search(name, shown.replace("\r\n", "")), shown
     assert printed.startswith("pendulum ")
     assert "\x1b" not in printed
-
-
-@pytest.mark.slow  # a second process that compiles
-def test_first_compile_is_silent_with_json(tmp_path):
-    cache = {"GYROSPARK_CACHE": str(tmp_path / "cache")}
-    silent = ["run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5", "--json"]
-    assert said_on_terminal(silent, tmp_path, **cache)[0] == ""
 
 
 def test_interrupt_of_derivation(tmp_path):

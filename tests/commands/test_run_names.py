@@ -176,12 +176,3 @@ def test_settings_of_bodies_go_by_name(gyrospark):
     assert parameters["upper_m"] == 0.7
     assert parameters["lower_gamma"] == gs.gamma((0.004, 0.004, 0.002), "h")
     assert parameters["upper_gamma"] == gs.gamma((0.001, 0.001, 0.0006), "h")
-
-
-def test_without_a_scheme_gamma_is_the_mean(gyrospark):
-    how = ("--dt", "1e-3", "--steps", "30", "--json")
-    plain = gyrospark("run", "fast-top", *how).document
-    named = gyrospark("run", "fast-top", "--scheme", "G-L", "--stages", "3", "--gamma", "m",
-                      *how).document
-    assert plain["parameters"] == named["parameters"]
-    assert plain["parameters"]["gamma"] == gs.gamma(TOP.inertia)

@@ -35,29 +35,12 @@ def test_each_condition_has_its_interval(gyrospark):
         assert -Fraction(1, 10**58) < low < high < Fraction(1, 10**58)
 
 
-@pytest.mark.slow  # orders are measured in 60 digits: seconds each
-def test_all_of_them(gyrospark):
-    document = gyrospark(*SPLITTING, "--json").document
-    assert [one["name"] for one in document["verified"]] == [*COMPOSITIONS]
-    assert document["holds"] is True
-
-
 def test_a_wrong_composition_fails(gyrospark, monkeypatch):
     monkeypatch.setitem(COMPOSITIONS, "Strang", replace(
         COMPOSITIONS["Strang"], drifts=(Fraction(1, 4), Fraction(3, 4))))
     answer = gyrospark(*SPLITTING, "--composition", "Strang")
     assert answer.code == 1
     assert "symmetry" in answer.stdout.splitlines()[-1]
-
-
-@pytest.mark.slow  # expands force gradients: seconds
-def test_a_wrong_force_gradient_fails(gyrospark, monkeypatch):
-    made = COMPOSITIONS["G4"]
-    monkeypatch.setitem(COMPOSITIONS, "G4", replace(made, gradients=tuple(
-        -c for c in made.gradients)))
-    answer = gyrospark(*SPLITTING, "--composition", "G4")
-    assert answer.code == 1
-    assert "order condition ABB" in answer.stdout.splitlines()[-1]
 
 
 @pytest.mark.parametrize(("arguments", "fragments"), [

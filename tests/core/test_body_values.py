@@ -191,44 +191,6 @@ def test_momentum_and_angular_velocity_of_a_tensor():
     assert np.linalg.norm(p) == pytest.approx(np.linalg.norm(p_own), rel=1e-14)
 
 
-def builder(inertia, tilt, rep="gamma"):
-    """Return a top on a spring, with all that is said of it in its own axes turned by ``tilt``."""
-    build = gs.Multibody("tilted", dt=1e-3, steps=200)
-    at_start = Rotation.from_rotvec([0.4, 0.2, -0.1])
-    top = build.top("a", mass=0.3, inertia=inertia, centre=tilt.apply([0.01, 0, 0.04]), rep=rep,
-                    rotation=at_start * tilt.inv(),
-                    angular_velocity=tilt.apply([3.0, -2.0, 60.0]))
-    build.spring("s", build.ground, top, stiffness=0.5, length=0.01,
-                 on_b=tilt.apply([0.02, 0.01, 0.05]))
-    build.torque(top, [-1e-4 * w for w in top.angular_velocity])
-    build.quantity("height", top.point(tilt.apply([0, 0, 1.0]))[2])
-    return build.model()
-
-
-@pytest.mark.slow  # two builders' models in two representations; a free tensor is tested below
-@pytest.mark.parametrize(("scheme", "stages", "rep"), [
-    ("G-L", 2, "gamma"), ("EMS", None, "alpha")])
-def test_a_body_with_a_tensor_moves_as_the_one_in_principal_axes(scheme, stages, rep):
-    """Two ways to every motion; what comes out is in the axes in which all was said.
-
-    γ and α are the same for both, and T as a function on the sphere too: the steps agree to
-    round-off, not only to the order of the scheme.
-    """
-    runs = []
-    for inertia, tilt in ((MOMENTS, Rotation.identity()), (TENSOR, TILT)):
-        model = builder(inertia, tilt, rep)
-        step = gs.stepper(scheme, stages, system=model.system)
-        runs.append(step.integrate(model.q0, model.p0, dt=1e-3, steps=200,
-                                   parameters=model.parameters))
-    own, tilted = runs
-    assert np.abs((own.rotation() * TILT.inv()).as_matrix()
-                  - tilted.rotation().as_matrix()).max() < 2e-12
-    assert np.abs(TILT.apply(own.angular_velocity()) - tilted.angular_velocity()).max() < 60 * 2e-12
-    assert np.abs(own.energy() - tilted.energy()).max() < 1e-13
-    assert np.abs(own.quantity("height") - tilted.quantity("height")).max() < 2e-12
-    assert tilted.report.energy_error_max < (1e-13 if scheme == "EMS" else 1e-5)
-
-
 def test_a_builder_takes_a_tensor():
     """T is ½ Ω·JΩ, whatever the attitude."""
     omega = np.array([3.0, -2.0, 10.0])
@@ -375,15 +337,6 @@ def test_a_scalar_that_seems_to_come_last_is_reported(q, first):
     text = " ".join(str(one.message) for one in said)
     assert "scalar" in text
     assert f"write {first}" in text
-
-
-def test_one_in_seventeen_random_attitudes_looks_so():
-    """The share that the docstring tells: a cap of 30° on the sphere in four dimensions."""
-    q = np.random.default_rng(3).normal(size=(20_000, 4))
-    q /= np.linalg.norm(q, axis=1, keepdims=True)
-    share = np.mean(np.abs(q[:, 3]) > math.cos(math.pi / 6))
-    assert share == pytest.approx((2 / math.pi) * (math.pi / 6 - math.sqrt(3) / 4), abs=0.005)
-    assert round(1 / share) in (16, 17, 18)
 
 
 def test_a_rotation_leaves_the_order_unsaid():

@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import sympy as sp
 
 import gyrospark as gs
 import systems
@@ -277,18 +276,6 @@ def assert_refused(pair, call):
     with pytest.raises(InputError) as error:
         call()
     assert str(error.value).endswith(f"{of_table.reason}; {of_table.cure}.")
-
-
-@pytest.mark.slow  # a stepper with derivatives
-def test_multipliers_of_two_points_at_one_place_are_refused_in_a_frame():
-    """Their constraints turn with the plane."""
-    q, p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("p1 p2 p3 p4", real=True)
-    H = sum(part**2 for part in p) / 2 + (q[0]**2 + q[1]**2) / 2
-    step = gs.stepper("G-L", stages=1, frame="symmetries", system=gs.System(
-        q, p, (), H, [q[0] - q[2], q[1] - q[3]], name="joined"))
-    assert_refused(("multiplier_derivatives", "turning_frame"), lambda: step.integrate(
-        [1, 0, 1, 0], [0, 1, 0, 1], dt=0.1, steps=3, tangents=gs.Tangents(multipliers=True),
-        parameters={symmetry.name: 0.5 for symmetry in step.symmetries}))
 
 
 def test_every_pair_has_a_call():

@@ -58,24 +58,6 @@ def test_what_lists_names_lists_all_of_them(gyrospark):
         assert f'"{name}"' in gs.stepper.__doc__
 
 
-@pytest.mark.parametrize(("function", "argument", "type_name"), [
-    (gs.stepper, "scheme", "SchemeName"), (gs.stepper, "rep", "RepName"),
-    (gs.stepper, "real", "RealName"), (gs.tableau, "scheme", "SchemeName"),
-    (gs.certify, "scheme", "SchemeName"), (gs.certify, "rep", "RepName"),
-    (gs.sweep, "scheme", "SchemeName"), (gs.sweep, "rep", "RepName"),
-    (gs.sweep, "real", "RealName"), (gs.sweep, "solver", "SolverName"),
-    (gs.Stepper.step, "solver", "SolverName"),
-    (gs.Stepper.integrate, "solver", "SolverName"),
-    (gs.Stepper.integrate_ensemble, "solver", "SolverName"),
-    (gs.tune, "aim", "Aim"), (gs.load_model, "rep", "RepName"),
-    (gs.Multibody.body, "rep", "RepName"), (gs.Multibody.top, "rep", "RepName"),
-    (gs.models.chain, "rep", "RepName"),
-], ids=lambda x: getattr(x, "__qualname__", x))
-def test_public_signatures_have_the_literals(function, argument, type_name):
-    annotation = inspect.signature(function).parameters[argument].annotation
-    assert type_name in annotation.split(" | ")
-
-
 def test_public_modules_offer_what_is_theirs():
     """gs.problems.<Tab> has no numpy and no math."""
     for module in (getattr(gs, name) for name in gs.__all__):
