@@ -1,4 +1,4 @@
-"""Objects at a prompt: a line or two with the name, no address."""
+"""Objects at a prompt, a line or two with the name, and in a notebook: whole HTML, text escaped."""
 
 from __future__ import annotations
 
@@ -7,14 +7,22 @@ import inspect
 import json
 import pickle
 import re
+import types
+from dataclasses import replace
+from html.parser import HTMLParser
 
+import numpy as np
 import pytest
 import sympy as sp
 
 import gyrospark as gs
 import systems
 from calls import PARAMETERS, RUN, TOP
+from gyrospark.certificates.certificate import Certificate
+from gyrospark.certificates.measured_properties import CertificateLine
 from gyrospark.certificates.verification import verify_stepper
+from gyrospark.core.arguments import few
+from gyrospark.core.html import curve, table
 from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system_digest import system_digest
 from gyrospark.runtime.devices.ensemble import DeviceEnsemble
@@ -22,6 +30,8 @@ from gyrospark.runtime.steppers.run_defaults import RunDefaults
 from processes import python
 from result_classes import RESULT_CLASSES, result_class
 from stores import record
+
+HOSTILE = "<script>alert(1)</script> & \"x\""
 
 
 def built():
@@ -60,7 +70,7 @@ def shown(tmp_path_factory):
     tops = systems.run("double_top", systems.stepper("double_top"), 3)
     swung = step.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
     many = step.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
-    moved = step.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(), **RUN)
+    moved = step.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(parameters=["mgl"]), **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         *systems.stepper("heavy_top_in_frame").symmetries,
@@ -72,6 +82,7 @@ def shown(tmp_path_factory):
         model.system, small_system(), *built(),
         step.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
         moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
+        step.hessian(moved, {"q": [1.0, 0.0, 0.0, 0.0]}, wrt=["mgl"]),
         gs.lyapunov(step, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
         gs.fit(step, TOP, run.t[::100], run.q[::100], free=["I1"], **RUN),
         gs.periodic_orbit(systems.stepper("pendulum"), [0.6, -0.8], [0.0, 0.0], dt=6.5 / 40,
@@ -170,3 +181,186 @@ def test_errors_say_their_sentence(gl3):
     for error in (failure.value, stopped):
         assert len(repr(error)) < 300
         assert str(error) in repr(error)
+
+
+# ---------------------------------------------------------------- cards of notebooks
+
+
+class Reader(HTMLParser):
+    """Reads strictly: every tag is closed where it was opened."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.tags, self.cells, self.points = [], [], [], ""
+        self.feed(text)
+        assert not self.open
+
+    def handle_starttag(self, tag, attrs):
+        self.open.append(tag)
+        self.tags.append(tag)
+        if tag == "td" and "thead" not in self.open:
+            self.cells.append("")
+        self.points = dict(attrs).get("points", self.points)
+
+    def handle_startendtag(self, tag, attrs):
+        self.points = dict(attrs).get("points", self.points)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        if self.open and self.open[-1] == "td" and "thead" not in self.open:
+            self.cells[-1] += data
+
+
+def card(thing):
+    return Reader(thing._repr_html_())
+
+
+@pytest.fixture(scope="module")
+def run(shown):
+    return next(thing for thing in shown if type(thing) is gs.Trajectory)
+
+
+CARDS = {
+    "Stepper": lambda one: ["2-G-L, order 4, 18 unknowns", "heavy_top", *one.parameter_domains],
+    "Problem": lambda one: ["I1 = 0.002, I2 = 0.002, I3 = 0.0008, mgl = 0.3924"],
+    "Simulation": lambda one: ["0 s", "0"],
+    "Report": lambda one: ["iterations a step", str(one.iterations_max),
+                           f"{one.iterations_mean:.1f}", f"{one.energy_error_max:.2e}"],
+    "BodyMotion": lambda one: [few(f"{x:.6g}" for x in one.attitude[-1])],
+    "JointMotion": lambda one: ["4 of 3 steps of 0.002 s"],
+    "Crossings": lambda one: [f"{float(one.t[0]):.9g}", "up" if one.rising[0] else "down"],
+    "Impacts": lambda one: [f"{float(one.impulse[0]):.6g}"],
+    "Gradient": lambda one: ["mgl", f"{one['mgl']:.6g}"],
+    "Hessian": lambda one: ["mgl", f"{one.gradient[0]:.6g}", f"{one.matrix[0, 0]:.6g}"],
+    "TangentRows": lambda one: ["mgl", f"{np.linalg.norm(one['mgl'][-1]):.6g}"],
+    "Projection": lambda one: [text for name in one.before for text in (
+        name, f"{one.before[name]:.1e}", f"{one.after[name]:.1e}")],
+    "Fit": lambda one: ["I1"],
+    "Lyapunov": lambda one: [f"{one.exponents[0]:.4g}"],
+    "Section": lambda one: [str(len(one))],
+    "Certificate": lambda one: [line.verdict for line in one.lines],
+    "Multibody": lambda one: ["a, b", "shoulder, elbow, knee, rod, spring"],
+    "Built": lambda one: [str(one.path)],
+    "Citations": lambda one: [*one.reasons.values()],
+}
+
+
+@pytest.mark.parametrize("kind", CARDS)
+def test_a_card_has_the_numbers_of_its_object(kind, shown):
+    one = next(thing for thing in shown if type(thing).__name__ == kind)
+    cells = card(one).cells
+    for text in CARDS[kind](one):
+        assert any(text in cell for cell in cells), (text, cells)
+
+
+def test_every_result_has_a_card():
+    """Classes whose objects calls return, and builders."""
+    builders = (gs.Ensemble, gs.Model, gs.Multibody, gs.Simulation, gs.Start, gs.Stepper, gs.System,
+                gs.Trajectory)
+    for cls in (*map(result_class, RESULT_CLASSES), *builders):
+        assert hasattr(cls, "_repr_html_"), cls
+
+
+def test_a_trajectory_shows_its_report_and_a_curve(run):
+    found = card(run)
+    assert any("301 of 300" in cell for cell in found.cells)
+    assert f"{run.report.energy_error_max:.2e}" in found.cells
+    points = np.array([[float(x) for x in pair.split(",")] for pair in found.points.split()])
+    assert 250 < len(points) <= 301
+    error, height = run.energy_error(), -points[:, 1]  # down the page is up the axis
+    assert height[np.argmax(error)] == height.max() > height.min() == height[np.argmin(error)]
+    assert (np.diff(points[:, 0]) > 0).all()
+
+
+def test_what_others_wrote_stays_text(run):
+    manifest = replace(run.manifest, name=HOSTILE)
+    line = CertificateLine(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
+    for thing in (replace(run, manifest=manifest),
+                  Certificate(HOSTILE, HOSTILE, 2, 0.1, 3, {}, [line])):
+        text = thing._repr_html_()
+        assert "<script" not in text
+        assert "&lt;script&gt;alert(1)" in text
+        Reader(text)
+
+
+@pytest.mark.filterwarnings("ignore:The fastest rotation")
+def test_an_ensemble_says_what_failed(gl3):
+    many = gl3.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, dt=[1e-3, 1.0, 1e-3], steps=5,
+                                  parameters=RUN["parameters"])
+    cells = card(many).cells
+    assert cells[:4] == ["trajectories", "3 of 6 states", "failed", "1"]
+    assert cells[4:] == ["trajectory 1", str(many.failures[1])]
+
+
+def test_a_system_and_a_model_show_their_formulas():
+    model = gs.models.lagrange_top()
+    cells = card(model).cells
+    H = cells[cells.index("H") + 1]
+    assert f"\\({sp.latex(model.system.H)}\\)" == H
+    assert cells[cells.index("g: a: unit quaternion") + 1].startswith("\\(a_{q0}^{2}")
+    assert "a_I1 = 0.004" in cells[cells.index("parameters") + 1]
+    long = gs.models.chain(6)
+    cells = card(long).cells
+    assert re.fullmatch(r"\d+ terms .*[\d,]+ parts", cells[cells.index("H") + 1])
+    assert len(long._repr_html_()) < 6000
+    x, u, c = sp.symbols("x u c", real=True)
+    pushed = gs.System([x], [u], [c], u**2 / 2, name="pushed", forces=[-c * u])
+    cells = card(pushed).cells
+    assert cells[cells.index("F(u)") + 1] == "\\(- c u\\)"
+
+
+def test_a_tableau_is_butchers_table():
+    two = card(gs.tableau("G-L", stages=2))
+    assert two.tags.count("table") == 4
+    half, root = sp.Rational(1, 2), sp.sqrt(3)
+    assert two.cells[:3] == [f"\\({sp.latex(e)}\\)"
+                             for e in (half - root / 6, half / 2, half / 2 - root / 6)]
+    for stages in (5, 9):  # where exact entries are pages long
+        found = gs.tableau("G-L", stages=stages)
+        cells = card(found).cells
+        first = found.numeric(digits=30).A[0][1]
+        assert abs(float(cells[2]) - float(first)) < 1e-12
+        assert float(cells[0]) == pytest.approx(float(found.numeric(digits=30).c[0]), abs=1e-12)
+
+
+def test_curves_and_tables_of_little():
+    assert Reader(table([("a", 1)], ("", "n"))).tags.count("th") == 1
+    assert curve([], [], "H") == curve([0.0], [1.0], "H") == ""
+    assert curve([0.0, 1.0, 2.0], [np.nan, np.inf, 1.0], "H") == ""
+    assert "polyline" in curve([0.0, 1.0], [2.0, 2.0], "H")
+    assert Reader(table([["a < b", 3]])).cells == ["a < b", "3"]
+    assert few([*"abcdefghij"]).endswith("(10)")
+
+
+def test_completion_offers_public_names(run):
+    for module in (gs, gs.models, gs.problems, gs.symbols):
+        for name in dir(module):
+            value = getattr(module, name)
+            assert not isinstance(value, types.ModuleType) or module is gs, name
+    offered = {name for name in dir(run.body()) if not name.startswith("_")}
+    assert {"attitude", "euler", "angular_velocity", "position", "momentum"} <= offered
+    assert not {"np", "run", "at"} & offered
+
+
+def test_progress_of_ensembles_sections_and_fits(gl3):
+    """What is done grows up to the end, and is the same that the results say."""
+    step = systems.differentiable("pendulum")
+    start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
+    run = step.integrate(start, dt=0.01, steps=20)
+    for workers in (1, 2):
+        done = []
+        gl3.integrate_ensemble([TOP.q0] * 64, [TOP.p0] * 64, steps=100, **RUN, workers=workers,
+                               events=gs.Event("q1"), progress=done.append)
+        assert done == sorted(done)
+        assert done[-1] == 64 * 100
+    done = []
+    gs.section(step, [start], event=gs.Event(step.manifest.system.coordinates[0]), dt=0.01,
+               steps=20, progress=done.append)
+    assert done[-1] == 20
+    done = []
+    gs.fit(step, start, run.t[1:], run.q[1:], dt=0.01, observe="q", free=[next(iter(
+        start.parameters))], horizons=[10, 15], progress=done.append)
+    assert sorted(set(done)) == [0, 1, 2, 3]
+    assert done == sorted(done)
