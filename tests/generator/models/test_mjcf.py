@@ -200,47 +200,6 @@ def spun(axis, angle):
 
 # ---------------------------------------------------------------- more bodies
 
-BAR = '<inertial pos="{0} 0 0" mass="1" diaginertia=".001 {1} {1}"/>'
-FOUR_BAR = f"""<compiler angle="radian"/>
-<default><joint axis="0 -1 0"/><default class="stiff"><joint armature=".02" damping=".1"/></default>
-</default><worldbody><body name="frame" pos="0 0 .5">
-<body name="crank" childclass="stiff"><joint name="crank"/>{BAR.format(0.2, 0.4**2 / 12)}
-<body name="coupler" pos=".4 0 0"><joint name="elbow" class="main"/>{BAR.format(0.5, 1 / 12)}
-<body name="rocker" pos="1 0 0"><joint name="wrist"/>{BAR.format(0.35, 0.7**2 / 12)}
-<site name="tip" pos=".7 0 0"/>
-</body></body></body><site name="pin" pos="1.1 0 0"/></body></worldbody>
-<equality><connect name="loop" site1="tip" site2="pin"/></equality>
-"""
-ANGLES = {"crank": 1.2, "elbow": -0.9, "wrist": -1.9}
-
-
-def test_classes_and_loops_are_those_put_together_by_hand(tmp_path):
-    """A four-bar of sites, with classes of joints, is the one of a builder."""
-    with (pytest.warns(gs.errors.InputWarning, match=r"'crank' 1\.19.*1\.2"),
-          pytest.warns(match="left out")):
-        found = Motion(gs.load_model(written(tmp_path, FOUR_BAR), angles=ANGLES))
-    build = gs.Multibody("hand")
-    tilt, x, above = 0.0, np.array([0, 0, 0.5]), build.ground
-    for name, length, angle in (("crank", 0.4, 1.2), ("elbow", 1.0, -0.9), ("wrist", 0.7, -1.9)):
-        tilt += angle
-        along = np.array([math.cos(tilt), 0, math.sin(tilt)])
-        body = build.body(f"{name}_bar", mass=1, inertia=(0.001, length**2 / 12, length**2 / 12),
-                          position=x + length / 2 * along,
-                          rotation=spun((0, -1, 0), tilt))
-        build.revolute(name, above, body, axis_in_space=(0, -1, 0), at=x)
-        build.quantity(f"{name}_rate", build.rate(name))
-        if name != "elbow":
-            build.flywheel(f"{name}_wheel", name, inertia=0.02)
-            build.joint_spring(f"{name}_damper", name, damping=0.1)
-        x, above = x + length * along, body
-    build.ball("loop", above, "ground", on_a=(0.35, 0, 0), on_b=(1.1, 0, 0.5))
-    with pytest.warns(gs.errors.InputWarning, match="constraints move"):
-        wanted = Motion(build.model(redundant="leave out"))
-    for name in ("crank", "elbow", "wrist"):
-        assert found.acceleration(f"{name}_rate") == pytest.approx(
-            wanted.acceleration(f"{name}_rate"), rel=1e-11)
-
-
 PAIR = """<worldbody>
 <body name="a"><joint name="a" axis="0 0 1" armature=".1"/><geom size=".1" mass="1" pos=".3 0 0"/>
 </body><body name="b" pos="1 0 0"><joint name="b" axis="0 0 1" ref="10"/>

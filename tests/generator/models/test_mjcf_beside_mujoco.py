@@ -82,7 +82,17 @@ def row(*joints):
         '<inertial pos=".1 .2 -.3" mass="1.5" diaginertia=".05 .06 .04"/></body></worldbody>')
 
 
+BAR = ('<body name="{0}" pos="{1}"><joint name="{0}" {2}/><inertial pos="{3} 0 0" mass="1" '
+       'diaginertia=".001 .1 .1"/>')
 FEATURES = {
+    "a four-bar of sites with classes": '<default><joint axis="0 -1 0"/><default class="stiff">'
+    '<joint armature=".02" damping=".1"/></default></default><worldbody>'
+    '<body name="frame" pos="0 0 .5" childclass="stiff">' + BAR.format("crank", "0 0 0", "", ".2")
+    + BAR.format("coupler", ".4 0 0", 'class="main"', ".5")
+    + BAR.format("rocker", "1 0 0", "", ".3")
+    + '<site name="tip" pos=".7 0 0"/></body></body></body><site name="pin" pos="1.1 0 0"/></body>'
+    '</worldbody><equality><connect name="loop" site1="tip" site2="pin"/></equality>'
+    + KEY.format("1.2 -.9 -1.9", "0 0 0", ""),
     "general default of another kind": "<default><general gainprm='3' biastype='affine' "
     "biasprm='1 -2 -3'/></default>" + ARM.format("") + MOTOR.format("general") + ONE_KEY,
     "position after a general default": "<default><general gear='2' biasprm='1 0 0'/></default>"
