@@ -170,14 +170,22 @@ def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: 
         return
     # cells are independent, so that workers share them evenly
     spread = f"({_duration(estimate.low / workers)} to {_duration(estimate.high / workers)})"
+    place = f"on {_counted(workers, 'core')} here"
     click.echo("\n".join([
         f"{study.name} with {', '.join(s.name for s in study.steppers)}",
-        f"  {estimate.cells:,} cells, {estimate.steps:,} steps in {estimate.tiles:,} tiles",
-        f"  on {workers} cores here     {_duration(wall)} {spread}; one core "
+        f"  {_counted(estimate.cells, 'cell')}, {_counted(estimate.steps, 'step')} in "
+        f"{_counted(estimate.tiles, 'tile')}",
+        f"  {place:<24}{_duration(wall)} {spread}; one core "
         f"{_duration(estimate.cpu_seconds)}",
-        f"  on the disk             {_bytes(estimate.disk_bytes)} in {estimate.files:,} files",
+        f"  on the disk             {_bytes(estimate.disk_bytes)} in "
+        f"{_counted(estimate.files, 'file')}",
         f"  in a worker's memory    {_bytes(estimate.memory_bytes)}",
     ]))
+
+
+def _counted(count: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless there is one."""
+    return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
 def _duration(seconds: float) -> str:

@@ -24,7 +24,7 @@ from .run_arguments import (
     Integration,
     depends_on_time,
     has_searches,
-    negative_means,
+    negative_parameters,
 )
 from .step_loop import FIRST_STEPS
 
@@ -121,7 +121,7 @@ class CallMemory:
                 or stepper.manifest.system.velocity_names
                 or not {*map(type, (*arguments, as_solver(arguments[-1]).tolerance))} <= _FIXED
                 or not all({*map(type, x.values())} <= _FIXED for x in (parameters or {}, *dicts))
-                or has_searches(state.parameters) or negative_means(run.parameters)):
+                or has_searches(state.parameters) or negative_parameters(run.parameters)):
             return
         self._last = _Call(
             arguments, _entries(parameters),

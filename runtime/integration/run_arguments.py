@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 __all__ = ["IMMUTABLE", "OPEN", "EnsembleArguments", "Integration", "Origin", "ParameterCheck",
            "RawArguments", "RunArguments", "StartNumbers", "as_parameters", "checked_runs",
-           "depends_on_time", "end_of_run", "has_searches", "in_scaled_time", "negative_means",
+           "depends_on_time", "end_of_run", "has_searches", "in_scaled_time", "negative_parameters",
            "refuse_texts", "span_of", "step_argument", "step_count", "steps_until",
            "warn_of_late_start", "warn_of_negative", "with_rules"]
 
@@ -685,17 +685,18 @@ def has_searches(parameters: Any) -> bool:
 
 
 def warn_of_negative(parameters: Mapping[str, Any]) -> None:
-    """Warn of γ and α below 0; each parameter is a number, or one for each of many runs."""
-    for name, smallest in negative_means(parameters).items():
-        warn(f"Parameter {name} = {smallest:.6g} is below 0. The motion does not depend on it, "
-             "but its error does: several times that of a value near the moments of inertia, "
-             "such as m.")
+    """Warn of γ, α and dampings below 0; each parameter is one number, or one for each run."""
+    for name, smallest in negative_parameters(parameters).items():
+        warn(f"Parameter {name} = {smallest:.6g} is below 0. " + (
+            "The motion does not depend on it, but its error does: several times that of a value "
+            "near the moments of inertia, such as m." if is_inertia_parameter(name) else
+            "Such a damper adds energy; give 0 or more, unless this is meant."))
 
 
-def negative_means(parameters: Mapping[str, Any]) -> dict[str, float]:
-    """Return the γ and α below 0, name → number; of a column the least number."""
+def negative_parameters(parameters: Mapping[str, Any]) -> dict[str, float]:
+    """Return the γ, α and dampings below 0, name → number; of a column the least number."""
     negative: dict[str, float] = {}
-    for name in _names_with_inertia(tuple(parameters)):
+    for name in _usually_positive(tuple(parameters)):
         number_or_column = parameters[name]
         # floats alone are the usual case, and NumPy's minimum takes microseconds
         smallest = (number_or_column if type(number_or_column) is float
@@ -703,6 +704,13 @@ def negative_means(parameters: Mapping[str, Any]) -> dict[str, float]:
         if smallest < 0:
             negative[name] = smallest
     return negative
+
+
+@lru_cache(maxsize=16)
+def _usually_positive(parameters: tuple[str, ...]) -> list[str]:
+    """Return the names of γ and α of bodies, and of dampers, which joints and springs have."""
+    return [*_names_with_inertia(parameters),
+            *(name for name in parameters if name.endswith("_damping"))]
 
 
 #: A start is late if it is that many durations of the run after t = 0.

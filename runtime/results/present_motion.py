@@ -32,6 +32,7 @@ Floats = Sequence[float]
 class Present(Protocol):
     """The part of a simulation that bodies and joints read; q and p have the shape (n,)."""
 
+    simulation: Any
     q: Array
     p: Array
     manifest: Manifest
@@ -60,12 +61,20 @@ class _SingleState:
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.name} of {self._run.manifest.name}>"
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle by name, together with the simulation."""
+        return operator.methodcaller(self._kind, self.name), (self._run.simulation,)
+
+    @property
+    def _kind(self) -> str:
+        """The method of a simulation that returns this object."""
+        return "joint" if isinstance(self, JointMotion) else "body"
+
     def plot(self, *arguments: Any, **options: Any) -> Any:
         """Refuse to draw one state."""
-        kind = "joint" if isinstance(self, JointMotion) else "body"
         raise InputError(f"A simulation has one state of {self.name!r}, which is no motion to "
                          "draw; start it by step.start(..., record=True) and call "
-                         f"sim.trajectory.{kind}({self.name!r}).plot().")
+                         f"sim.trajectory.{self._kind}({self.name!r}).plot().")
 
 
 @explain_arguments

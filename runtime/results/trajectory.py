@@ -550,7 +550,8 @@ class Trajectory(Shown):
         if maker is None:
             raise InputError(
                 f"This trajectory of {self.manifest.name} does not know the stepper that made "
-                f"it, for it was read from a file or belongs to an ensemble; give {call}.")
+                f"it, for it was copied, pickled or read from a file, or belongs to an ensemble; "
+                f"give {call}.")
         if not callable(getattr(maker, "_at", None)):
             raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
                              "returned.")

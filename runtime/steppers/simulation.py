@@ -257,6 +257,9 @@ class Simulation:
 
     def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
         """``record`` keeps all states, for ``trajectory``; else the present one alone."""
+        if not isinstance(run, RunArguments):
+            raise InputError(f"{shown(run)} is no checked start of a simulation; call "
+                             "step.start(start, dt=...), which checks it and returns one.")
         self._stepper = stepper
         self._run = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
         self._lock = threading.Lock()
@@ -609,7 +612,7 @@ class _PresentState:
     """The state of a simulation, as its bodies and joints read it: arrays of one state."""
 
     def __init__(self, simulation: Simulation) -> None:
-        self._simulation, self._run = simulation, simulation._run
+        self.simulation, self._run = simulation, simulation._run
         # Compiled code writes into these.
         coordinate_count = self._run.binding.shown
         self.q, self.p = self._run.q[:coordinate_count], self._run.p[:coordinate_count]

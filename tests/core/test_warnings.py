@@ -153,6 +153,8 @@ def test_a_negative_parameter_that_is_no_gamma_of_a_body_is_silent():
         warn_of_negative({"gamma": -1.0, "k": 2.0})
     with pytest.warns(gs.errors.InputWarning, match="gamma"):
         warn_of_negative({"gamma": -1.0, "I1": 2.0, "I2": 2.0, "I3": 1.0})
+    with pytest.warns(gs.errors.InputWarning, match="hinge_damping = -0.1.*energy"):
+        warn_of_negative({"hinge_damping": -0.1})
 
 
 def test_remarks_are_heard_by_the_thread_that_listens():

@@ -136,9 +136,9 @@ def test_a_body_follows_its_simulation():
     sim.advance(5)
     assert np.array_equal(attitude, start)  # a copy
     assert np.array_equal(body.attitude, sim.q)
-    other = pickle.loads(pickle.dumps(sim))
+    other, other_body = pickle.loads(pickle.dumps((sim, body)))
     other.advance(5)
-    assert np.array_equal(other.body().attitude, other.q)
+    assert np.array_equal(other_body.attitude, other.q)
     assert not np.array_equal(body.attitude, other.q)
     assert "satellite" in repr(body)
 

@@ -90,6 +90,11 @@ def test_forces_time_and_quantities():
         sim.quantity("depth")
 
 
+def test_a_simulation_comes_from_a_stepper(gl3):
+    with refused("start.*step.start"):
+        gs.Simulation(gl3, gs.problems.fast_top())
+
+
 def test_a_tableau_without_fixed_point_iterations():
     """Newton's method makes every step."""
     step = gs.stepper(tableau=ROOT / "examples" / "tableaux" / "radau_plain_2.json")
