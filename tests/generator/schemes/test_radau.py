@@ -147,28 +147,7 @@ def test_a_step_is_the_root_that_fifty_digits_find(s):
         assert np.abs(p - doubles(exact.p)).max() < 64 * EPS
 
 
-@few
-def test_order_of_compiled_steps_on_a_constrained_system(s):
-    """An asymmetric top: orders 1, 3, 5, and the constraints at round-off."""
-    case = make_case("gamma", (1.0, 1.7, 0.6), 0.2, 0.9, (0.5, -0.3, 0.7, 0.4), (0.9, -1.4, 1.1),
-                     1.0)
-    step, errors = gs.stepper("Radau-L", s), []
-    exact = gs.stepper("G-L", 8).integrate(case.q, case.p, dt=0.02, steps=100,
-                                           parameters=case.parameters).q[-1]
-    for steps in (100, 200, 400):
-        run = step.integrate(case.q, case.p, dt=2 / steps, steps=steps, parameters=case.parameters)
-        errors.append(np.abs(run.q[-1] - exact).max())
-        assert run.report.constraint_max < 4 * EPS
-        assert run.report.momentum_constraint_max < 4 * EPS * np.linalg.norm(case.p)
-    assert step.order == 2 * s - 1
-    assert np.log2(errors[-2] / errors[-1]) == pytest.approx(step.order, abs=0.1)
-
-
 # ---------------------------------------------------------------- dampers
-
-
-
-
 
 
 @cache

@@ -26,19 +26,15 @@ from rolling_systems import (
 # ---------------------------------------------------------------- order
 
 
-@pytest.mark.parametrize(("s", "counts"), [
-    (2, (32, 64)), *(pytest.param(*pair, marks=pytest.mark.slow)
-                     for pair in ((1, (32, 64)), (3, (16, 32)), (4, (10, 20))))])
-def test_order_on_the_sleigh(s, counts):
+def test_order_on_the_sleigh():
     """A trigonometric row and no g, against the closed form of θ and p."""
     u, w, th = sleigh_end(0.7, 1.5, 0.3, 2.0)
-    p = sleigh_state(u, w, th)[1]
-    found = []
-    for count in counts:
-        run = stepper_of(sleigh, s).integrate(*sleigh_state(0.7, 1.5), dt=2 / count, steps=count,
+    p, found = sleigh_state(u, w, th)[1], []
+    for count in (32, 64):
+        run = stepper_of(sleigh, 2).integrate(*sleigh_state(0.7, 1.5), dt=2 / count, steps=count,
                                               parameters=SLEIGH)
         found.append([abs(run.q[-1, 2] - th), np.abs(run.p[-1] - p).max()])
-    assert np.log2(np.divide(*found)) == pytest.approx([2 * s, 2 * s], abs=0.12)
+    assert np.log2(np.divide(*found)) == pytest.approx([4, 4], abs=0.12)
 
 
 @pytest.mark.slow

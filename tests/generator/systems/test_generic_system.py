@@ -77,22 +77,6 @@ def test_step_and_jacobian_agree_with_the_reference(name, scheme, stages):
     assert largest(r) <= 64 * EPS * (16 + largest(x) + 0.1 / dt)
 
 
-@pairs
-def test_shapes(name, scheme, stages):
-    step, example = stepper_for(name, scheme, stages), EXAMPLES[name]
-    n, m = len(example.q), len(example.symbolic.constraints)
-    assert (step.n, step.m) == (n, m)
-    count = {"IMS": 1, "EMS": 1, "G-L": 3, "LIIIA-B": 3}[scheme]
-    q, p = next(states(name, 1, step))
-    for steps in (5, 0):
-        run = step.integrate(q, p, dt=0.01, steps=steps, parameters=example.parameters)
-        assert run.q.shape == run.p.shape == (steps + 1, n)
-        assert run.multipliers.shape == {0: (steps, 0), 1: (steps, count), 2: (steps, count, 2)}[m]
-    assert step.unknowns == (2 * n * stages + m * (count - 1) if stages else 2 * n + m)
-    with pytest.raises(gs.GyrosparkError, match="rigid"):
-        run.axis()
-
-
 @pytest.mark.parametrize("dt", [0.1, 0.01])
 def test_redundant_constraints_fail_clearly(dt):
     """A constraint given twice leaves its multipliers undetermined: a clear failure, or the step.
