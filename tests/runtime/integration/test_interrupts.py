@@ -247,26 +247,22 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
 
 
 @pytest.mark.parametrize("out", [(), ("--out", "x.csv"), ("--out", "x.zarr")])
-def test_signal_after_the_last_step(out, gyrospark, monkeypatch, tmp_path):
-    """The run is complete, and is told so, with its report."""
+@pytest.mark.parametrize("signals", [1, 2])
+def test_signals_after_the_last_step(signals, out, gyrospark, monkeypatch, tmp_path):
+    """The run is complete, and is told so, with its report; a second one ends the report."""
     run = importlib.import_module("gyrospark.commands.run.command")
     report = run.result_of
-    monkeypatch.setattr(run, "result_of", lambda *given: (interrupt(), report(*given))[1])
+    monkeypatch.setattr(run, "result_of", lambda *given: (
+        [interrupt() for _ in range(signals)], report(*given))[1])
     answer = gyrospark(*COMMAND, *out)
     assert answer.code == 130
-    assert "20 steps" in answer.stdout
     assert answer.stderr.count("\n") == 1
+    if signals == 2:
+        assert answer.stdout == ""
+        assert "Interrupted" in answer.stderr
+        assert ("'x.zarr'" in answer.stderr) == ("--resume" in answer.stderr) == ("x.zarr" in out)
+        return
+    assert "20 steps" in answer.stdout
     assert "complete" in answer.stderr
     left = {path.name for path in tmp_path.iterdir()}
     assert left == {*out[1:]} | ({".x.zarr.lock"} if out[1:] == ("x.zarr",) else set())
-
-
-@pytest.mark.parametrize("out", [(), ("--out", "x.csv"), ("--out", "x.zarr")])
-def test_second_signal_says_what_is_left(out, gyrospark, monkeypatch):
-    run = importlib.import_module("gyrospark.commands.run.command")
-    monkeypatch.setattr(run, "result_of", lambda *given: (interrupt(), interrupt()))
-    answer = gyrospark(*COMMAND, *out)
-    assert (answer.code, answer.stdout) == (130, "")
-    assert answer.stderr.count("\n") == 1
-    assert "Interrupted" in answer.stderr
-    assert ("'x.zarr'" in answer.stderr) == ("--resume" in answer.stderr) == ("x.zarr" in out)

@@ -83,24 +83,6 @@ def test_a_scale_that_misses_the_fast_part_is_warned_of(power, dtau, t_end, warn
     assert [one.category for one in caught] == [gs.errors.InputWarning] * 2 * warns
 
 
-@pytest.mark.slow  # a stepper for this
-@pytest.mark.parametrize("seen", [False, True])
-def test_a_pulse_that_the_scale_misses_is_warned_of(seen):
-    """A disc is spun up by a torque about t = 5: its rotation later hides no pulse."""
-    q, p = sp.symbols("c s pc ps", real=True)[:2], sp.symbols("pc ps", real=True)
-    rate = q[0] * p[1] - q[1] * p[0]
-    torque = 20 * sp.exp(-4 * (t - 5) ** 2)
-    a = sp.Symbol("a", real=True)
-    system = gs.System(q, p, (a,), (p[0] ** 2 + p[1] ** 2) / 2, [q[0] ** 2 + q[1] ** 2 - 1],
-                       time=t, forces=(-torque * q[1], torque * q[0]), name="disc",
-                       time_scale=gs.scales.rates(3 * rate, 1, a * sp.exp(-((t - 5) ** 2))))
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        gs.stepper("G-L", 2, system=system).integrate(
-            [1, 0], [0, 0.01], dtau=0.3, t_end=10, parameters={"a": 18.0 * seen})
-    assert [one.category for one in caught] == [gs.errors.InputWarning] * (not seen)
-
-
 # ---------------------------------------------------------------- times
 
 

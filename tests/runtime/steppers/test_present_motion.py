@@ -143,17 +143,6 @@ def test_a_body_follows_its_simulation():
     assert "satellite" in repr(body)
 
 
-def test_every_type_has_bodies():
-    for real in ("float", "long-double"):
-        step, case = systems.stepper("heavy_top", real=real), systems.case("heavy_top")
-        q, p = step.project(case.q, case.p, parameters=case.parameters)
-        sim = step.start(q, p, dt=1e-3, parameters=case.parameters)
-        run = step.integrate(q, p, dt=1e-3, steps=1, parameters=case.parameters)
-        assert sim.body().attitude.dtype == run.q.dtype
-        expected = run.body().angular_velocity()[0]
-        assert np.abs(sim.body().angular_velocity() - expected).max() <= 8 * EPS * expected.max()
-
-
 def test_what_is_not_there_is_refused():
     sim, _ = advanced("double_top", 0)
     with refused("'c'", "a or b"):

@@ -74,22 +74,6 @@ def test_every_type(real, solver, tmp_path):
     assert len(sim.trajectory) == 18
 
 
-def test_forces_time_and_quantities():
-    """A system of one's own, with drag and a drive; W goes on, and so does the time."""
-    step = systems.stepper("dragged_pendulum")
-    begin = gs.Start(*systems.start("dragged_pendulum", step),
-                     systems.case("dragged_pendulum").parameters, 2.0)
-    run = step.integrate(begin, steps=60, dt=0.05)
-    sim = step.start(begin, dt=0.05)
-    in_pieces(sim, 20, 3)
-    assert_is(sim, run)
-    assert sim.report.work == run.work[-1] != 0
-    for name in ("height", "drive"):
-        assert sim.quantity(name) == run.quantity(name)[-1]
-    with refused("'depth'.*height"):
-        sim.quantity("depth")
-
-
 def test_a_simulation_comes_from_a_stepper(gl3):
     with refused("start.*step.start"):
         gs.Simulation(gl3, gs.problems.fast_top())
@@ -428,19 +412,6 @@ def test_threads_do_not_share_what_is_held(gl3):
         thread.join()
     assert len(ends) == 4
     assert all(np.array_equal(q, run.q[-1]) for q, _ in ends)
-
-
-def test_time_goes_on_with_the_steps():
-    step = systems.stepper("driven_oscillator")
-    numbers = {"parameters": systems.case("driven_oscillator").parameters}
-    run = step.integrate(gs.Start([1.0], [0.0], t=2.0), dt=0.0625, steps=20, **numbers)
-    q, p = np.array([1.0]), np.array([0.0])
-    for k in range(20):
-        q, p = step.step(gs.Start(q, p, t=2.0 + k * 0.0625), dt=0.0625, **numbers)
-    assert np.array_equal(q, run.q[-1])
-    anew = step.step(gs.Start(q, p, t=7.0), dt=0.0625, **numbers)  # not the time that follows
-    alone = step.integrate(gs.Start(q, p, t=7.0), dt=0.0625, steps=1, **numbers)
-    assert np.array_equal(anew[0], alone.q[-1])
 
 
 def test_inputs_of_one_call_are_not_those_of_the_next():
