@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
 import gyrospark as gs
@@ -37,14 +36,3 @@ def test_loops_have_the_constants_of_single_assignments(monkeypatch):
     assert sorted(map(repr, one.statements)) == sorted(map(repr, other.statements))
     assert {*one.outputs} == {*other.outputs}
     assert len(one.outputs) > 12
-
-
-@pytest.mark.slow  # two steppers of a chain
-def test_loops_have_the_bits_of_single_assignments(monkeypatch):
-    model = gs.models.chain(2)
-    name, *both = sources_of(model, monkeypatch)
-    runs = [gs.Stepper(name, files).integrate(
-        model.q0, model.p0, dt=1e-3, steps=5, parameters=model.parameters) for files in both]
-    assert np.array_equal(runs[0].q, runs[1].q)
-    assert np.array_equal(runs[0].p, runs[1].p)
-    assert np.abs(runs[0].q[-1] - runs[0].q[0]).max() > 1e-4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import runpy
 from functools import cache
 
 import numpy as np
@@ -174,17 +173,6 @@ def test_a_constrained_damper_falls_by_R(scheme):
         assert run.p[1] == pytest.approx(R * start, abs=64 * EPS * 9)
 
 
-@pytest.mark.slow  # a stepper
-def test_an_oscillation_loses_what_the_certificate_says():
-    """V = ½ k (3r)²: ω² = 9k/39."""
-    (share, power), h = stability(radau_lobatto(2)).damping, 0.1
-    run = gs.stepper("Radau-L", 2, system=held()).integrate(
-        [2.0, 2.0, 3.0], np.zeros(3), dt=h, steps=1, parameters={"c": 0, "k": 39 / 9})
-    lost = 1 - float(np.hypot(run.q[1, 0] / 2, run.p[1, 0] / 2))
-    # the next term of E and of the root of it, each about h² of this one
-    assert lost == pytest.approx(float(share) * h**power, rel=2 * h**2 + EPS / lost)
-
-
 def test_the_certificate_tells_what_is_given_up():
     lines = {line.quantity.split(",")[0]: line for line in gs.certify(
         gs.problems.fast_top(), "Radau-L", 2, dt=1e-3, steps=50).lines}
@@ -194,26 +182,6 @@ def test_the_certificate_tells_what_is_given_up():
     assert lines["numerical damping"].found.startswith("0.014 (ωΔt)^4")
     assert "dampers" not in lines
     assert lines["order"].holds
-
-
-@pytest.mark.slow
-def test_the_flyball_governor_of_iftomm():
-    """28 coordinates against three: Radau of SciPy on the symmetric motion, 1e-12 and 3e-13.
-
-    Where the damper is stiff, speeds converge at order s or a little more.
-    """
-    governor = runpy.run_path(str(FOLDER.parent / "flyball_governor.py"))["governor"]
-    model = governor()
-    for stages, height, speed in ((2, 1e-9, 4e-7), (3, 1e-12, 1e-8)):
-        step, errors = gs.stepper("Radau-L", stages, system=model), []
-        for steps in (1000, 2000):
-            run = step.integrate(model.q0, model.p0, dt=1 / steps, steps=steps,
-                                 parameters=model.parameters)
-            slider = run.body("slider")
-            assert slider.position()[-1, 2] == pytest.approx(0.5014209223796, rel=0, abs=height)
-            errors.append(abs(slider.velocity()[-1, 2] + 0.122151492898))
-        assert errors[1] < errors[0] / 2**stages
-        assert errors[0] < speed
 
 
 def test_what_rounding_left_is_distinguished_from_small_coefficients():

@@ -116,23 +116,3 @@ def test_consistency_is_checked_in_any_units(mass):
     for _ in range(10):
         q, p = case.q * (1 + 0.1 * rng.standard_normal(2)), mass * rng.standard_normal(2)
         step.step(*step.project(q, p, parameters=parameters), dt=1e-3, parameters=parameters)
-
-
-@pytest.mark.slow  # a stepper more
-@pytest.mark.parametrize("masses", [(1e-4, 1e-5), (1e3, 1e4), (1e-3, 1.0)])
-def test_consistency_of_two_constraints_is_checked_in_any_units(masses):
-    """Of two rods with masses of their own."""
-    (x1, y1, x2, y2), p = sp.symbols("x1 y1 x2 y2", real=True), sp.symbols("p0:4", real=True)
-    weights = sp.symbols("m1 m2", positive=True)
-    twice = [weights[0], weights[0], weights[1], weights[1]]
-    H = sum(a**2 / (2 * b) for a, b in zip(p, twice, strict=True)) + sp.Rational(981, 100) * (
-        weights[0] * y1 + weights[1] * y2)
-    step, rng = gs.stepper("G-L", 2, system=System(
-        (x1, y1, x2, y2), p, weights, H, (
-            x1**2 + y1**2 - sp.Rational(25, 16), (x2 - x1)**2 + (y2 - y1)**2 - sp.Rational(16, 25)),
-        name="rods")), np.random.default_rng(43)
-    parameters = dict(zip(("m1", "m2"), masses, strict=True))
-    for _ in range(10):
-        q = np.array([0.9, -0.6, 1.5, -1.1]) * (1 + 0.1 * rng.standard_normal(4))
-        p = rng.standard_normal(4) * np.repeat(masses, 2)
-        step.step(*step.project(q, p, parameters=parameters), dt=1e-3, parameters=parameters)

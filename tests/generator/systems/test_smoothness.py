@@ -22,7 +22,6 @@ from gyrospark.generator.spec import Spec
 from gyrospark.generator.symbolic.switching_functions import as_switches, switches_of
 from gyrospark.generator.systems.smoothness import Continuity, Switching, continuity
 from strategies import EPS
-from time_lagrangians import kinked
 
 x, y, u, v, t = sp.symbols("x y u v t", real=True)
 k, a = sp.symbols("k a", positive=True)
@@ -125,25 +124,6 @@ def test_a_step_without_a_solution_says_so(solver):
     assert np.abs(found.q[1:, 0] - 1 - 2 * np.cos(found.t[1:])).max() < 1e-4  # less half a step
     again = pickle.loads(pickle.dumps(end.value))
     assert str(again) == str(end.value)
-
-
-@pytest.mark.slow  # a stepper each; test_remarks has the jumps that IMS tells
-@pytest.mark.parametrize("scheme", ["IMS", "EMS"])
-def test_IMS_may_have_no_step_across_a_kink_of_H_and_EMS_has(scheme):
-    """V = |x|: midpoints on either side disagree; the discrete gradient is continuous.
-
-    The mass depends on x, by a Lagrangian.
-    """
-    step = gs.stepper(scheme, system=kinked())
-    start, options = ([0.3], [0.0]), {"dt": 0.1, "steps": 2000, "parameters": {}}
-    if scheme == "IMS":
-        with pytest.raises(gs.StepFailed, match=r"jump.*x = 0"):
-            step.integrate(*start, **options)
-        return
-    run = step.integrate(*start, **options)
-    assert run.report.energy_error_max <= 400 * EPS
-    assert np.count_nonzero(np.diff(np.sign(run.q[:, 0]))) > 5
-    assert not run.manifest.system.jumps
 
 
 # ---------------------------------------------------------------- momentum maps

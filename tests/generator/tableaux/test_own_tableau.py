@@ -101,14 +101,12 @@ def test_compiled_order_and_constraints(name: str) -> None:
     assert np.log2(errors[-2] / errors[-1]) == pytest.approx(step.order, abs=0.1)
 
 
-@pytest.mark.parametrize(("name", "symplectic"), [
-    ("radau_iia_2", True), pytest.param("radau_plain_2", False, marks=pytest.mark.slow)])
-def test_the_energy_of_a_symplectic_tableau_stays(name: str, symplectic: bool) -> None:
-    """Radau IIA with its symplectic partner against Radau IIA alone, which dissipates."""
-    run = stepper_of(name).integrate(TOP.q0, TOP.p0, dt=1e-3, steps=4000, parameters=PARAMETERS)
+def test_the_energy_of_a_symplectic_tableau_stays() -> None:
+    """Radau IIA with its symplectic partner; alone it dissipates."""
+    run = stepper_of("radau_iia_2").integrate(TOP.q0, TOP.p0, dt=1e-3, steps=2000,
+                                              parameters=PARAMETERS)
     errors = np.abs(run.energies - run.energies[0])
-    drift = errors[3000:].max() / errors[:1000].max()
-    assert drift == pytest.approx(1, abs=0.01) if symplectic else drift > 2
+    assert errors[1500:].max() == pytest.approx(errors[:500].max(), rel=0.02)
 
 
 def test_solvers_agree() -> None:
@@ -141,25 +139,13 @@ def test_other_nodes(name: str, written: Any) -> None:
     assert observed_order(tableau) == pytest.approx(order, abs=0.1)
 
 
-@pytest.mark.slow  # few stages are measured below
-def test_high_orders() -> None:
-    """Beside a reference of order 2s + 4, for as many stages as there are named steppers."""
-    assert observed_order(gauss_lobatto(16)) == pytest.approx(32, abs=0.1)
-
-
 @pytest.mark.slow  # an order is measured in many digits
-@pytest.mark.parametrize("s", [2, 3])
-def test_orders_of_tableaux_in_decimals(tmp_path: Path, s: int) -> None:
+def test_an_order_that_decimals_hide_is_not_measured(tmp_path: Path) -> None:
     """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
-    digits, family = 9, gauss_lobatto(s)
+    family, path = gauss_lobatto(3), tmp_path / "rounded.json"
     table = {"name": "rounded"} | {key: getattr(family, key) for key in FIELDS}
-    path = tmp_path / "rounded.json"
-    path.write_text(json.dumps(in_decimals(table, digits)), encoding="utf-8")
-    tableau = read_tableau(path)
-    assert tableau.order == 2 * s
-    if s == 2:
-        assert observed_order(tableau) == pytest.approx(4, abs=0.1)
-        return
+    path.write_text(json.dumps(in_decimals(table, 9)), encoding="utf-8")
+    assert read_tableau(path).order == 6
     verdict = verify_stepper(Spec.from_arguments(tableau=path))
     assert verdict.holds
     measured = next(line for line in verdict.conditions if line.name == "order, measured")

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 
 from gyrospark.core.errors import TableauError
-from gyrospark.generator.codegen import emit
 from gyrospark.generator.tableaux.conditions import velocity_conditions
-from gyrospark.generator.tableaux.enclosures import enclose_part
 from gyrospark.generator.tableaux.families import (
     first_weight,
     gauss_lobatto,
@@ -15,7 +13,6 @@ from gyrospark.generator.tableaux.families import (
     radau_lobatto,
     solve_rows,
 )
-from gyrospark.generator.tableaux.nodes import BITS
 from gyrospark.generator.tableaux.velocity_rows import velocity_enclosures, velocity_matrix
 from rolling_systems import SKATE_CHAIN, SKATE_CHAIN_START, skate_chain, stepper_of
 
@@ -54,12 +51,6 @@ def continuing(tableau):
     return solve_rows(nodes, nodes, tableau.p - 1, first_weight(nodes, tableau.basis["b_tilde"]))
 
 
-def continuing_enclosures(tableau):
-    nodes, proper = [tableau.constraints] * 2, velocity_enclosures(tableau)
-    rows = enclose_part(continuing(tableau).to_list(), nodes, BITS)
-    return (proper[0], *rows[1:-1], proper[-1])
-
-
 @pytest.mark.parametrize("s", [2, 3, 4])
 def test_the_row_that_continues_lacks_conditions(s):
     lines = {line.name: line for line in velocity_conditions(gauss_lobatto(s),
@@ -68,21 +59,12 @@ def test_the_row_that_continues_lacks_conditions(s):
     assert not lines["C of V"].holds
 
 
-@pytest.mark.parametrize(("rows", "order"), [
-    (velocity_enclosures, 4),
-    pytest.param(continuing_enclosures, 2, marks=pytest.mark.slow)])  # a stepper of wrong rows
-def test_orders_with_constraints_of_both_kinds(monkeypatch, tmp_path, rows, order):
+def test_orders_with_constraints_of_both_kinds():
     """The reaction of g at a node turns with the body: its first moment has to be right."""
-    exact = stepper_of(skate_chain, 2).integrate(*SKATE_CHAIN_START, dt=1 / 4000, steps=4000,
-                                                 parameters=SKATE_CHAIN)
     step, errors = stepper_of(skate_chain, 2), []
-    if rows is not velocity_enclosures:
-        monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))  # what is kept has the proper rows
-        monkeypatch.setattr(emit, "velocity_enclosures", rows)
-        step = stepper_of.__wrapped__(skate_chain, 2)
+    exact = step.integrate(*SKATE_CHAIN_START, dt=1 / 2000, steps=2000, parameters=SKATE_CHAIN)
     for steps in (10, 20):
         run = step.integrate(*SKATE_CHAIN_START, dt=1 / steps, steps=steps, parameters=SKATE_CHAIN)
         errors.append([np.abs(run.q[-1] - exact.q[-1]).max(),
                        np.abs(run.p[-1] - exact.p[-1]).max()])
-    slopes = np.log2(np.divide(*errors))
-    assert np.abs(slopes - order).max() < 0.15, slopes
+    assert np.log2(np.divide(*errors)) == pytest.approx([4, 4], abs=0.15)
