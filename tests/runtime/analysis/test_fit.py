@@ -112,28 +112,6 @@ def test_a_fit_with_inputs():
     assert found.parameters["k"] == pytest.approx(2.0, rel=1e-9)
 
 
-@pytest.mark.slow  # a satellite's derivation and a fit of nine unknowns
-def test_torques_that_are_known_determine_all_moments():
-    """Of a free body a common factor is undetermined; inputs are forces in true units."""
-    model = gs.load_model(ROOT / "examples" / "control_c" / "satellite.toml")
-    step = gs.stepper("G-L", 2, system=model)
-    inputs = np.random.default_rng(1).normal(size=(40, 3))
-    parameters = model.parameters
-    arguments = {"dt": 0.5, "inputs": gs.Inputs(inputs, hold=2)}
-    run = step.integrate(model.q0, model.p0, steps=80, parameters=parameters, **arguments)
-    guess = parameters | {"I1": 9.0, "I2": 12.0, "I3": 4.0, "gamma": 8.0}
-    names = ["I1", "I2", "I3", "start"]
-    found = gs.fit(step, model, run.t[2::2], run.q[2::2], parameters=guess, free=names,
-                   **arguments)
-    assert not found.undetermined
-    assert [found.parameters[x] for x in names[:3]] == pytest.approx(
-        [12.0, 10.0, 3.0], rel=1e-4)  # another γ: the truncation of the step
-    still = step.integrate(model.q0, model.p0, dt=0.5, steps=80,
-                           parameters=parameters | {"u1": 0.0, "u2": 0.0, "u3": 0.0})
-    free = gs.fit(step, model, still.t[2::2], still.q[2::2], parameters=guess, free=names, dt=0.5)
-    assert [set(one) for one in free.undetermined] == [{*names}]
-
-
 # ---------------------------------------------------------------- what the data do not determine
 
 

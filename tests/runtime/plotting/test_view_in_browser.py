@@ -14,9 +14,7 @@ from pathlib import Path
 
 import pytest
 
-import gyrospark as gs
 import systems
-from gyrospark.targets.tools import TOOLS
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
@@ -100,41 +98,11 @@ addEventListener("message", ({{ data, source }}) => {{
 
 
 @pytest.fixture(scope="module")
-def run():
-    model = gs.models.double_top()
-    step = systems.stepper("double_top")
-    return step.integrate(model.q0, model.p0, dt=model.dt, steps=40, parameters=model.parameters)
+def page():
+    return systems.run("double_top", systems.stepper("double_top"), 40).show().page
 
 
-@pytest.fixture(scope="module")
-def page(run):
-    return run.show().page
-
-
-def of_meshes(run, folder: Path) -> str:
-    """Return a page whose bodies are octahedra in a file."""
-    corners = [(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
-    faces = [(k % 4 + 1, (k + 1) % 4 + 1, 5) for k in range(4)] + [
-        ((k + 1) % 4 + 1, k % 4 + 1, 6) for k in range(4)]
-    path = folder / "eight.obj"
-    path.write_text("".join(f"v {x} {y} {z}\n" for x, y, z in corners)
-                    + "".join(f"f {a} {b} {c}\n" for a, b, c in faces), encoding="utf-8")
-    run._stepper.visuals = {name: [gs.Shape("mesh", (0.2, 0.2, 0.3), file=str(path))]
-                            for name in run.bodies}
-    found = run.show().page
-    run._stepper.visuals = {}
-    return found
-
-
-@pytest.mark.parametrize("name", ["view", "meshes", "web"])
-def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(run, page, name, tmp_path):
-    if name == "meshes":
-        page = of_meshes(run, tmp_path)
-        assert '"triangles": 8' in page
-    elif name == "web":
-        if TOOLS["zig"].find() is None:
-            pytest.skip("ziglang is not installed")
-        page = gs.playground("fast-top", scheme="IMS", dt=1e-3).page
+def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(page, tmp_path):
     reports = framed(page, tmp_path, "--enable-unsafe-swiftshader")
     assert len(reports) == len(SIZES)
     for found in reports:

@@ -7,7 +7,6 @@ pilot runs, and for motions where a frame does not help or harms.
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -16,7 +15,7 @@ import sympy as sp
 import gyrospark as gs
 import systems
 from calls import refused
-from framed_point import FIELD, framed_point
+from framed_point import FIELD, PENDULUM, framed_point
 from gyrospark.core.registry import SYSTEMS
 from gyrospark.runtime.tuning.spectral_lines import SpectralLines
 
@@ -26,20 +25,8 @@ BODY = gs.problems.free_body()
 DRAG = sp.Symbol("c", real=True)
 
 
-@cache
-def framed(scheme="G-L", stages=2, **more):
-    if (scheme, stages, more) == ("G-L", 2, {}):
-        return systems.stepper("heavy_top_in_frame")
-    return gs.stepper(scheme, stages, frame="symmetries", **more)
-
-
-@cache
-def dragged():
-    """The heavy top with drag F = −cp."""
-    top = SYSTEMS["heavy_top"].make("gamma")
-    system = replace(top, forces=tuple(-DRAG * p for p in top.p), name="dragged_top",
-                     parameters=(*top.parameters, DRAG))
-    return gs.stepper("G-L", 2, system=system, frame="symmetries")
+def framed():
+    return systems.stepper("heavy_top_in_frame")
 
 
 # ---------------------------------------------------------------- least squares of a start
@@ -52,28 +39,6 @@ def test_the_start_of_a_relative_equilibrium_tells_its_rates():
     space = 30.0  # the problem's rate
     assert rates["omega_space"] == pytest.approx(space, rel=1e-12)
     assert rates["omega_body"] == pytest.approx(Omega[2] - space * np.cos(nutation), rel=1e-12)
-
-
-@pytest.mark.slow  # six stages for the exact motion
-def test_a_free_body_turns_about_its_angular_momentum():
-    """Three rotations of space do not commute: the frame's axis is that of l, else l is lost."""
-    I1, _, I3 = BODY.inertia
-    numbers = {"I1": I1, "I2": I1, "I3": I3, "gamma": I1}
-    step, start = framed(system="free_body"), gs.Start(BODY.q0, BODY.p0, numbers)
-    rates = gs.tune(step, start, dt=1e-2, frame="start").parameters
-    run, still = (step.integrate(start, dt=1e-2, steps=500, parameters=more)
-                  for more in (rates, {}))
-    axes = [s for s in step.symmetries if s.group == step.symmetries[-1].group]
-    omega = np.array([rates[s.name] for s in axes])
-    l_of_t = np.array([s.momentum(run.q, run.p) for s in axes])
-    assert abs(np.cross(omega, l_of_t[:, 0])).max() < 1e-12 * abs(omega).max() * abs(l_of_t).max()
-    assert abs(l_of_t - l_of_t[:, :1]).max() < 1e-13 * abs(l_of_t).max()
-    # It is a relative equilibrium, solved exactly: |l|/I1 about l, the rest about the body's axis.
-    assert np.linalg.norm(omega) == pytest.approx(np.linalg.norm(l_of_t[:, 0]) / I1, rel=1e-12)
-    fine = gs.stepper("G-L", 6, rep="gamma", system="free_body").integrate(
-        start, dt=2e-3, steps=2500, every=5)
-    assert abs(run.q - fine.q).max() < 1e-11
-    assert abs(still.q - fine.q).max() > 1e-3
 
 
 def test_asymmetric_bodies_keep_what_is_left():
@@ -140,31 +105,6 @@ def test_a_motion_without_error_needs_no_frame():
     assert tuned.gain == 1
 
 
-@pytest.mark.slow  # a stepper and 16,000 steps
-def test_drag_takes_a_motion_out_of_its_frame_and_new_blocks_into_one():
-    """The spin falls to a fiftieth in 8 s: each block of 100 steps has its own least squares."""
-    step, dt = dragged(), 5e-3
-    start = gs.Start(TOP.q0, TOP.p0, TOP.parameters | {"c": 0.5})
-    exact = step.integrate(start, dt=dt / 10, steps=16_000, every=100).q
-
-    def error(q):
-        return float(np.sqrt(((q - exact) ** 2).sum(axis=1).mean()))
-
-    plain = error(step.integrate(start, dt=dt, steps=1600, every=10).q)
-    once = gs.tune(step, start, dt=dt, frame="start").parameters
-    stays = error(step.integrate(start, dt=dt, steps=1600, every=10, parameters=once).q)
-    rows, row = [np.array(TOP.q0)[None]], start
-    for _ in range(16):
-        rates = gs.tune(step, row, dt=dt, frame="start").parameters
-        block = step.integrate(row, dt=dt, steps=100, every=10, parameters=rates)
-        rows.append(block.q[1:])
-        row = block[-1]
-    assert stays > 2 * plain > 200 * error(np.concatenate(rows))
-    longer = gs.tune(step, start, dt=dt, frame="auto")
-    assert set(longer.parameters.values()) == {0.0}
-    assert "forces" in longer.reason
-
-
 @pytest.mark.parametrize(("scheme", "solver"), [
     (("G-L", 2), "auto"), (("G-L", 2), "newton"),
     pytest.param(("IMS", None), "newton", marks=pytest.mark.slow)])  # a stepper for this
@@ -177,6 +117,9 @@ def test_energy_is_the_work_of_drag_to_the_order_of_the_method(scheme, solver):
     start = gs.Start([0.6, 0.0, 0.8], [0.4, 1.1, -0.3], FIELD | {"c": 0.5})
     rates = gs.tune(step, start, dt=0.05, frame="start").parameters
     assert any(rates.values())
+    longer = gs.tune(step, start, dt=0.05, frame="auto")  # forces take it out of a frame
+    assert set(longer.parameters.values()) == {0.0}
+    assert "forces" in longer.reason
     largest = [abs(step.integrate(start, dt=0.05 / k, steps=80 * k, solver=solver,
                                   parameters=rates).energy_error()).max() for k in (1, 2, 4)]
     if scheme[0] == "IMS":
@@ -207,6 +150,54 @@ def test_lines_are_centred():
     assert lines.minimise(6, np.zeros(1)) == pytest.approx([middle], rel=2e-3)
     coarse = SpectralLines(q[::32], q[::32], 0.32, [turn])  # folded: 26 rad/s > π/0.32
     assert not coarse.is_resolved or abs(coarse.minimise(1, np.zeros(1))[0]) < 10
+
+
+# ---------------------------------------------------------------- near an axis
+
+
+def error(run, exact) -> float:
+    return float(np.sqrt(((run.q - exact) ** 2).sum(axis=1).mean()))
+
+
+@pytest.mark.parametrize("frame", ["auto", "start"])
+@pytest.mark.parametrize("apart", [0.0, 1e-6])
+def test_a_pendulum_passes_its_axis(apart, frame):
+    """ω = J/𝕀 is 1.6e16 rad/s at sin π: in that frame the pendulum stands still for ever."""
+    step = framed_point()
+    begin = gs.Start([np.sin(np.pi) + apart, 0.0, -np.sqrt(1 - apart**2)], [0.0, 1.5, 0.0],
+                     PENDULUM)
+    exact = step.integrate(begin, dt=0.02 / 16, steps=16 * 150, every=16).q
+    tuned = gs.tune(step, begin, dt=0.02, steps=150, frame=frame)
+    plain, moved = (error(step.integrate(begin, dt=0.02, steps=150, parameters=more), exact)
+                    for more in ({}, tuned.parameters))
+    assert moved <= 1.05 * plain + 1e-13
+    assert frame == "auto" or "near its axis" in tuned.reason
+
+
+@pytest.mark.parametrize("tilt", [1e-3, 1e-6])
+def test_a_top_that_is_nearly_upright_keeps_one_of_two_rates(tilt):
+    """Both axes are nearly one: the least squares of both rates are (−1/tilt, 1/tilt)."""
+    step, q = systems.stepper("heavy_top_in_frame"), [np.cos(tilt / 2), np.sin(tilt / 2), 0, 0]
+    begin = gs.Start.of_body(q, (0.3, 0.3, 8.0), (1.0, 1.0, 0.6), {
+        "I1": 1.0, "I2": 1.0, "I3": 0.6, "gamma": 0.9, "mgl": 1.0})
+    exact = step.integrate(begin, dt=0.01 / 16, steps=1600, every=16).q
+    rates = gs.tune(step, begin, dt=0.01, frame="start").parameters
+    plain, moved = (error(step.integrate(begin, dt=0.01, steps=100, parameters=more), exact)
+                    for more in ({}, rates))
+    assert moved < plain
+    assert sorted(rate != 0 for rate in rates.values()) == [False, True]
+
+
+@pytest.mark.parametrize("angle", [1e-6, 1e-3, 0.5])
+def test_a_cone_of_any_angle_keeps_its_rate(angle):
+    """A conical pendulum turns at ω = 1/√cos θ, however near its axis: a relative equilibrium."""
+    rate = 1 / np.sqrt(np.cos(angle))
+    begin = gs.Start([np.sin(angle), 0.0, -np.cos(angle)], [0.0, rate * np.sin(angle), 0.0],
+                     PENDULUM)
+    rates = gs.tune(framed_point(), begin, dt=0.1, frame="start").parameters
+    run = framed_point().integrate(begin, dt=0.1, steps=50, parameters=rates)
+    assert rates == {framed_point().symmetries[0].name: pytest.approx(rate, rel=1e-9)}
+    assert abs(run.q[:, 2] + np.cos(angle)).max() < 1e-15
 
 
 # ---------------------------------------------------------------- certificates
