@@ -139,8 +139,10 @@ class Binding(Compiled):
 
     def has_finite_energy(self, parameters: ParameterStruct, q: Array, p: Array) -> bool:
         """Return whether H of a state is a finite number, at the time of ``parameters``."""
-        (H,) = self.hamiltonian(parameters, q[None], p[None])
-        return bool(abs(H) < math.inf)  # in its type: a wide number may be beyond any double
+        H = self.new(1)
+        self.function("hamiltonian")(parameters, 1, *self._times(None), self.pointer(q),
+                                     self.pointer(p), self.pointer(H))
+        return bool(abs(H[0]) < math.inf)  # in its type: a wide number may be beyond any double
 
     def in_scaled_time(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array

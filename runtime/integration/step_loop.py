@@ -293,11 +293,12 @@ def trajectory_of(
         rows = read_rows()
         step_count = int(record.steps)
         row_count = run.rows_after(step_count)
+        if row_count + 1 < len(rows.iterations):  # views take as long as a step
+            rows = rows[: row_count + 1]
         elapsed = binding.times(0 * run.t0, run.dt, run.steps_of_rows(step_count))
         return States(
             binding, manifest, binding.parameters(own_parameters, run.t0), run.t0 + elapsed,
-            rows.q[: row_count + 1], rows.p[: row_count + 1], rows.multipliers[1 : row_count + 1],
-            rows.iterations[1 : row_count + 1], rows.work[: row_count + 1], elapsed)
+            rows.q, rows.p, rows.multipliers[1:], rows.iterations[1:], rows.work, elapsed)
 
     return Trajectory.of(
         states,
