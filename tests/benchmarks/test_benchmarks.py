@@ -8,7 +8,6 @@ import json
 import signal
 import sys
 import time
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -23,7 +22,6 @@ from benchmarks import (
     beams,
     bodies,
     equal_error,
-    events,
     fast_top,
     gradients,
     impacts,
@@ -36,11 +34,11 @@ from benchmarks import (
     timing,
     tops,
 )
-from benchmarks.__main__ import BENCHMARKS, main, tables
+from benchmarks.__main__ import BENCHMARKS, main
 from benchmarks.peers import optional, ours, pydy_mechanics
 from benchmarks.peers.entry import PeerEntry
 from benchmarks.peers.gradient_job import of_euler, top_start
-from benchmarks.rows import Choice, Entry, Prepared, Row, accuracies
+from benchmarks.rows import Choice, Entry, Prepared, Row
 from benchmarks.scenes import scene_of
 from processes import ROOT
 
@@ -80,13 +78,6 @@ def test_what_comes_in_is_public(path):
             found.add(node.module)
     inside = {name for name in found if name.startswith("gyrospark.")}
     assert inside - {"gyrospark.references", "gyrospark.errors"} == INSIDE.get(path.name, set())
-
-
-def test_package_does_not_know_the_benchmarks():
-    for folder in ("commands", "core", "references", "runtime", "studies"):
-        assert not any("benchmarks" in line and "import" in line
-                       for path in (ROOT / folder).rglob("*.py")
-                       for line in path.read_text(encoding="utf-8").splitlines())
 
 
 # ---------------------------------------------------------------- timing
@@ -163,11 +154,6 @@ def test_a_table_divides_costs_by_those_of_its_base():
     assert [row.family for row in some[:2]] == ["a s=2", "b"]
 
 
-def test_numbers_have_three_digits():
-    assert [rows.text_of(x) for x in (12345.6, 1.23456e-9, 0.5, 0.0, 1e-3, float("inf"), 2e7)] == [
-        "12,300", "1.2e-09", "0.5", "0", "0.001", "inf", "2.0e+07"]
-
-
 def test_the_cheapest_is_exact_enough():
     some = [Row("x", "a", f"{i}", {"ms": cost, "m": error})
             for i, (cost, error) in enumerate(((1, 1e-3), (2, 1e-5), (3, 1e-6)))]
@@ -185,14 +171,6 @@ def test_a_law_is_the_slope_of_the_logarithms():
             for N in (1, 8, 16)]
     law, = scale.laws(some)
     assert law.numbers == pytest.approx({"step (s)": 2.0}, abs=1e-12)
-
-
-def test_a_picture_is_drawn(tmp_path):
-    pytest.importorskip("matplotlib")
-    some = [Row(case, "a 1", f"s=2 Δt={dt:g}", {"x": dt, "y": dt**4}) for case in "uv"
-            for dt in (0.1, 0.2)] + [Row("u", "b", "", {"x": 0.0, "y": 1.0}), Row("u", "c", "")]
-    rows.draw(some, "x", "y", tmp_path / "drawn.png")
-    assert (tmp_path / "drawn.png").read_bytes().startswith(b"\x89PNG")
 
 
 # ---------------------------------------------------------------- the fast top
@@ -272,33 +250,6 @@ def test_quick_peers_arrive(name):
     np.testing.assert_allclose(end.omega, exact.omega, atol=0.2)
 
 
-def test_solvers_of_a_step_agree():
-    step = gs.stepper("G-L", 2)
-    for solver in ("newton", "auto", "fixed-point"):
-        made = fast_top._solved(step, gs.problems.fast_top(), 1e-3, solver)
-        assert made.errors["differs by"] < 1e-12
-        assert 1 <= made.errors["iterations"] < 20
-
-
-@pytest.mark.slow  # a stepper
-def test_ensembles_report_the_worst():
-    one = next(e for e in fast_top._ensembles(8) if e.setting == "G-L s=4 1 workers Δt=0.01")
-    made = fast_top._prepared(one, 1.0, 60.0, 8)
-    assert 1e-12 < made.errors["dx (m)"] < 1e-7
-    assert made.costs({"run": timing.Sample((8e-6,), (4e-6,))}) == pytest.approx(
-        {"CPU µs/s": 1.0, "wall µs/s": 0.5, "ns/step": 10.0})
-
-
-def test_drift_goes_through_the_decades(monkeypatch):
-    assert fast_top.drift_times(10) == [1, 2, 5, 10]
-    assert fast_top.drift_times(1000)[-3:] == [200, 500, 1000]
-    one = PeerEntry("gyrospark", "x", lambda: still, quick=True)
-    monkeypatch.setattr(fast_top, "entries", lambda programs: [one])
-    found = fast_top.drift(Choice(t_end=10.0))
-    assert [row.numbers["t (s)"] for row in found] == [1, 2, 5, 10]
-    assert ["dx (m)" in row.numbers for row in found] == [True, False, False, True]
-
-
 # ---------------------------------------------------------------- bodies
 
 
@@ -318,19 +269,6 @@ def test_joints_hold_both_bodies(model):
         assert velocity(joint.a, joint.at) == pytest.approx(velocity(joint.b, joint.at), abs=1e-13)
 
 
-@pytest.mark.slow  # derives and compiles a chain
-def test_ours_arrives_on_bodies(monkeypatch):
-    """Two time steps, of fourth order; a limit says how far the reference is right."""
-    monkeypatch.setattr(bodies, "scenes", lambda choice: [scene_of(gs.models.chain(2))])
-    coarse, fine = bodies.bodies(QUICK)
-    assert fine.numbers[bodies.ERROR] < coarse.numbers[bodies.ERROR] / 12
-    assert fine.numbers["limit (m)"] < fine.numbers[bodies.ERROR]
-    assert min(fine.numbers[bodies.COST], fine.numbers["µs/step"]) > 0
-    assert {row.numbers[bodies.COST] for row in accuracies(
-        [coarse, fine], bodies.COST, bodies.ERROR, bodies.ACCURACIES, " m")} <= {
-        coarse.numbers[bodies.COST], fine.numbers[bodies.COST]}
-
-
 @pytest.mark.parametrize("model", [bodies.arm(3), bodies.tree(3)], ids=lambda m: m.name)
 def test_centres_are_those_of_the_system(model):
     """By SymPy's frames and points, at angles that are all different."""
@@ -343,32 +281,12 @@ def test_centres_are_those_of_the_system(model):
         assert centre == pytest.approx(np.array(place.subs(values), dtype=float).ravel(), abs=1e-15)
 
 
-def test_two_links_hang_on_each_but_the_last():
-    assert bodies.tree(7).parents == (None, 0, 0, 1, 1, 2, 2)
-    assert bodies.arm(3).parents == (None, 0, 1)
-
-
-@pytest.mark.slow  # derives by SymPy's mechanics and compiles
-def test_ours_arrives_on_links(monkeypatch):
-    monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
-    coarse, fine = bodies.mechanics(QUICK)
-    assert fine.numbers[bodies.ERROR] < coarse.numbers[bodies.ERROR] * 0.4**4 * 1.2  # 4th order
-    assert fine.numbers["reference off by (m)"] < 1e-15
-
-
 def test_deriving_has_a_limit():
     """And the alarm is off after it."""
     with (pytest.raises(optional.Unavailable, match=r"in 0\.02 s"),
           pydy_mechanics._limited(0.02)):
         time.sleep(5)
     assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
-
-
-@pytest.mark.slow  # derives a chain of two in long double's company
-def test_batches_go_where_each_goes_alone():
-    made = bodies._batch(gs.models.chain(2), 2, 20)
-    assert made.errors["differs by"] < 1e-12
-    assert made.errors["|g|"] < 1e-14
 
 
 # ---------------------------------------------------------------- stores, sweeps, scale
@@ -392,16 +310,6 @@ def test_the_ensemble_does_what_the_sweep_does():
         assert np.array_equal(mine[:, -1].reshape(9, 9, 4), np.asarray(theirs).swapaxes(0, 1))
 
 
-@pytest.mark.slow  # derives and compiles in processes of their own
-def test_scales_grow():
-    found = scale.scale(Choice(quick=True, rounds=1))
-    assert {row.case for row in found} == set(scale.SIZES)
-    for row in found:
-        assert not row.failed
-        assert all(number > 0 for name, number in row.numbers.items() if name[0] != "|")
-    assert {law.case for law in scale.laws(found)} == set(scale.SIZES)
-
-
 # ---------------------------------------------------------------- eccentric orbits
 
 
@@ -413,27 +321,7 @@ def test_orbits_are_in_closed_form(e):
     assert np.abs(position(np.pi / 2 - e) - [-e, np.sqrt(1 - e**2)]).max() < 1e-13
 
 
-@pytest.mark.slow  # two steppers
-def test_orbits_are_rows():
-    """The scaled ones are nearer than the constant ones, which need as many steps."""
-    rows = adaptive.adaptive(Choice(("gyrospark",), quick=True, rounds=1, only="e = 0.9"))
-    scaled, constant = ([row.numbers["error"] for row in rows if kind in row.setting]
-                        for kind in ("scaled", "constant"))
-    assert not any(row.failed for row in rows)
-    assert max(scaled) < 1e-6 < min(constant)
-
-
 # ---------------------------------------------------------------- equal error
-
-
-@pytest.mark.parametrize("name", equal_error.PROBLEMS)
-def test_each_program_has_codes_or_a_reason(name):
-    problem = equal_error.PROBLEMS[name]
-    programs = {code.program for code in problem.codes()}
-    assert programs | set(problem.absent) == set(equal_error.PROGRAMS)
-    assert not programs & set(problem.absent)
-    settings = [(code.program, code.setting) for code in problem.codes()]
-    assert len(settings) == len(set(settings))
 
 
 def test_errors_fall_with_the_step():
@@ -495,12 +383,6 @@ def test_the_cheapest_at_equal_error_are_compared():
     assert "| heyoka 7 | 6 ms, 3 ×, b |" in text
 
 
-@pytest.mark.slow  # a process of its own
-def test_a_process_measures_a_program():
-    choice = Choice(("gyrospark",), quick=True, rounds=2, only="free body")
-    assert {row.setting for row in equal_error.peers(choice)} == {"3-G-L Δt=0.5", "3-G-L Δt=0.25"}
-
-
 # ---------------------------------------------------------------- events, gradients
 
 
@@ -521,17 +403,6 @@ def test_a_rod_with_long_steps_falls_as_a_fine_one(dt):
     job = beams.ours(10, 2, dt)
     assert 1e-3 < job.errors["error (m)"] < 1e-2
     assert job.costs({"run": timing.Sample((0.02,))})["CPU ms"] == pytest.approx(20)
-
-
-@pytest.mark.slow  # in long double
-def test_events_of_the_top():
-    """Against long double: the height falls through its level as often, at the same times."""
-    top = events.FastTop(0.5)
-    job = top.ours()["G-L s=4 Δt=0.005"]()
-    times = job.events()
-    assert len(times) > 2
-    assert max(top.errors(times, job.dense())) < 1e-9
-    assert top.errors(times[1:], job.dense())[0] == float("inf")
 
 
 @pytest.mark.slow  # compiles derivatives for speed
@@ -600,13 +471,6 @@ def test_command_does_all(tmp_path, capsys):
         assert (tmp_path / page).read_text(encoding="utf-8").startswith("# ")
 
 
-def test_rows_with_other_columns_are_another_table():
-    some = [Row("a", "p", "s", {"µs/step": 1.0}), Row("b", "p", "s", {"CPU ms": 1.0})]
-    assert len(tables("gradients", some, QUICK)) == 2
-    assert set(tables("scale", [Row("bodies", "p", "1", {"size": 1.0, "step (s)": 2.0})],
-                      QUICK)) == {"bodies"}
-
-
 @pytest.mark.parametrize(("arguments", "named"), [
     (["nonsense"], "nonsense"), (["--programs", "gyrospark,matlab"], "matlab"),
     (["top", "--t-end", "3", "--programs", "gyrospark"], "10"), (["--rounds", "0"], "--rounds"),
@@ -615,7 +479,3 @@ def test_command_refuses_in_a_sentence(arguments, named, capsys):
     with pytest.raises((SystemExit, gs.InputError)) as error:
         main(arguments)
     assert named in str(error.value) + capsys.readouterr().err
-
-
-def test_make_calls_it():
-    assert "$(BIN)/python -m benchmarks $(WHAT)" in Path(ROOT / "Makefile").read_text("utf-8")

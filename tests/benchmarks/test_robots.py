@@ -11,28 +11,12 @@ import sympy as sp
 import gyrospark as gs
 from benchmarks.peers import mujoco_scenes
 from benchmarks.peers.mujoco_files import MujocoFile
-from benchmarks.robots import MECHANISMS, Mechanism, conservative_text, page, runs
-from benchmarks.rows import Choice
+from benchmarks.robots import MECHANISMS, Mechanism, conservative_text, page
 from benchmarks.scenes import scene_of
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import numeric
 from gyrospark.references.problem_registry import REFERENCES
 from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
-
-
-@pytest.mark.slow  # a thousand steps, compiled for speed
-def test_a_linkage_and_its_page():
-    four_bar = MECHANISMS["four_bar"]
-    (run,) = runs(four_bar, Choice(), 1000, (2,))
-    numbers, drift = run.numbers, run.samples["|H − H₀| (J)"]
-    assert numbers["constraints"] < 1e-14
-    assert numbers["energy (J)"] < 1e-6
-    assert 0 < numbers["error (m)"] < 1e-6
-    assert len(drift) == 100
-    assert max(drift) == numbers["energy (J)"]
-    text = page([run], [four_bar], "a.png")
-    assert "2-G-L | 1,000" in text
-    assert "](a.png)" in text
 
 
 @pytest.mark.slow  # many bodies; mechanisms of few are benchmarked alike
@@ -185,13 +169,6 @@ def test_a_file_is_held_and_loses_nothing(four_bar):
     start = dict(zip(map(str, model.system.q), model.q0, strict=True))
     assert start["crank_arm_rotor_phi"] == pytest.approx(0.3, abs=0.05)  # the loop is closed
     assert "bars" in page([], [four_bar])
-
-
-@pytest.mark.slow
-def test_a_file_runs(four_bar):
-    (run,) = runs(four_bar, Choice(), 200, (2,))
-    assert run.numbers["constraints"] < 1e-14
-    assert 0 < run.numbers["energy (J)"] < 1e-7
 
 
 @pytest.mark.slow  # MuJoCo beside a compiled chain

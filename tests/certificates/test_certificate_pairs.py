@@ -165,20 +165,17 @@ def test_starts_off_the_constraints_are_moved_there(part: str) -> None:
         assert bool(caught) is (size == 1e-3)
 
 
-@pytest.mark.parametrize("size", [pytest.param(1e-6, marks=pytest.mark.slow), 1e-15])
-def test_nearly_symmetric_tops(size: float) -> None:
-    """I₂ = I₁ (1 + size) keeps nothing about its figure axis, and all of it about the vertical."""
+def test_nearly_symmetric_tops() -> None:
+    """I₂ = I₁ (1 + 1e-15) keeps nothing about its figure axis, and all of it about the vertical."""
     top = gs.problems.fast_top()
-    moments = {"I2": top.parameters["I1"] * (1 + size)}
+    moments = {"I2": top.parameters["I1"] * (1 + 1e-15)}
     found = gs.certify(top, "G-L", 2, steps=50, parameters=moments)
     assert found.holds
     assert verdict(found, VERTICAL) is HOLDS
     assert found.line(VERTICAL).why == "{J, H} = 0 (expanded)"
-    figure = next((line for line in found.lines if "body's axis 3" in line.quantity), None)
-    if figure is not None:  # told as far as it is near
-        assert figure.holds is TOLD
-        assert "a near symmetry" in figure.why
-    assert (figure is None) == (size == 1e-6)
+    figure = next(line for line in found.lines if "body's axis 3" in line.quantity)
+    assert figure.holds is TOLD  # as far as it is near
+    assert "a near symmetry" in figure.why
 
 
 @pytest.mark.parametrize("size", [1e-6, 1e-15])
@@ -310,16 +307,11 @@ def test_claims(read: Callable[..., Any], size: float) -> None:
     assert wrong.order == 1
 
 
-@pytest.mark.parametrize(("place", "order"), [
-    (("A_hat", 0, 0), 1), *(pytest.param(*given, marks=pytest.mark.slow)
-                            for given in ((("c", 0, -1), 1), (("b", 0, -1), 0)))])
-def test_order_is_measured_in_steps_short_enough(
-    read: Callable[..., Any], place: Any, order: int
-) -> None:
+def test_order_is_measured_in_steps_short_enough(read: Callable[..., Any]) -> None:
     """An error of 1e-12 in one coefficient shows in steps of 1e-10."""
-    tableau = read(spoilt(SIZES[2], place))
-    assert tableau.order == order
-    assert observed_order(tableau) == pytest.approx(order, abs=0.1)
+    tableau = read(spoilt(SIZES[2], ("A_hat", 0, 0)))
+    assert tableau.order == 1
+    assert observed_order(tableau) == pytest.approx(1, abs=0.1)
 
 
 # ---------------------------------------------------------------- decimals

@@ -208,9 +208,7 @@ def test_the_proof_encloses_the_stored_numbers(name):
 
 
 @pytest.mark.parametrize(("name", "part", "i"), [
-    ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("G6", "weights", 1),
-    *(pytest.param(*given, marks=pytest.mark.slow) for given in (
-        ("KL6", "weights", 3), ("SABAG6", "gradients", 1)))])
+    ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("G6", "weights", 1)])
 def test_a_wrong_digit_is_found(name, part, i):
     by = Fraction(1, 10**45) if i else Fraction(-1, 10**12)
     made = moved(COMPOSITIONS[name], part, i, by)
@@ -252,8 +250,7 @@ def test_error_constant_of_strang():
 
 
 @pytest.mark.parametrize(("name", "starts"), [
-    ("G4", 3), *(pytest.param(*pair, marks=pytest.mark.slow) for pair in (
-        ("Suzuki4", 10), ("G8", 10), ("KL6", 60)))])
+    ("G4", 3), pytest.param("KL6", 60, marks=pytest.mark.slow)])
 def test_a_search_finds_what_is_stored(name, starts):
     x, value, solved = search(name, seed=1, starts=starts)
     conditions = OrderConditions(COMPOSITIONS[name])

@@ -13,8 +13,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-from gyrospark.generator.multibody.models import turn
-from steady_motions import ACROSS, E1, E3, STEADY, WEIGHT, Steady, of_model, with_wheel
+from steady_motions import STEADY
 
 EPS = np.finfo(float).eps
 
@@ -57,48 +56,3 @@ def test_the_satellites_frames_are_its_own_axis_and_the_orbits_where_it_is_a_bal
     own, normal = framed("satellite").symmetries
     assert (own.name, own.condition) == ("omega_body", "a_I1 = a_I2")
     assert (normal.name, normal.condition) == ("omega_space", "a_I1 = a_I3 and a_I1 = a_I2")
-
-
-# ---------------------------------------------------------------- a rotor
-
-
-#: Of the body that carries a wheel: moments, attitude, Ω; and the wheel's momentum about axis 3.
-CARRIER, ATTITUDE, OMEGA, MOMENTUM = (np.array([0.1, 0.12, 0.05]), turn(E1, 0.6),
-                                      np.array([0.7, -0.5, 0.4]), 0.3)
-
-
-def wheelless() -> Steady:
-    """The rotor as one body: the wheel's mass at rest in it, its momentum h as H − h Ω₃."""
-    moments = np.array([*CARRIER[:2] + ACROSS, CARRIER[2]])
-    build = gs.Multibody("wheelless")
-    body = build.top("a", mass=1.5, inertia=moments, centre=(0, 0, WEIGHT / 9.81 / 1.5),
-                     quaternion=ATTITUDE, angular_velocity=OMEGA + MOMENTUM / moments[2] * E3)
-    build.potential(-build.parameter("h", MOMENTUM) * body.angular_velocity[2])
-    return of_model(build.model(), 5e-3)
-
-
-@pytest.mark.slow  # derives two bodies on one axis
-@pytest.mark.filterwarnings("ignore:The fastest rotation")
-def test_a_reaction_wheel_errs_as_if_it_turned_slowly():
-    """The body feels the wheel's momentum h and moments across, not how fast it turns.
-
-    A body of three moments in gravity, beside one that has h and no wheel at all: the same wheel's
-    momentum of a heavy rim at a tenth of a radian a step, or at 1, 3 and 10.
-    """
-    alone, step = wheelless(), framed("two_on_one_axis")
-    exact = gs.stepper("G-L", 2, system=alone.system).integrate(
-        alone.q, alone.p, dt=alone.dt / 16, steps=3200, every=16, parameters=alone.parameters).q
-
-    def error(turn_a_step, moving=True):
-        rate = turn_a_step / alone.dt
-        wheel = np.array([0.01, 0.01, MOMENTUM / (rate + OMEGA[2])])
-        both = with_wheel(ATTITUDE, OMEGA, rate, CARRIER, wheel, alone.dt)
-        found = step.integrate(both.q, both.p, dt=alone.dt, steps=200, parameters={
-            **both.parameters, "omega_w": rate if moving else 0.0}).q[:, :4]
-        return float(np.sqrt(((found - exact) ** 2).sum(axis=1).mean()))
-
-    slow = error(0.1)
-    assert [error(angle) for angle in (1, 3, 10)] == pytest.approx([slow] * 3, rel=1e-2)
-    assert error(1, moving=False) > 1e3 * slow
-    with pytest.raises(gs.StepFailed):
-        error(10, moving=False)

@@ -114,16 +114,6 @@ def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
                   - R @ still.body("a").angular_momentum()[-1]).max() < 1e-13
 
 
-@pytest.mark.slow  # derives the turntable for G-L, too
-def test_drag_in_rotating_axes_against_gauss_lobatto(turntable):
-    step = gs.stepper("splitting", order=4, system=turntable)
-    start, dragged = (turntable.q0, turntable.p0), dict(turntable.parameters) | {"c": 0.3}
-    exact, run = end(gs.stepper("G-L", stages=3, system=turntable), start, dragged, 1.0, 200)
-    found, own = end(step, start, dragged, 1.0, 200)
-    assert np.abs(found - exact).max() < 1e-8
-    assert own.report.work == pytest.approx(run.report.work, abs=1e-8)
-
-
 @pytest.mark.slow  # a stepper of one system
 def test_a_bead_in_a_plane_that_turns():
     """Beside a top in axes at rest."""

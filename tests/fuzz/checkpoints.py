@@ -29,10 +29,10 @@ from stores import record
 from work_memory import integers_of
 
 from .choices import Choices
+from .file_texts import text_of
 from .mutations import changed_bytes, changed_tree
 from .scratch import scratch
 from .sentences import refuse_unless_sentence
-from .tableaux import text_of
 
 #: Steps that an accepted checkpoint is taken on by: fits and lessons of the predictor among them.
 STEPS = 10

@@ -20,8 +20,8 @@ from typing import Any, NoReturn
 
 from gyrospark import commands
 
-from . import model_texts, tableaux
 from .choices import Choices
+from .file_texts import MODEL, TABLEAU
 from .mutations import changed_text
 from .scratch import scratch
 
@@ -255,8 +255,8 @@ def check(data: bytes) -> str:
     bad = choices.below(16)
     words = arguments(choices)
     place = folder()
-    (place / "bad.toml").write_bytes(model_texts.content(choices) if bad == 1 else b"name = 1\n")
-    (place / "bad.json").write_bytes(tableaux.content(choices) if bad == 2 else b"{}")
+    (place / "bad.toml").write_bytes(MODEL.content(choices) if bad == 1 else b"name = 1\n")
+    (place / "bad.json").write_bytes(TABLEAU.content(choices) if bad == 2 else b"{}")
     store()
     words = [passed(word) for word in words]
     with cache_for(words):

@@ -10,15 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from . import (
-    checkpoints,
-    command_line,
-    files,
-    formulas,
-    model_texts,
-    studies,
-    tableaux,
-)
+from . import checkpoints, command_line, file_texts, files, formulas
 
 __all__ = ["ENTRANCES", "Entrance"]
 
@@ -43,7 +35,7 @@ ENTRANCES = {entrance.name: entrance for entrance in (
              20, 0.1),
     Entrance("formula", "formulas of model files, numbers, entries of tableaux",
              formulas.check, 10, 0.5),
-    Entrance("model", "model files (TOML)", model_texts.check, 20, 0.1),
-    Entrance("study", "study files of sweeps (TOML)", studies.check, 30, 0.05),
-    Entrance("tableau", "tableau files (JSON)", tableaux.check, 20, 0.1),
+    Entrance("model", "model files (TOML)", file_texts.MODEL.check, 20, 0.1),
+    Entrance("study", "study files of sweeps (TOML)", file_texts.STUDY.check, 30, 0.05),
+    Entrance("tableau", "tableau files (JSON)", file_texts.TABLEAU.check, 20, 0.1),
 )}

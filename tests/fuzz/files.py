@@ -19,10 +19,10 @@ import gyrospark as gs
 from gyrospark.core.errors import GyrosparkError, InputError
 
 from .choices import Choices
+from .file_texts import text_of
 from .mutations import changed_bytes, changed_tree
 from .scratch import scratch
 from .sentences import refuse_unless_sentence
-from .tableaux import text_of
 
 WORDS = ("float128", "float", "double", "heavy_top", "name", "null", "true", "-1", "[]", "{}", "q0")
 DTYPES = ("f8", "f4", "g", "i8", "u1", "c16", "?", "U3", "S2", ">f8", "M8[s]", "V4", "f2")

@@ -2,18 +2,14 @@
 
     python mutation.py run                 300 mutants of Python at random, 40 of the engine
     python mutation.py run --again         the survivors of the log, after a test was added
-    python mutation.py run --near          the same without a map, for an hour or less
     python mutation.py table               share caught by package, and the survivors
 
-``mutants.py`` has the changes and the places without any. ``run`` measures once which tests execute
-which line (needs coverage; of the engine, which tests load a stepper with the line in its C), then
-tries out each mutant against these tests: some cheap ones of files that execute little else, more
-of them, at last whole files. It is caught when a test fails that passes without it, or that runs
-too long. One of C that does not compile without a warning is not counted. Everything happens in
-copies of the project under ``--work``, with the lowest priority; ``run`` goes on where it was
-stopped. Before the first mutant comes one that must be caught, so that tests of an unchanged
-package are noticed. The seed is the week's by default. ``--near`` measures nothing: a mutant meets
-the tests that are named after its module or import it, those of its folder, and whole runs.
+``mutants.py`` has the changes and the places without any. A mutant meets the tests that are named
+after its module or import it, those of its folder, and whole runs. It is caught when a test fails
+that passes without it, or that runs too long. One of C that does not compile without a warning is
+not counted. Everything happens in copies of the project under ``--work``, with the lowest priority;
+``run`` goes on where it was stopped. Before the first mutant comes one that must be caught, so that
+tests of an unchanged package are noticed. The seed is the week's by default.
 """
 
 from __future__ import annotations
@@ -50,9 +46,7 @@ HEAVY = ("cffi", "click", "jinja2", "matplotlib.figure", "mpmath", "numpy", "ric
          "scipy.spatial.transform", "sympy", "xarray")
 #: A change that no suite survives: exact numbers and errors import this module.
 FATAL = ("core/errors.py", "raise AssertionError\n")
-#: Lines below a signature that are looked at, and CPU seconds of tests that a survivor meets last.
-SIGNATURE, REST = 30, 120.0
-#: What ``--near`` ends with, by package: whole texts, whole runs.
+#: What a mutant meets at last, by package: whole texts, whole runs.
 WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_run_arguments.py",
                   "commands/test_cli.py"],
          "generator": ["golden/test_generated.py", "engine/test_control_profile.py",
@@ -66,108 +60,24 @@ UNRELATED = re.compile(r"/(docs|fuzz|project)/")
 
 MEMORY = 1 << 21  # pages, of 4 KiB, that a mutant may take
 COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
-LIMIT, SEEN, FAILED = (f"GYROSPARK_MUTATION_{word}" for word in ("LIMIT", "SEEN", "FAILED"))
-_seen: dict[str, Any] = {"tests": {}, "failed": [], "steppers": {}}
+LIMIT, FAILED = (f"GYROSPARK_MUTATION_{word}" for word in ("LIMIT", "FAILED"))
 
 
 def pytest_configure() -> None:
-    """Limit the time; begin to measure lines where that is asked."""
+    """Limit the time."""
     import resource
 
     cpu = int(os.environ[LIMIT])
     resource.setrlimit(resource.RLIMIT_CPU, (cpu, cpu))
-    if SEEN in os.environ:
-        import coverage
-
-        _seen["coverage"] = coverage.Coverage(
-            data_file=None, messages=False, include=[
-                f"{Path.cwd()}/{name}{'' if name.endswith('.py') else '/*'}" for name in PACKAGES])
-        _seen["coverage"].set_option("run:disable_warnings", ["no-data-collected"])
-        _seen["coverage"].start()
-        _note_steppers()
-
-
-def _note_steppers() -> None:
-    """Note the lines of C of each stepper that a test loads."""
-    from gyrospark.runtime.compilation import stepper_module
-
-    load = stepper_module._load_compiled
-
-    def noted(name: str, files: dict[str, str], *arguments: Any) -> Any:
-        _seen["steppers"].setdefault(files[f"{name}.c"], set()).add(len(_seen["tests"]) - 1)
-        return load(name, files, *arguments)
-
-    stepper_module._load_compiled = noted
-
-
-def _engine_lines() -> dict[str, dict[int, list[int]]]:
-    """Return header → line → tests that load a stepper whose C has this line."""
-    headers = {path: path.read_text(encoding="ascii").splitlines()
-               for path in Path("engine").rglob("*.h")}
-    found: dict[str, dict[int, set[int]]] = {}
-    for source, tests in _seen["steppers"].items():
-        present = {line.strip() for line in source.splitlines()}
-        for path, lines in headers.items():
-            for number, line in enumerate(lines, 1):
-                if re.search(r"\w", line) and line.strip() in present:
-                    found.setdefault(str(path), {}).setdefault(number, set()).update(tests)
-    return {path: {number: sorted(tests) for number, tests in lines.items()}
-            for path, lines in found.items()}
-
-
-def pytest_collection_modifyitems(items: list[Any]) -> None:
-    """While lines are measured, run one case of each test before the second of any."""
-    if SEEN in os.environ:
-        nth: Counter[str] = Counter()
-        order = {}
-        for item in items:
-            function = item.nodeid.split("[")[0]
-            order[item.nodeid], nth[function] = nth[function], nth[function] + 1
-        items.sort(key=lambda item: order[item.nodeid])
 
 
 def pytest_runtest_logreport(report: Any) -> None:
     """Note a test that fails: without a change, it tells nothing."""
     if report.failed:
-        _seen["failed"].append(report.nodeid)
         Path(os.environ[FAILED]).write_text(report.nodeid)
 
 
 pytest_collectreport = pytest_runtest_logreport  # a file that cannot be imported
-
-
-def pytest_runtest_logstart(nodeid: str) -> None:
-    """The lines that follow are of this test."""
-    if SEEN in os.environ:
-        _seen["coverage"].switch_context(nodeid)
-        _seen["tests"][nodeid] = -sum(os.times()[:4])
-
-
-def pytest_runtest_logfinish(nodeid: str) -> None:
-    """Take the CPU time of a test."""
-    if SEEN in os.environ:
-        _seen["tests"][nodeid] = round(_seen["tests"][nodeid] + sum(os.times()[:4]), 3)
-        _seen["coverage"].switch_context("")
-
-
-def pytest_runtest_teardown(item: Any) -> None:
-    """End a file whose budget is used."""
-    if SEEN in os.environ and sum(os.times()[:4]) > int(os.environ[LIMIT]) / 2:
-        item.session.shouldstop = "The budget of this file is used."
-
-
-def pytest_sessionfinish(session: Any) -> None:
-    """Write which tests executed which lines."""
-    if SEEN not in os.environ:
-        return
-    _seen["coverage"].stop()
-    _seen["failed"] += [name for name, seconds in _seen["tests"].items() if seconds < 0]
-    data, number = _seen["coverage"].get_data(), {name: i for i, name in enumerate(_seen["tests"])}
-    lines = {os.path.relpath(file): {line: [number[name] for name in names if name]
-                                     for line, names in data.contexts_by_lineno(file).items()}
-             for file in data.measured_files()} | _engine_lines()
-    Path(os.environ[SEEN]).write_text(json.dumps(
-        {"tests": _seen["tests"], "failed": _seen["failed"], "lines": lines}))
 
 
 # ---------------------------------------------------------------- copies, tests in them
@@ -196,21 +106,18 @@ class Copy:
         path.write_bytes(source)
         os.utime(path, (self.clock, self.clock))
 
-    def run(self, tests: Iterable[str], seconds: float, *, seen: Path | None = None,
+    def run(self, tests: Iterable[str], seconds: float,
             skipped: Iterable[str] = ()) -> tuple[int | None, str]:
         """Return the exit code, None after too long a time, and what pytest wrote."""
-        cache = self.cache if seen else self.fresh
-        if not seen:  # what a mutant compiles or breaks is no other's
-            shutil.rmtree(cache, ignore_errors=True)
-            shutil.copytree(self.cache, cache, copy_function=os.link)
-            cache.chmod(0o700)
+        shutil.rmtree(self.fresh, ignore_errors=True)  # what a mutant compiles is no other's
+        shutil.copytree(self.cache, self.fresh, copy_function=os.link)
+        self.fresh.chmod(0o700)
         here = os.pathsep.join([str(self.folder.parent), str(self.folder / "tests" / "helpers")])
-        environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", "GYROSPARK_CACHE": str(cache),
-                       LIMIT: str(int(seconds)), FAILED: str(self.failed)} | (
-                           {SEEN: str(seen)} if seen else {})
+        environment = {"PYTHONPATH": here, "GYROSPARK_OPTIMISE": "0", LIMIT: str(int(seconds)),
+                       "GYROSPARK_CACHE": str(self.fresh), FAILED: str(self.failed)}
         self.failed.unlink(missing_ok=True)
         command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
-                   "--basetemp", str(self.scratch), *([] if seen else ["-x"]),
+                   "--basetemp", str(self.scratch), "-x",
                    *(f"--deselect={name}" for name in skipped), *tests]
         said, until = self.folder.parent / "said.txt", time.monotonic() + 60 + 5 * seconds
         child = os.fork()  # what this process has imported needs no second import
@@ -237,62 +144,6 @@ class Copy:
                 os.killpg(child, 9)
         code = os.waitstatus_to_exitcode(done[1])
         return None if code in (-9, -24) else code, said.read_text(errors="replace")
-
-
-class Map:
-    """Which tests execute which line, and what they cost."""
-
-    def __init__(self, folder: Path) -> None:
-        self.seen = {path.stem: json.loads(path.read_text()) for path in folder.glob("*.json")}
-        self.failed = {name for seen in self.seen.values() for name in seen["failed"]}
-        self.covered = {stem: sum(map(len, seen["lines"].values()))
-                        for stem, seen in self.seen.items()}
-
-    def tests(self, mutant: Mutant) -> list[tuple[float, list[tuple[float, str]]]]:
-        """Return (share of this module, (seconds, test)) of files of tests, most special first."""
-        # a signature and what stands in no function are executed at import, in whichever test
-        lines = range(mutant.line, mutant.first - 1, -1)
-        if mutant.text.startswith("def "):
-            lines = range(mutant.line + 1, mutant.line + SIGNATURE)
-        for line in (*(lines if mutant.function else ()), 0):
-            found = []
-            for stem, seen in self.seen.items():
-                lines = seen["lines"].get(mutant.file, {})
-                numbers = set(lines.get(str(line), ())) if line else {
-                    number for numbers in lines.values() for number in numbers}
-                named = list(seen["tests"].items())
-                tests = [(named[i][1], named[i][0]) for i in numbers
-                         if named[i][0] not in self.failed]
-                if tests:
-                    found.append((len(lines) / self.covered[stem], sorted(tests)))
-            if found:
-                return sorted(found, reverse=True)
-        return []
-
-    def choose(self, mutant: Mutant) -> list[list[tuple[float, str]]]:
-        """Return cheap and special tests, more (six files, 40 CPU s), three whole files, the rest.
-
-        The rest are the cheapest of all tests that execute the line, ``REST`` CPU s of them.
-        """
-        files = self.tests(mutant)
-        first = {test for _, tests in files[:4] for test in tests[:2]}
-        first |= set(sorted(test for _, tests in files for test in tests[:2])[:5])
-        then, left = [], 40.0
-        for _, tests in files[:6]:
-            for test in tests:
-                if test not in first and test[0] < left:
-                    then.append(test)
-                    left -= test[0]
-        whole = dict.fromkeys(tests[0][1].split("::")[0] for _, tests in files[:3])
-        rest, left = [], REST
-        for test in sorted(test for _, tests in files for test in tests):
-            if test not in first and test not in then and test[1].split("::")[0] not in whole:
-                left -= test[0]
-                if left < 0:
-                    break
-                rest.append(test)
-        return [part for part in (sorted(first), then, [(20.0, name) for name in whole], rest)
-                if part]
 
 
 def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
@@ -376,20 +227,6 @@ def reasons() -> dict[str, str]:
     return {record["key"]: record["reason"] for record in json.loads(EXPLAINED.read_text())}
 
 
-def measure(copy: Copy, folder: Path, seconds: int) -> None:
-    """Run each file of tests once and write the lines that its tests execute."""
-    folder.mkdir(exist_ok=True)
-    for path in sorted((copy.folder / "tests").rglob("test_*.py")):
-        name = str(path.relative_to(copy.folder))
-        target = folder / f"{name.replace('/', '-')}.json"
-        if target.exists() or UNRELATED.search(name):
-            continue
-        began = time.monotonic()
-        code, said = copy.run([name], 2 * seconds, seen=target)
-        print(f"{name:48} {time.monotonic() - began:6.1f} s  {said.splitlines()[-1:]} {code}",
-              flush=True)
-
-
 def pick(places: dict[str, list[list[Mutant]]], count: int, seed: int,
          done: dict[str, dict[str, Any]]) -> list[Mutant]:
     """Return mutants that the log lacks, so that with it there are as many as asked for."""
@@ -407,9 +244,9 @@ def pick(places: dict[str, list[list[Mutant]]], count: int, seed: int,
 
 
 def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds: float, *,
-        changed: bool, without_map: bool) -> None:
+        changed: bool) -> None:
     """Try mutants out and log each."""
-    known = Map(work / "map")
+    failed: set[str] = set()  # tests that fail without a change
     sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
                             capture_output=True, check=False).stdout.strip()
@@ -420,9 +257,8 @@ def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds
         raise SystemExit(f"The tests pass although {file} raises: they import another package.")
     copy.write(first, changed=False)
     for mutant in mutants:
-        parts = ([[(seconds, name) for name in tests]] if tests else
-                 near(mutant) if without_map else known.choose(mutant))
-        found = try_out(copy, parts, sound, known.failed, mutant, changed=changed)
+        parts = [[(seconds, name) for name in tests]] if tests else near(mutant)
+        found = try_out(copy, parts, sound, failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
             log.write(json.dumps(record) + "\n")
@@ -469,11 +305,9 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=date.today().isocalendar().week,
                         help="another one draws other mutants; default: the week of the year")
     parser.add_argument("--seconds", type=int, default=60,
-                        help="of CPU for a file of tests when it is measured, for one of --tests")
+                        help="of CPU for a file of --tests")
     parser.add_argument("--tests", nargs="+", default=[],
-                        help="tests in place of those that execute the line")
-    parser.add_argument("--near", action="store_true",
-                        help="tests by their names and imports in place of those of a map")
+                        help="tests in place of those near the module")
     parser.add_argument("--again", action="store_true", help="only the survivors of the log")
     parser.add_argument("--files", type=re.compile, default="", metavar="PATTERN",
                         help="only mutants of files whose path has this regular expression")
@@ -487,8 +321,6 @@ def main() -> None:
     for name in HEAVY:
         importlib.import_module(name)
     copy = Copy(work, os.getpid())
-    if not (given.near or given.tests):
-        measure(copy, work / "map", given.seconds)
     done = {} if given.unchanged else read_log(work)
     places = {package: mutants_of(copy.folder, package) for package in given.packages}
     if given.again:
@@ -502,8 +334,7 @@ def main() -> None:
         mutants = [*pick(places, given.mutants, given.seed, done),
                    *pick(engine, given.engine, given.seed, done)]
     mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged,
-               without_map=given.near)
+    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged)
 
 
 if __name__ == "__main__":

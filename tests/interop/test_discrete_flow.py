@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 
-import mpmath
 import numpy as np
 import pytest
 
@@ -170,41 +169,6 @@ def test_second_derivatives_are_differences_of_first_ones():
         found, wanted = (one.second(getattr(one, first.__name__), x[None], along, dx)
                          for one in (flow, differences))
         assert close(found, wanted, 1e-9)
-
-
-@pytest.mark.slow  # compiled in float128
-def test_second_derivatives_are_those_of_more_digits():
-    """Exact ones, and differences of the adjoint in double, against differences in 113 bits."""
-    flow, x = flow_of("pushed", 1)
-    w = np.random.default_rng(1).normal(size=4)
-    fine = systems.stepper("pushed_pendulum", real="float128")
-    q, p, parameters, dt, _ = start_of("pushed")
-    q, p = fine.project(q, p, parameters=parameters | {"push": 0, "pull": 0})
-    (inputs,) = inputs_of("pushed", 1)
-
-    def gradient(k, u):
-        *_, back = fine.vjp(q, p, dt=dt, parameters={"k": k}, inputs=u)
-        found = back(w[:2], w[2:])
-        return np.array([found["k"], *found.inputs[0]])
-
-    def second(place):
-        ends = []
-        for sign in (1, -1):
-            at = np.array([parameters["k"], *inputs], dtype=object)
-            at[place] += sign * mpmath.mpf("1e-9")
-            ends.append(gradient(at[0], at[1:]))
-        return ((ends[0] - ends[1]) / 2e-9).astype(float)
-
-    places = [flow.fields["parameters"].start, *range(*flow.fields["inputs"].indices(flow.size))]
-    with mpmath.workprec(113):
-        wanted = np.array([second(i) for i in range(3)])
-    dx = np.eye(flow.size)[None, places]
-    differences = DiscreteFlow(flow.stepper, 1, exact=False)
-    for one, tolerance in ((flow, 1e-14), (differences, 1e-9)):
-        found = one.second(one.adjoint, x[None], np.repeat(w[None, None], 3, axis=1), dx)[0]
-        assert close(found[:, places], wanted, tolerance)
-        along = one.second(one.tangent, x[None], dx, dx[:, ::-1])[0] @ w
-        assert close(along, wanted[range(3), range(2, -1, -1)], tolerance)
 
 
 def test_second_derivatives_along_a_curve_on_the_constraints():

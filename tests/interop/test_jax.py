@@ -56,17 +56,6 @@ def test_jacobians_forward_and_reverse_are_those_of_the_flow():
         assert all(close(one, other) for one, other in zip(found, wanted, strict=True))
 
 
-def test_products_are_transposes():
-    _, F = top()
-    rng = np.random.default_rng(0)
-    directions = [rng.normal(size=x.shape) * np.abs(x).max() for x in (Q, P, THETA)]
-    w = rng.normal(size=8)
-    _, ahead = jax.jvp(F, (Q, P, THETA), tuple(directions))
-    _, back = jax.vjp(F, Q, P, THETA)
-    assert close(sum(np.dot(x, y) for x, y in zip(back(w), directions, strict=True)),
-                 np.dot(w, ahead))
-
-
 def test_maps_have_the_bits_of_single_calls():
     _, F = top()
     loss = lambda q, p, theta: jnp.sum((F(q, p, theta) - 0.5) ** 2)  # noqa: E731

@@ -67,13 +67,6 @@ def test_backward_and_dual_numbers_are_transposes():
     assert close(once.grad, torch.func.grad(lambda theta: F(Q, P, theta)[0])(THETA))
 
 
-def test_pytorch_checks_the_gradient():
-    flow = gt.step(stepper_of("top"), dt=1e-3)
-    scale = torch.ones(5, dtype=torch.float64, requires_grad=True)
-    assert torch.autograd.gradcheck(lambda s: torch.cat(flow(Q, P, THETA * s)), scale, eps=1e-5,
-                                    atol=1e-8, rtol=1e-4, check_forward_ad=True)
-
-
 def test_maps_have_the_bits_of_single_calls():
     _, F = top()
     many = THETA * (1 + 0.01 * torch.arange(3)[:, None])

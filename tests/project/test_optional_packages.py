@@ -9,6 +9,7 @@ import json
 
 import pytest
 
+from gyrospark.core.extras import install
 from processes import FAST_TOP, python
 from sweep_studies import STUDY, study_file
 
@@ -56,11 +57,25 @@ print(json.dumps({text: command(text) for text in (
 
 
 def test_csv_needs_no_store(tmp_path, gyrospark):
-    """Where none can be written it is made of what is in memory, and is the same."""
-    python(without([*OPTIONAL, *STORES]) + COMMANDS + """
+    """Where none can be written it is made of what is in memory, and is the same.
+
+    To look at names of the extra is no error; to call them, and the command, is one.
+    """
+    said = python(without([*OPTIONAL, *STORES]) + COMMANDS + """
 answer = command(RUN + "--every 3 --out a.csv")
 assert answer[0] == 0 and not answer[2], answer
-""", cwd=tmp_path)
+from gyrospark import *
+import gyrospark as gs
+for name, arguments in (("resume", ("x",)), ("load", ("x.zarr",)), ("load_sweep", ("x",)),
+                        ("sweep", ("x", {}))):
+    try:
+        getattr(gs, name)(*arguments)
+    except gs.errors.MissingDependencyError as error:
+        print(error)
+print(command("export a.zarr a.csv")[2].strip())
+""", cwd=tmp_path).splitlines()
+    assert said == [*said[:1] * 4, f"gyrospark: {said[0]}"]
+    assert install("storage") in said[0]
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
     whole = gyrospark("run", "fast-top", "--scheme", "EMS", "--dt", "1e-3", "--steps", "20",
                       "--every", "3", "--out", "b.csv")

@@ -15,8 +15,8 @@ import documents
 import gyrospark
 from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
-from gyrospark.core.extras import install, packages_of
-from processes import ROOT, call, python
+from gyrospark.core.extras import packages_of
+from processes import ROOT, call
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -96,28 +96,6 @@ def test_public_names_resolve():
     assert len(set(gyrospark.__all__)) == len(gyrospark.__all__)
     with pytest.raises(AttributeError, match="nonsense"):
         _ = gyrospark.nonsense
-
-
-@pytest.mark.slow  # a process
-def test_names_of_an_extra_that_is_not_installed_say_so_when_they_are_called():
-    """To look at them, and to import all, is no error; their command ends in the same sentence."""
-    said = python(
-        "import sys\nsys.modules['zarr'] = None\n"
-        "import inspect, gyrospark as gs\nfrom gyrospark import *\n"
-        "assert len(inspect.getmembers(gs)) >= len(gs.__all__)\n"
-        "for name, arguments in (('resume', ('x',)), ('load', ('x.zarr',)),\n"
-        "                        ('load_sweep', ('x',)), ('sweep', ('x', {}))):\n"
-        "    try:\n        getattr(gs, name)(*arguments)\n"
-        "    except gs.errors.MissingDependencyError as error:\n        print(error)\n"
-        "for name, word in (('resume', 'store'), ('sweep', 'over')):\n"
-        "    assert word in inspect.getdoc(getattr(gs, name)), name\n"
-        "from gyrospark import commands\n"
-        "sys.argv, sys.stderr = ['gyrospark', 'export', 'a.zarr', 'a.csv'], sys.stdout\n"
-        "try:\n    commands.main()\nexcept SystemExit as end:\n    assert end.code == 2")
-    lines = said.splitlines()
-    assert len(lines) == 5
-    assert all("zarr" in line and install("storage") in line for line in lines)
-    assert lines == lines[:1] * 4 + [f"gyrospark: {lines[0]}"]
 
 
 def test_hints_name_the_packages_of_an_extra(monkeypatch):

@@ -14,7 +14,6 @@ import pytest
 import gyrospark as gs
 from benchmarks import loops, make_digits
 from benchmarks.references import measure_peers
-from gyrospark.commands.reference import _print
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.references.problem import Attempt, largest_error
 from gyrospark.references.problem_registry import REFERENCES
@@ -232,24 +231,24 @@ def test_a_run_with_wrong_digits_is_a_miss(gyrospark, monkeypatch):
 
 
 def test_the_command(gyrospark, tmp_path):
-    answer = gyrospark("reference", "spherical-pendulum", "--quick", "--json", "--out", "page.md")
+    answer = gyrospark("reference", "spherical-pendulum", "--quick", "--json", "--out", "page.md",
+                       "--plot", "error.svg")
     assert answer.code == 0, answer.stderr
+    picture = (tmp_path / "error.svg").read_text(encoding="utf-8")
+    assert "3-G-L" in picture
+    assert re.search(r'<path d="[^"]*" clip-path="[^"]*" style="fill: none; stroke: #1f', picture)
     assert {"name", "scheme", "steps", "error", "cpu_seconds"} <= set(answer.document[0])
     assert answer.document[-1]["steps"] == 4000
     scene_reference = (tmp_path / "page.md").read_text(encoding="utf-8")
     kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
-    assert scene_reference.partition("\n|")[0] == kept.partition("\n|")[0]
+    assert "](error.svg)" in scene_reference
+    written = scene_reference.replace("](error.svg)", "](references.png)")
+    assert written.partition("\n|")[0] == kept.partition("\n|")[0]
     said = gyrospark("reference", "list").stdout
     assert all(name in said for name in REFERENCES)
     rows = gyrospark("reference", "list", "--json").document
     assert [row["name"] for row in rows] == list(gs.references.names())
     assert rows[1]["published"]["off_by"]["gamma'"] > 1e-8
-
-
-def test_the_command_prints_the_largest_deviation_of_published_digits(capsys):
-    problem = REFERENCES["andrews"]
-    _print(problem, [])
-    assert f"{max(problem.deviations.values()):.0e}" in capsys.readouterr().out
 
 
 def test_peers_reach_the_digits_by_themselves():
@@ -264,16 +263,6 @@ def test_peers_reach_the_digits_by_themselves():
         assert any("pip install heyoka)" in line for line in scene_reference)
     assert list(measure_peers(REFERENCES["car-axis"], watch=scene_reference.append)) == []
     assert "car-axis: " in scene_reference[-1]
-
-
-def test_the_picture(gyrospark, tmp_path):
-    answer = gyrospark("reference", "spherical-pendulum", "--quick", "--plot", "error.svg",
-                       "--out", "page.md", "--json")
-    assert answer.code == 0, answer.stderr
-    picture = (tmp_path / "error.svg").read_text(encoding="utf-8")
-    assert "3-G-L" in picture
-    assert re.search(r'<path d="[^"]*" clip-path="[^"]*" style="fill: none; stroke: #1f', picture)
-    assert "](error.svg)" in (tmp_path / "page.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
