@@ -23,8 +23,6 @@ from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
 from processes import ROOT
 
-# ---------------------------------------------------------------- the constraint
-
 
 @pytest.mark.parametrize(("dq", "dp"), [
     (1e-10, 0), (-1e-6, 0), (0.5, 0), (0, 1e-9), (0, 10), (1e-12, 1e-3)])
@@ -68,9 +66,6 @@ def test_results_of_long_runs_are_starts_again(dt):
         made = step.integrate(body.q0, body.p0, steps=3000, **run)
         for k in range(0, 3001, 100):
             step.step(made.q[k], made.p[k], **run)
-
-
-# ---------------------------------------------------------------- shapes
 
 
 @pytest.mark.parametrize(("steps", "every"), [(0, 5), (1, 1), (7, 3), (6, 3), (2, 5),

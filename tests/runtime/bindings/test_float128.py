@@ -52,9 +52,6 @@ def largest(x):
     return max(abs(entry) for entry in np.ravel(x))
 
 
-# ---------------------------------------------------------------- bytes and numbers
-
-
 def bytes_of(bits):
     return np.array([bits >> 64 * i & (2**64 - 1) for i in (0, 1)], dtype="<u8").tobytes()
 
@@ -134,9 +131,6 @@ def test_literals_and_coefficients_are_correctly_rounded():
     assert all(w in compiled for w in wanted)
 
 
-# ---------------------------------------------------------------- steps
-
-
 @pytest.mark.parametrize("method", [
     ("G-L", 2), *(pytest.param(method, marks=pytest.mark.slow)  # seconds of mpmath each
                   for method in (("IMS", None), ("EMS", None), ("LIIIA-B", 3)))], ids=str)
@@ -189,9 +183,6 @@ def test_constraints_hold_to_round_off_and_the_manifest_says_float128(monkeypatc
     assert type(run.q[3, 1]) is binary128.mpf
     assert run.axis().dtype == float
     assert largest(run.g_errors) <= 4 * EPS
-
-
-# ---------------------------------------------------------------- what is refused
 
 
 @pytest.mark.parametrize(("q", "said"), [

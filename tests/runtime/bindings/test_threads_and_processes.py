@@ -28,9 +28,6 @@ def bits(run: gs.Trajectory) -> list[bytes]:
     return [getattr(run, name).tobytes() for name in ("t", "q", "p", "multipliers", "energies")]
 
 
-# ---------------------------------------------------------------- threads
-
-
 @pytest.mark.parametrize("name", [
     pytest.param(name, marks=[pytest.mark.slow] * (name in ("ims", "ems", "beads", "chain")))
     for name in NAMES])
@@ -76,9 +73,6 @@ def test_interrupt_ends_an_ensemble_and_its_threads():
             progress=lambda done: signal.raise_signal(presses.pop()) if done and presses else None)
     assert threading.active_count() == before
     assert bits(run_of("gl3")) == bits(run_of("gl3"))
-
-
-# ---------------------------------------------------------------- processes
 
 
 FORK_IN_THREADS = FAST_TOP + '''
@@ -146,8 +140,6 @@ def test_fork_while_a_thread_makes_members():
     """Nor is there one in what an ensemble makes when first asked for."""
     assert python(FORK_IN_MEMBERS).split() == ["2", "True"]
 
-
-# ---------------------------------------------------------------- memory
 
 LEAKS = FAST_TOP + '''
 import resource

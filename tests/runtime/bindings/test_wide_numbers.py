@@ -61,9 +61,6 @@ def assert_near(found, wanted, real, count=16):
         assert abs(exact(a) - b) <= count * EPS[real] * max(abs(b), Fraction(1, 8)), (a, float(b))
 
 
-# ---------------------------------------------------------------- runs
-
-
 @pytest.mark.parametrize("real", WIDE)
 @pytest.mark.parametrize("solver", ["auto", "newton", "python"])
 def test_a_run(real, solver):
@@ -159,9 +156,6 @@ def test_a_member_that_fails_has_no_time(real):
     assert_near(many.t[0], [Fraction(k, 90) for k in range(3)], real, 2)
 
 
-# ---------------------------------------------------------------- what a step solves
-
-
 @pytest.mark.parametrize("real", WIDE)
 def test_residual_jacobian_and_guess(real):
     """r(0) = (−p/m, −c (t + c_i Δt)²), ∂r/∂x of the same system, and the k to start from."""
@@ -184,9 +178,6 @@ def test_residual_jacobian_and_guess(real):
         exact(START[1][0]) ** 2 / Fraction(14, 10)], real)
 
 
-# ---------------------------------------------------------------- a body, in closed form
-
-
 def turned(angle, axis):
     """Return the quaternion of a turn."""
     return [mp.cos(angle / 2), *(mp.sin(angle / 2) * x for x in axis)]
@@ -198,9 +189,6 @@ def times(a, b):
     cross = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
     return [u0 * v0 - sum(x * y for x, y in zip(u, v, strict=True)),
             *(u0 * y + v0 * x + z for x, y, z in zip(u, v, cross, strict=True))]
-
-
-# ---------------------------------------------------------------- files
 
 
 @pytest.mark.parametrize("real", WIDE)
@@ -288,8 +276,6 @@ def test_a_run_that_failed_is_kept_with_its_digits(tmp_path):
     assert run.parameters["I1"] == rounding("float128")(Fraction(3, 10))
     assert failure.t == pytest.approx((failure.step - 1) * 2 / 3)
 
-
-# ---------------------------------------------------------------- model files and the command line
 
 MODEL = """
 name = "swing"
@@ -399,9 +385,6 @@ def test_means_of_moments():
         assert type(gs.gamma([0.1, 0.3, 0.7], rule)) is float
         with mp.workdps(40):
             assert gs.gamma([mp.mpf(1) / 3] * 3, rule) == rounding("float128")(Fraction(1, 3))
-
-
-# ---------------------------------------------------------------- energies beyond doubles
 
 
 @pytest.mark.parametrize("real", WIDE)

@@ -12,9 +12,7 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from calls import integrate
-from event_runs import assert_same_events, in_pieces, pendulum, start
-from stores import recorded, small_blocks
+from event_runs import pendulum, start
 
 #: Least depth of a dip, in parts of how far the value moves: a thousand units in the last place.
 LEAST = 1e-12
@@ -83,42 +81,6 @@ def test_a_terminal_dip_ends_the_run() -> None:
         assert run.report.steps == int(run.t[-1] / dt)
         assert len(run.events["square"]) == 1
         assert all((run.events["sine"].t - run.t[-1]) * dt <= 0)
-
-
-def test_a_section_has_them() -> None:
-    """The points of a section are those of the runs, to the bit."""
-    step, (phase, depth) = oscillator(), starts(12, seed=2)
-    run = {"dt": 0.7, "steps": 40, "parameters": {"e": depth}}
-    q, p = np.sin(phase)[:, None], np.cos(phase)[:, None]
-    event = gs.Event("square", direction=-1)
-    found = gs.section(step, q, p, event=event, **run)
-    many = step.integrate_ensemble(q, p, events=event, **run).events["square"]
-    for i in range(12):
-        times = crossings("square", phase[i], depth[i], 28)
-        falling = times[np.sin(2 * (phase[i] + times)) < 0]
-        assert np.array_equal(found.t[found.trajectory == i], many[i].t)
-        assert np.abs(many[i].t - falling).max() < 1e-9 / np.sqrt(depth[i])
-
-
-@pytest.mark.parametrize("terminal", [pytest.param(False, marks=pytest.mark.slow), True])
-def test_a_stored_run_has_them(terminal: bool, tmp_path, monkeypatch) -> None:
-    """At once, and ended again and again: what integrate finds, to the bit."""
-    step = oscillator()
-    events = [gs.Event("square"), gs.Event("sine")]
-    if terminal:
-        events.append(gs.Event("square", direction=1, level=-1e-12, terminal=True, name="end"))
-    for phase, depth in zip(*starts(1, seed=3), strict=True):
-        run = {"q": [np.sin(phase)], "p": [np.cos(phase)], "dt": 1.1, "steps": 20, "every": 3,
-               "parameters": {"e": depth}, "events": events}
-        whole = integrate(step, **run)
-        with monkeypatch.context() as patch:
-            patch.setattr("gyrospark.runtime.integration.step_loop._CHUNK_WITH_EVENTS", 5)
-            small_blocks(patch, 4, 0.0)
-            once = recorded(step, tmp_path / f"{phase}.zarr", **run)
-            again = in_pieces(step, tmp_path / f"{phase} again.zarr", [1, 2, 1], **run)
-        for found in (once, again):
-            assert_same_events(found.events, whole.events)
-            assert found.steps_done == whole.report.steps
 
 
 @pytest.mark.parametrize("dt", [0.05, -0.05])

@@ -37,9 +37,6 @@ def at(step):
     return lambda done: interrupt() if done >= step else None
 
 
-# ---------------------------------------------------------------- in Python
-
-
 @pytest.mark.parametrize(("solver", "every"), [("auto", 1), ("auto", 7), ("newton", 3)])
 def test_run_comes_with_what_it_has(solver, every, gl3):
     """As a KeyboardInterrupt, the caller's handler back in place."""
@@ -170,9 +167,6 @@ def test_sweep_in_memory_comes_with_its_cells():
     assert found.energy_error_max.where(~done).isnull().all()
 
 
-# ---------------------------------------------------------------- how often it is heard
-
-
 def test_pace_follows_what_steps_cost():
     """From 16 steps to 4096 where they are quick; a tenth of a second where they are not."""
     now = [0.0]
@@ -205,8 +199,6 @@ def test_pace_grows_where_few_states_are_kept(every):
         del step.binding.integrate
     assert len(calls) < 30
 
-
-# ---------------------------------------------------------------- on the command line
 
 LONG = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
         "90000000", "--every", "1000"]

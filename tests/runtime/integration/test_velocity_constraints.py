@@ -40,9 +40,6 @@ def skates(steps, **more):
                                                 parameters=SKATE_CHAIN, **more)
 
 
-# ---------------------------------------------------------------- rows and reactions
-
-
 @pytest.mark.parametrize(("make", "parameters", "start", "s", "steps"), [
     (sleigh, SLEIGH, sleigh_state(0.7, 1.5), 2, 2000), *(pytest.param(*row, marks=pytest.mark.slow)
         for row in ((sleigh, SLEIGH, sleigh_state(0.7, 1.5), 3, 10**6),
@@ -78,9 +75,6 @@ def test_multipliers_and_reactions_have_their_places():
     assert at.reactions.dims == ("time", "stage", "velocity_constraint")
     free = systems.run("heavy_top", systems.stepper("heavy_top", "EMS"), 2)
     assert free.reactions.shape == (2, 0, 0)
-
-
-# ---------------------------------------------------------------- ways to run
 
 
 def test_reactions_go_with_the_states():
@@ -146,9 +140,6 @@ def test_events_end_a_run_on_the_rows():
     assert run.t[-1] < 1
     assert run.reactions.shape == (len(run.t) - 1, 2, 1)
     assert run.f_errors[-1] < 1e-14
-
-
-# ---------------------------------------------------------------- motion
 
 
 @pytest.mark.slow

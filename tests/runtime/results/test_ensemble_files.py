@@ -103,15 +103,6 @@ def test_files(real: str, tmp_path) -> None:
         assert len(list(csv.reader(file))) == 1 + many.events["side"].count.sum()
 
 
-def test_a_picture(tmp_path) -> None:
-    figure = ensemble().plot(tmp_path / "run.png")
-    assert (tmp_path / "run.png").stat().st_size > 5000
-    assert [len(axes.lines) for axes in figure.axes] == [3, 3, 3]  # side, height, energy
-    assert len(failing().plot("x", "u", "height", "energy_error").axes) == 4
-    with refused("'w'"):
-        ensemble().plot("w")
-
-
 @pytest.mark.parametrize("name", ["run.npz", "run.nc"])
 def test_an_ensemble_is_not_read_as_a_run(tmp_path, name) -> None:
     path = ensemble().save(tmp_path / name)

@@ -171,9 +171,6 @@ def test_a_saved_store_is_there_once_and_not_resumed(run, tmp_path):
         gs.resume(path)
 
 
-# ---------------------------------------------------------------- stores
-
-
 @pytest.mark.parametrize("real", [
     "double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_a_run_goes_on_from_its_store_alone(real, tmp_path, monkeypatch):

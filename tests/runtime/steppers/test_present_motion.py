@@ -161,9 +161,6 @@ def test_what_is_not_there_is_refused():
         advanced("satellite", 0)[0].joint()
 
 
-# ---------------------------------------------------------------- inputs and times
-
-
 def test_inputs_are_those_of_advance():
     """To the bit, recorded or not; a mapping's methods work as those of a dict."""
     model, step = systems.case("arm").system, systems.stepper("arm", "IMS")

@@ -29,9 +29,6 @@ def framed():
     return systems.stepper("heavy_top_in_frame")
 
 
-# ---------------------------------------------------------------- least squares of a start
-
-
 def test_the_start_of_a_relative_equilibrium_tells_its_rates():
     rates = gs.tune(framed(), CONE, dt=1e-2, frame="start").parameters
     Omega = CONE.exact.angular_velocity(0.0)
@@ -64,9 +61,6 @@ def test_a_model_with_a_frame_starts_in_it():
     assert (given.parameters["omega_body"], given.parameters["omega_space"]) == (100.0, 0.0)
 
 
-# ---------------------------------------------------------------- pilot runs
-
-
 def test_a_choice_says_what_it_was_chosen_by():
     step = framed()
     tuned = gs.tune(step, TOP, dt=1e-2, frame="auto", pilot_steps=200)
@@ -78,9 +72,6 @@ def test_a_choice_says_what_it_was_chosen_by():
     assert tuned.gain == pytest.approx(plain.motion / chosen.motion)
     assert plain.worst == 1 > 1000 * chosen.worst
     assert "no symmetry" not in tuned.reason
-
-
-# ---------------------------------------------------------------- the guard
 
 
 def test_where_a_frame_harms_none_is_taken_or_a_better_one():
@@ -152,9 +143,6 @@ def test_lines_are_centred():
     assert not coarse.is_resolved or abs(coarse.minimise(1, np.zeros(1))[0]) < 10
 
 
-# ---------------------------------------------------------------- near an axis
-
-
 def error(run, exact) -> float:
     return float(np.sqrt(((run.q - exact) ** 2).sum(axis=1).mean()))
 
@@ -200,9 +188,6 @@ def test_a_cone_of_any_angle_keeps_its_rate(angle):
     assert abs(run.q[:, 2] + np.cos(angle)).max() < 1e-15
 
 
-# ---------------------------------------------------------------- certificates
-
-
 @pytest.mark.slow  # a certificate of a free body in a frame takes two seconds
 def test_what_does_not_commute_is_not_promised():
     """A free body in a frame about e3: l along e3 is kept, and l across it is not."""
@@ -213,9 +198,6 @@ def test_what_does_not_commute_is_not_promised():
     assert found.line("angular momentum about e3").holds is True
     assert found.line("angular momentum about e1").holds is None
     assert "turns" in found.line("angular momentum about e1").why
-
-
-# ---------------------------------------------------------------- the command
 
 
 def test_run_takes_frames(gyrospark):

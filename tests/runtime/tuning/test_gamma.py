@@ -34,9 +34,6 @@ def name_of(value):
     return f"{value[1] or ''}{value[0]}" if isinstance(value, tuple) else str(value)
 
 
-# ---------------------------------------------------------------- the motion
-
-
 @pytest.mark.parametrize("times", [
     TIMES[:1], pytest.param(TIMES, marks=pytest.mark.slow)])  # a hundred seconds
 @pytest.mark.parametrize(("body", "method"), PAIRS, ids=name_of)
@@ -89,9 +86,6 @@ def test_errors_are_those_of_the_axes():
     assert tuned.gain == pytest.approx(base.motion / chosen.motion)
 
 
-# ---------------------------------------------------------------- what pilot runs cannot tell
-
-
 def test_where_the_error_does_not_grow_like_t_nothing_is_said_of_longer_runs():
     """Seen to its end, γ helps the motion of a slow top by EMS, whose energy is round-off."""
     step, m = gs.stepper("EMS"), gs.gamma(CHAOTIC.inertia)
@@ -120,9 +114,6 @@ def test_round_off_and_runs_of_few_steps_are_not_chosen_for():
     assert tuned.gain == 1
     with pytest.raises(gs.StepFailed):
         tune(gs.stepper("G-L", 2), dt=1.0)
-
-
-# ---------------------------------------------------------------- the energy
 
 
 @pytest.mark.parametrize(("body", "method"), PAIRS, ids=name_of)
@@ -155,9 +146,6 @@ def test_fast_top_gains(method, least_gain):
 ], ids=name_of)
 def test_zeros_of_erratum_25(method, inverse):
     assert 1 / trial_of(BODIES[0], *method).gamma("energy") == pytest.approx(inverse, rel=5e-3)
-
-
-# ---------------------------------------------------------------- α, several bodies
 
 
 @pytest.mark.slow  # two steppers
