@@ -1050,11 +1050,11 @@ class Multibody:
         begin, rate = self._components.initial_value_and_rate(f"angle of {name!r}", law)
         # at t = 0 the joint has the angle and the rate of the law
         hinge = hinge_of(hinge_joint)
-        if hinge.rate not in (None, rate):
+        if not _agrees(hinge.rate, rate):
             raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
                              f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
                              "rate.")
-        if hinge.start_angle not in (None, begin) or hinge.angle not in (0.0, begin):
+        if not (_agrees(hinge.start_angle, begin) and _agrees(hinge.angle or None, begin)):
             raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
                              f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; leave "
                              "out the joint's.")
@@ -1666,6 +1666,11 @@ def _rest(label: str, entry: Any) -> float | tuple[float, float]:
 def _number_or_none(label: str, entry: Any) -> float | None:
     """Return a finite number, or None where none is given."""
     return None if entry is None else float(finite(label, entry, ()))
+
+
+def _agrees(number: float | None, law: float) -> bool:
+    """Return whether a number that a joint may have is that of a law, but for its rounding."""
+    return number is None or math.isclose(number, law, rel_tol=1e-12, abs_tol=1e-12)
 
 
 def _coordinate(joint: Connection) -> str:

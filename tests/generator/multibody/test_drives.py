@@ -110,6 +110,16 @@ def test_a_drive_and_a_quantity_have_one_angle():
     assert motion.acceleration("turned") == pytest.approx(0.5, rel=1e-13)
 
 
+def test_a_rate_is_that_of_the_law_but_for_its_rounding():
+    """0.2 · 3 is 0.6 + 1e-16 in doubles."""
+    build = hanging("rounded")
+    rod(build, "b", position=(0, -0.4, 0))
+    build.revolute("shaft", "ground", "b", axis=Z, at=(0, 0, 0), rate=0.6)
+    build.drive("engine", "shaft", angle=0.2 * sp.sin(3 * build.time))
+    build.quantity("w", build.rate("shaft"))
+    assert Motion(build.model()).value("w") == pytest.approx(0.6, rel=1e-14)
+
+
 def test_a_motor_turns_by_its_law():
     """A servo, k (target − φ) − c φ', on a body in no gravity."""
     build = gs.Multibody("servo", gravity=(0, 0, 0))
