@@ -377,18 +377,14 @@ def test_bad_files_are_refused(tmp_path, inside, said):
         assert build._components.bodies
 
 
-def test_a_model_counts_where_it_is_attached(tmp_path):
-    """Once, whatever else is in the file."""
+def test_sizes_that_a_file_asks_for_are_not_taken_and_an_attached_model_counts(tmp_path):
+    """Memory, user data, keyframes, a texture of 30 GB; models where they are attached, once."""
     (tmp_path / "many.xml").write_text(
         f"<mujoco><worldbody>{'<site/>' * 9000}</worldbody></mujoco>")
     model = gs.load_model(written(
         tmp_path, '<asset><model name="x" file="many.xml"/></asset>'
         + one("<geom", '<attach model="x" body="world" prefix="p"/>' + "<site/>" * 9 + "<geom")))
     assert model.system.n == 7
-
-
-def test_sizes_that_a_file_asks_for_are_not_taken(tmp_path):
-    """Of memory, user data and keyframes; a texture of 30 GB is not made."""
     model = gs.load_model(written(
         tmp_path, '<size memory="500G" nkey="1000000000" '
         'nuser_body="100000000" nuserdata="2000000000"/><asset><texture name="t" type="2d" '

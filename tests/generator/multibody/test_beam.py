@@ -473,13 +473,9 @@ def test_files_have_beams():
 @pytest.mark.parametrize(("old", "new", "words"), [
     ("count = 3", "count = 1", ("beams", "count", "2")),
     ("count = 3", "count = 100000", ("100000", "1000")),
-    ("count = 3", "count = -1", ("count", "-1")),
-    ("damping = 0", "damping = -2", ("damping", "-2")),
     ("twisting = 2, ", "", ("twisting", "missing")),
-    ("twisting = 2", "twisting = 0", ("twisting", "0")),
     ("twisting = 2", "torsion = 2", ("torsion", "twisting")),
     ("shearing = 400, ", "", ("shearing",)),
-    ("bending = [5, 7]", "bending = [5, 7, 9]", ("bending", "3")),
     ("bending = [5, 7]", 'bending = "stiff"', ("bending",)),
     ("[0, 0.1, 2]", "[0, 0.1]", ("points, row 3", "3 numbers")),
     ("[0, 0.1, 2]", "3", ("points, row 3",)),

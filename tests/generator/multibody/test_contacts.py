@@ -295,8 +295,8 @@ def test_a_block_rocks_from_latch_to_latch():
         [.104370449361, .061783331499, .037614679434, .023218124964], abs=1e-11)
 
 
-def test_a_latch_closes_at_the_time_of_the_start():
-    """A point is caught by one that moves as it does: at t = 2 both are at x = 2, at 1 m/s."""
+def test_a_latch_closes_at_the_time_of_the_start_with_the_masses_of_the_run():
+    # A point is caught by one that moves as it does: at t = 2 both are at x = 2, at 1 m/s.
     build = gs.Multibody("catch", gravity=(0, 0, 0))
     hand = build.moving_point("hand", (build.time, 0, 0))
     ball = build.point_mass("ball", mass=3.0, position=(2.0, 0, 0))
@@ -309,18 +309,7 @@ def test_a_latch_closes_at_the_time_of_the_start():
     closed = build.model(closed="grip", start=model.start.replace(t=2.0))
     assert closed.q0.tolist() == model.q0.tolist()
     assert closed.p0[:3] == pytest.approx([3.0, 0, 0], abs=4 * EPS)
-
-
-def test_a_model_without_constraints_has_the_given_start():
-    build = gs.Multibody("throw")
-    build.point_mass("ball", mass=3.0)
-    model = build.model(start=gs.Start([1, 2, 3], [4, 5, 6]))
-    assert model.q0.tolist() == [1, 2, 3]
-    assert model.p0.tolist() == [4, 5, 6]
-
-
-def test_a_latch_closes_with_the_masses_of_the_run():
-    """Points of 3 and 1 kg that meet at 1 m/s and at rest go on together at 0.75 m/s."""
+    # Points of 3 and 1 kg that meet at 1 m/s and at rest go on together at 0.75 m/s.
     build = gs.Multibody("coupling", gravity=(0, 0, 0))
     a, b = build.point_mass("a", mass=1.0), build.point_mass("b", mass=1.0)
     build.latch("grip", gap=b.x[0] - a.x[0],
@@ -330,6 +319,11 @@ def test_a_latch_closes_with_the_masses_of_the_run():
     assert closed.p0 == pytest.approx([2.25, 0, 0, 0.75, 0, 0], abs=4 * EPS)
     assert closed.parameters["a_m"] == 3.0
     assert closed.parameters["b_m"] == 1.0
+    build = gs.Multibody("throw")
+    build.point_mass("ball", mass=3.0)
+    model = build.model(start=gs.Start([1, 2, 3], [4, 5, 6]))
+    assert model.q0.tolist() == [1, 2, 3]
+    assert model.p0.tolist() == [4, 5, 6]
 
 
 @pytest.mark.parametrize(("angle", "word"), [
@@ -349,7 +343,7 @@ def test_a_latch_closes_on_a_fixed_joint_at_its_rotation_alone(angle, word):
         build.model(closed="latch", start=gs.Start(q, model.p0))
 
 
-def test_latches_are_refused():
+def test_latches_names_and_stops_are_refused():
     build = rocking_block()
     model = build.model(closed="right")
     build.revolute("loose", build.ground, "block", axis_in_space=(0, 1, 0))
@@ -368,6 +362,19 @@ def test_latches_are_refused():
     opened = build.model(start=model)
     assert opened.system.m == 1
     assert [impact.terminal for impact in opened.events] == [True] * 3
+    build = two_bodies()
+    build.revolute("hinge", "a", "b", axis_on_body=(1, 0, 0), on_a=(0, 0, 0), on_b=(0, 0, 0))
+    build.contact("floor", "a")
+    build.quantity("height", 1)
+    for call, word in ((lambda: build.contact("floor", "b"), "floor"),
+                       (lambda: build.contact("height", "b"), "height"),
+                       (lambda: build.quantity("floor", 1), "floor"),
+                       (lambda: build.quantity("height", 2), "height"),
+                       (lambda: build.stop("end", "hinge"), "lower"),
+                       (lambda: build.stop("end", "hinge", lower=2, upper=1), "upper = 1"),
+                       (lambda: build.stop("end", "knee", lower=2), "knee")):
+        with pytest.raises(InputError, match=word):
+            call()
 
 
 REFUSED = {
@@ -390,22 +397,6 @@ REFUSED = {
 def test_contacts_are_refused(arguments, word):
     with pytest.raises(InputError, match=word):
         two_bodies().contact("floor", **arguments)
-
-
-def test_names_and_stops_are_refused():
-    build = two_bodies()
-    build.revolute("hinge", "a", "b", axis_on_body=(1, 0, 0), on_a=(0, 0, 0), on_b=(0, 0, 0))
-    build.contact("floor", "a")
-    build.quantity("height", 1)
-    for call, word in ((lambda: build.contact("floor", "b"), "floor"),
-                       (lambda: build.contact("height", "b"), "height"),
-                       (lambda: build.quantity("floor", 1), "floor"),
-                       (lambda: build.quantity("height", 2), "height"),
-                       (lambda: build.stop("end", "hinge"), "lower"),
-                       (lambda: build.stop("end", "hinge", lower=2, upper=1), "upper = 1"),
-                       (lambda: build.stop("end", "knee", lower=2), "knee")):
-        with pytest.raises(InputError, match=word):
-            call()
 
 
 FILE = """
@@ -434,7 +425,7 @@ parameters = {e = 0.5, h = 5}
 """
 
 
-def test_a_file_has_contacts_and_stops(tmp_path):
+def test_a_file_has_contacts_and_stops_whose_slides_are_no_angles(tmp_path):
     """With the gaps of the builder, and restitutions that name parameters."""
     path = tmp_path / "tossed.toml"
     path.write_text(FILE)
@@ -447,6 +438,11 @@ def test_a_file_has_contacts_and_stops(tmp_path):
     assert {impact.name: impact.restitution for impact in model.events if impact.restitution != 1
             } == {"floor_1": "e", "floor_2": "e", "end_lower": 0.5, "end_upper": 0.5, "dock": 0}
     assert [impact.name for impact in model.events if impact.terminal] == ["dock"]
+    path = tmp_path / "slid.toml"
+    text = FILE.replace('"revolute"', '"prismatic"')
+    path.write_text(text.replace("elbow_angle", "elbow_travel"))
+    with pytest.raises(InputError, match="unit deg"):
+        gs.load_model(path)
 
 
 @pytest.mark.parametrize(("old", "new", "word"), [
@@ -468,14 +464,6 @@ def test_tables_are_refused(tmp_path, old, new, word):
     with pytest.raises(InputError, match=word) as error:
         gs.load_model(path)
     assert "tossed.toml" in str(error.value)
-
-
-def test_ends_of_a_slide_are_no_angles(tmp_path):
-    path = tmp_path / "slid.toml"
-    text = FILE.replace('"revolute"', '"prismatic"')
-    path.write_text(text.replace("elbow_angle", "elbow_travel"))
-    with pytest.raises(InputError, match="unit deg"):
-        gs.load_model(path)
 
 
 def test_the_command_has_the_impacts_of_a_file(hall, tmp_path, gyrospark):

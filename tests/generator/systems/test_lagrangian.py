@@ -30,6 +30,7 @@ from gyrospark.runtime.compilation.object_files import objects_of
 from lagrangians import bead, case, double
 from processes import ROOT, call
 from strategies import EPS
+from time_lagrangians import c, k, one, t, wire
 
 TINY = 1e-100
 
@@ -50,11 +51,11 @@ def test_energies_and_motion_are_those_of_the_hamiltonian_written_out():
     known = {s: entry.parameters[str(s)] for s in other.parameters}
     H, slopes = (sp.lambdify([*other.q, *other.p, other.time], e.xreplace(known)) for e in (
         other.H, sp.Matrix([*other.H_p, *(-e for e in other.H_q)])))
-    for q, p, t in np.random.default_rng(2).standard_normal((5, 3)):
-        found = step.energy([q], [p], parameters=entry.parameters, t=t)
-        assert abs(found - H(q, p, t)) <= 64 * EPS * (1 + abs(found))
+    for q, p, now in np.random.default_rng(2).standard_normal((5, 3)):
+        found = step.energy([q], [p], parameters=entry.parameters, t=now)
+        assert abs(found - H(q, p, now)) <= 64 * EPS * (1 + abs(found))
     run = systems.run("shaken", step, 200, dt=0.005, t=0.0)
-    exact = solve_ivp(lambda t, z: np.ravel(slopes(*z, t)), (0, 1), [run.q[0, 0], run.p[0, 0]],
+    exact = solve_ivp(lambda now, z: np.ravel(slopes(*z, now)), (0, 1), [run.q[0, 0], run.p[0, 0]],
                       method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     assert np.abs(exact - [run.q[-1, 0], run.p[-1, 0]]).max() <= 1e-8  # of order 4
 
@@ -222,3 +223,46 @@ def test_consistent_starts_without_a_compiler():
     again = step.project(q + 0.01, p, parameters=parameters)
     np.testing.assert_allclose(found.q, again[0], rtol=0, atol=16 * EPS)
     np.testing.assert_allclose(found.p, again[1], rtol=0, atol=64 * EPS)
+
+
+NUMBERS = {"w": 2.5, "a": 0.3, "b": 0.25, "g": 9.0}
+
+
+@pytest.mark.slow  # a stepper for this
+def test_bead_on_a_wire_that_turns():
+    """r = r₀ cosh wt, pushed by the moment 2 m w r ṙ: a rheonomic constraint in M(q)."""
+    step = gs.stepper("G-L", 3, system=wire())
+    numbers = {"m": 1.5, "w": 2.0}
+    p = step.momenta([0.5, 0.0], [0.0, 2.0], parameters=numbers)
+    run = step.integrate([0.5, 0.0], p, dt=0.01, steps=100, parameters=numbers)
+    r, speed = 0.5 * np.cosh(2 * run.t), np.sinh(2 * run.t)
+    np.testing.assert_allclose(run.q, np.transpose([r, 2 * run.t]), rtol=0, atol=64 * EPS)
+    np.testing.assert_allclose(run.velocities, np.transpose([speed, 2 + 0 * r]), atol=256 * EPS)
+    moment = -2 * 1.5 * 2 * r[-1] * speed[-1]  # λ has the sign of g_q: ṗ = … − g_qᵀλ
+    assert abs(run.multipliers[-1, -1] / moment - 1) < 1e-6  # of a lower order than the state
+    np.testing.assert_allclose(run.work, run.energies - run.energies[0], rtol=0, atol=1e-12)
+    with refused("constraint"):
+        step.integrate(gs.Start([0.5, 0.0], p, t=1.0), dt=0.01, steps=1, parameters=numbers)
+
+
+def test_states_between_steps_and_crossings():
+    """``at`` against half the step, an event where a coordinate passes its level."""
+    step = systems.stepper("shaken")
+    p = step.momenta([0.5], [0.1], parameters=NUMBERS)
+    run, fine = (step.integrate([0.5], p, dt=0.02 / n, steps=100 * n, parameters=NUMBERS,
+                                events=[gs.Event("x", level=0.2)]) for n in (1, 2))
+    between = run.at(fine.t)
+    np.testing.assert_allclose(between.q, fine.q, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(between.velocities, fine.velocities, rtol=0, atol=1e-5)
+    found, same = run.events["x"], fine.events["x"]
+    assert len(found.t) == len(same.t) >= 2
+    np.testing.assert_allclose(found.t, same.t, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(found.q, 0.2, rtol=0, atol=8 * EPS)
+
+
+def test_time_that_nobody_declared_is_refused():
+    x, v, _ = one("x")
+    with refused("unknown.*'t'.*time"):
+        gs.System.from_lagrangian(t * v**2, [x], [v], [])
+    with refused("Constraint 0.*'t'.*holonomic"):
+        gs.System.from_lagrangian(v**2 + c**2, [x, k], [v, c], [], [x - t])

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+from gyrospark.generator.multibody.initial_poses import rotation
 from gyrospark.generator.systems import redundant_constraints
 from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
 
@@ -154,3 +155,22 @@ def test_constraints_on_parameters_and_greek_symbols_are_refused():
     angle = sp.Symbol("α_1", real=True)
     with pytest.raises(gs.InputError, match=r"'α_1'.*Symbol\('alpha_1'\)"):
         gs.System((angle,), (a,), (), a**2 / 2)
+
+
+@pytest.mark.parametrize("turn", [0.5, 1.4, 1.7, np.pi])
+def test_a_fixed_rotation_is_met_or_refused(turn):
+    """The three constraints hold at half a turn more, too, where closing a far start may end."""
+    build = gs.Multibody("doors")
+    a, b = (build.body(name, mass=1, inertia=(0.1, 0.2, 0.3)) for name in "ab")
+    for body in (a, b):
+        build.revolute(f"hinge_{body.name}", "ground", body, at=(0, 0, 0), axis=(0, 0, 1))
+    relative = np.array([[np.cos(turn), -np.sin(turn), 0], [np.sin(turn), np.cos(turn), 0],
+                         [0, 0, 1]])
+    build.fixed("both", a, b, on_a=(0, 0, 0), on_b=(0, 0, 0), rotation=relative)
+    if turn > np.pi / 2:
+        with pytest.raises(gs.InputError, match="'both'"):
+            build.model(redundant="leave out")
+        return
+    model = build.model(redundant="leave out")
+    R_a, R_b = (rotation(q) for q in np.reshape(model.q0, (2, 7))[:, :4])
+    assert np.allclose(R_a.T @ R_b, relative, rtol=0, atol=1e-14)

@@ -82,12 +82,6 @@ def test_notebooks_show_them():
     assert "A v + a: blade" in text
 
 
-def test_schemes_without_equations_for_them_refuse():
-    for scheme, stages in (("IMS", None), ("EMS", None), ("LIIIA-B", 2)):
-        with pytest.raises(InputError, match="skate"):
-            gs.stepper(scheme, stages, system=sleigh(velocity_constraint_names=("skate",)))
-
-
 def test_model_files_have_them(tmp_path):
     file = tmp_path / "skate.toml"
     file.write_text("""
