@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,11 @@ import gyrospark as gs
 import systems
 from calls import PARAMETERS, RUN, TOP, by_names, equal
 from gyrospark.core.exact_numbers import as_double
+from gyrospark.core.manifest import BodyManifest, SystemManifest
+from gyrospark.runtime.compilation.body_columns import BodyAt
 from gyrospark.runtime.integration import lanes, run_arguments
 from gyrospark.runtime.integration.call_memory import CallMemory
+from gyrospark.runtime.results.rotation_rate import Rotations
 
 ARRAYS = ("q", "p", "multipliers", "iterations")
 RNG = np.random.default_rng(5)
@@ -351,3 +355,31 @@ def test_parameters_that_pass_at_once_pass_one_by_one(given) -> None:
               for name, domain in DOMAINS.items()} if plain else None
     assert repr(plain) == repr(single)
     assert not plain or {*map(type, plain.values())} == {float}
+
+
+def test_the_fastest_of_many_bodies_is_the_fastest_of_each() -> None:
+    """Of bodies with moments and with tensors, some of them at rest or not finite."""
+    bodies, parameters = {}, {}
+    for i in range(40):
+        names = [f"b{i}_{k}" for k in (("I1", "I2", "I3") if i % 3 else (
+            "K11", "K12", "K13", "K22", "K23", "K33"))]
+        parameters |= dict(zip(names, RNG.uniform(0.5, 2, len(names)), strict=True))
+        bodies[f"b{i}"] = BodyManifest(
+            q=tuple(f"q{k}" for k in range(4 * i, 4 * i + 4)),
+            **{"inertia" if i % 3 else "inverse_inertia": (*names,)})
+    q, p = (tuple(f"{x}{k}" for k in range(160)) for x in "qp")
+    system = SystemManifest(
+        name="bodies", coordinates=q, momenta=p, parameters=dict.fromkeys(parameters, "real"),
+        hamiltonian="0", constraints=(), hidden=(), start_parameters=(), rigid_body=False,
+        bodies=bodies)
+    rotations = Rotations(SimpleNamespace(
+        system=system, frame=None, scheme=SimpleNamespace(order=6, longest_flow=None)))
+    assert all(isinstance(x, BodyAt) for x in rotations.bodies.values())
+    for factor in (1.0, 1e160, np.inf):
+        q, p = RNG.standard_normal((2, 1, 160))
+        p[0, 100:120] *= factor
+        with np.errstate(invalid="ignore"):
+            found = rotations.fastest(parameters, 0.1, q, p)
+            rows = rotations.fastest(parameters, 0.1, np.repeat(q, 2, 0), np.repeat(p, 2, 0))
+        assert (found.body, found.limit) == (rows.body, rows.limit)
+        assert found.radians == pytest.approx(rows.radians, rel=1e-14)
