@@ -549,6 +549,12 @@ class Simulation:
                              "one of its numbers. Start another one from sim.start, by "
                              "step.start(sim.start, parameters=...).")
         warn_of_negative(checked_parameters)
+        if not present_run.binding.has_finite_energy(
+                present_run.binding.parameters(checked_parameters, self.t), present_run.q,
+                present_run.p):
+            raise InputError("H has no finite value at the present state with these parameters, as "
+                             "of the root of a negative number or beyond the largest number; give "
+                             "others.")
         # these alone can move the state off its constraints
         deciding = stepper.manifest.system.start_parameters
         if any(checked_parameters[name] != present_run.run.parameters[name] for name in deciding):

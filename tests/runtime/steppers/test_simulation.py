@@ -147,6 +147,13 @@ def test_the_same_parameters_change_nothing(step):
     assert_is(sim, step.integrate(TOP.q0, TOP.p0, steps=120, **RUN))
 
 
+def test_parameters_without_an_energy_are_refused():
+    sim = systems.stepper("logarithm").start([8.0], [0.0], dt=0.01, parameters={"dt": 1.0})
+    with refused("H.*parameters"):
+        sim.parameters = {"dt": 1.7e308}
+    assert sim.parameters["dt"] == 1
+
+
 def test_parameters_that_the_state_is_off(gl3):
     """The length of a pendulum cannot change under way; the old value stays."""
     sim = systems.stepper("pendulum").start([0.6, -0.8], [0.8, 0.6], dt=0.01,
