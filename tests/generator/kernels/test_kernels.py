@@ -486,7 +486,7 @@ def test_common_subexpressions_are_computed_once_and_equal_outputs_copied():
     assert emitted.operations == {"add": 1, "mul": 1}
 
 
-def test_signature_return_type_and_unused_arguments():
+def test_signatures_and_long_statements():
     constants = Constants((z,))
     kernel = Kernel("f", "f", {"a": [x], "b": [y]}, {"u": [x], "W": [[x, 2 * x]]})
     emitted = emit_kernel(kernel, constants, DOUBLE)
@@ -496,6 +496,13 @@ def test_signature_return_type_and_unused_arguments():
     scalar = emit_kernel(Kernel("g", "g", {"a": [x]}, {"g": z * x}), constants, DOUBLE)
     assert (scalar.returns, scalar.unused, scalar.constants) == ("double", [], {"z"})
     assert scalar.lines[-1].startswith("return ")
+    statement = "x = " + " + ".join(f"a{i}*b{i}" for i in range(40)) + ";"
+    wrapped = wrap(statement)
+    assert max(map(len, wrapped.splitlines())) <= 104
+    assert "\n" in wrapped
+    assert re.sub(r"\n\s+", " ", wrapped) == statement
+    assert wrap("x = y;") == "x = y;"
+    assert wrap("x = " + "y" * 200 + ";") == "x = " + "y" * 200 + ";"
 
 
 @pytest.mark.parametrize("name", ["t", "u", "_t", "k", "d", "c", "q"])
@@ -530,13 +537,3 @@ def test_system_whose_symbols_are_called_like_the_generators_own_has_right_kerne
     moved = {s: s + t for s, t in zip((a, b), d, strict=True)}
     g = system.constraints[0]
     assert sp.expand(constants.expand_shared(step.outputs["dg"][0]) - g.xreplace(moved) + g) == 0
-
-
-def test_long_statements_are_wrapped_without_changing_them():
-    statement = "x = " + " + ".join(f"a{i}*b{i}" for i in range(40)) + ";"
-    wrapped = wrap(statement)
-    assert max(map(len, wrapped.splitlines())) <= 104
-    assert "\n" in wrapped
-    assert re.sub(r"\n\s+", " ", wrapped) == statement
-    assert wrap("x = y;") == "x = y;"
-    assert wrap("x = " + "y" * 200 + ";") == "x = " + "y" * 200 + ";"

@@ -73,7 +73,8 @@ def changed(text: str, old: str, new: str) -> str:
 # ---------------------------------------------------------------- what is read
 
 
-def test_body():
+def test_starts_of_a_body_are_the_runtimes():
+    """Two ways to q and p: 30 digits rounded once, and NumPy's."""
     model = read(BODY)
     q, R = gs.symbols.q, gs.symbols.R
     a, b = (s for s in model.system.parameters if s.name in ("a", "b"))
@@ -85,10 +86,6 @@ def test_body():
     assert model.system.rigid_body
     assert model.system.quantities["spin"] == gs.symbols.omega[2] * gs.symbols.t
     assert set(read(BODY, "alpha").bodies) == {"alpha"}
-
-
-def test_start_of_a_body_is_the_runtimes():
-    """Two ways to q and p: 30 digits rounded once, and NumPy's."""
     model = read(BODY)
     q0 = quaternion.euler_quaternion(0.1, np.pi / 6, 0.2)
     assert abs(model.q0 - q0).max() <= 2 * EPS

@@ -89,16 +89,13 @@ def bars(tmp_path, relative, parent, axis, model=""):
     return gs.load_model(path)
 
 
-def test_older_spellings_of_sdf_mean_the_same(tmp_path):
+def test_older_spellings_of_sdf_mean_the_same_and_products_of_inertia_are_kept(tmp_path):
     found = bars(tmp_path, "frame", "__model__", "<use_parent_model_frame>true"
                  "</use_parent_model_frame><xyz>0 1 0</xyz>", "canonical_link='a'")
     wanted = bars(tmp_path, "relative_to", "a", "<xyz expressed_in='__model__'>0 1 0</xyz>")
     assert np.array_equal(found.q0, wanted.q0)
     assert found.system.constraints == wanted.system.constraints
     assert found.system.H == wanted.system.H
-
-
-def test_products_of_inertia_of_sdf_are_kept(tmp_path):
     model = bars(tmp_path, "relative_to", "a", "<xyz>0 1 0</xyz>")
     for inertia in model.bodies.values():
         assert np.array_equal(inertia, [[2, 0.1, 0.2], [0.1, 2.5, -0.3], [0.2, -0.3, 3]])

@@ -190,8 +190,8 @@ def test_more_can_be_added(arm):
     assert build.start.after["tie: length"] <= 64 * EPS
 
 
-def test_angles_and_rates_have_units(arm):
-    """In Python as in a model file; what says its unit needs no warning."""
+def test_angles_and_rates_have_units_and_beyond_a_turn_warn(arm):
+    # In Python as in a model file; what says its unit needs no warning.
     motion = Motion(gs.load_model(
         arm, ignore="limits", angles={"shoulder": "90 deg - 0.1 rad", "wheel": "45 rad",
                                       "slide-1": "1/4"},
@@ -201,10 +201,7 @@ def test_angles_and_rates_have_units(arm):
                         ("shoulder_rate", math.pi / 3), ("slide_1_speed", 0.5),
                         ("wheel_rate", math.pi / 4)):
         assert motion.value(name) == pytest.approx(value, rel=1e-13), name
-
-
-def test_angles_beyond_a_turn_warn(arm):
-    """Of hinges; a travel of 45 m is one, and a rate of 45 rad/s."""
+    # Of hinges; a travel of 45 m is one, and a rate of 45 rad/s.
     with pytest.warns(gs.errors.InputWarning, match="shoulder.*45 deg"):
         gs.load_model(arm, ignore="limits", angles={"shoulder": 45, "slide-1": 45},
                      rates={"wheel": 45})

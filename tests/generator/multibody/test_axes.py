@@ -41,24 +41,24 @@ def spin(model):
     return rotation().T @ in_space, model.q0[centre : centre + 3]
 
 
-def test_an_axis_on_a_tilted_body():
+def test_an_axis_on_a_tilted_body_and_a_rotor_at_its_origin():
     momentum, _ = spin(satellite(axis_on_body=(0, 0, 2)).model())
     np.testing.assert_allclose(momentum, [0, 0, 0.2], atol=1e-15)
     momentum, _ = spin(satellite(axis_in_space=(0, 0, 1)).model())
     np.testing.assert_allclose(momentum, 0.2 * rotation()[2], atol=1e-15)
-
-
-def test_a_rotor_sits_at_the_origin_of_its_body():
     _, centre = spin(satellite(axis_on_body=(1, 0, 0)).model())
     np.testing.assert_allclose(centre, [1, -2, 3], atol=1e-15)
     _, centre = spin(satellite(axis_on_body=(1, 0, 0), on_body=(0, 0.5, 0)).model())
     np.testing.assert_allclose(centre, rotation() @ [0, 0.5, 0] + [1, -2, 3], atol=1e-15)
 
 
-def test_an_axis_that_could_be_meant_on_the_body_is_reported():
+def test_an_axis_is_given_in_one_way_and_reported_if_it_could_be_meant_on_the_body():
     with pytest.warns(InputWarning, match="axis_on_body"):
         satellite(axis=(0, 0, 1))
     satellite(axis=TILT[1:])  # about which the body is tilted: the same on the body
+    for axes in ({}, {"axis": (0, 0, 1), "axis_on_body": (0, 0, 1)}):
+        with pytest.raises(InputError, match="axis_on_body"):
+            satellite(**axes)
 
 
 @pytest.mark.parametrize("kind", [
@@ -82,12 +82,6 @@ def test_every_joint_takes_an_axis_on_its_body(kind):
         values = [list(model.parameters.values()) for model in (one, other)]
         np.testing.assert_allclose(*values, atol=1e-15)
         np.testing.assert_allclose(one.p0, other.p0, atol=1e-15)
-
-
-def test_one_axis_is_given_in_one_way():
-    for axes in ({}, {"axis": (0, 0, 1), "axis_on_body": (0, 0, 1)}):
-        with pytest.raises(InputError, match="axis_on_body"):
-            satellite(**axes)
 
 
 FILE = """

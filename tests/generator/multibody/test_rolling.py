@@ -64,12 +64,15 @@ def test_the_lowest_point_touches_the_plane_and_moves_with_it(shape, plane):
     np.testing.assert_allclose(velocity, carried, atol=1e-6)  # angles are known to √ε
 
 
-def test_unknown_positions_and_velocities_follow_from_rolling():
+def test_points_do_not_roll_and_positions_follow_from_rolling():
     model = stone({"sphere": 0.4})
     lower = rotation_matrix(Q) @ MIDDLE
     assert model.q0[6] == pytest.approx(0.4 - lower[2], rel=1e-15)
     omega, arm = rotation_matrix(Q) @ OMEGA, lower - [0, 0, 0.4]
     np.testing.assert_allclose(model.p0[4:], -1.3 * np.cross(omega, arm), rtol=1e-14)
+    made = gs.Multibody("bead")
+    with pytest.raises(InputError, match="'bead'"):
+        made.rolls("foot", made.point_mass("bead", mass=1.0), sphere=0.1)
 
 
 def test_a_body_about_a_fixed_point_may_roll():
@@ -117,12 +120,6 @@ def test_two_wheels_on_one_line_are_redundant():
 def test_refused(shape, body, named):
     with pytest.raises(InputError, match=named):
         stone(shape, **body)
-
-
-def test_point_masses_do_not_roll():
-    made = gs.Multibody("bead")
-    with pytest.raises(InputError, match="'bead'"):
-        made.rolls("foot", made.point_mass("bead", mass=1.0), sphere=0.1)
 
 
 @pytest.mark.slow  # a stepper of one system

@@ -166,9 +166,14 @@ def test_contradicting_joints_are_refused(given, message):
         four_bar(**given).model(redundant="leave out")
 
 
-def test_degrees_are_warned_of():
+def test_degrees_and_positions_that_are_moved_are_warned_of():
     with pytest.warns(InputWarning, match=r"45.*radians.*0\.785398"):
         rod(angle=45)
+    build = gs.Multibody("off")
+    build.body("a", **BODY, position=(0.5, 0, 0))
+    build.revolute("h", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0), on_b=(-0.4999, 0, 0))
+    with pytest.warns(InputWarning, match=r"position of 'a'.*\[0.5, 0, 0\].*\[0\.49"):
+        build.model()
 
 
 def test_a_velocity_is_kept_where_the_joints_allow_it():
@@ -195,14 +200,6 @@ def test_a_sphere_on_a_turntable_keeps_its_velocity():
     np.testing.assert_allclose(velocity, [0.2, 0.3, 0], atol=ROUNDING)
     # v + ω × (−r n) is the plane's velocity Ω n × x at the contact; ω along n stays as small
     np.testing.assert_allclose(omega, [(2.0 * 0.5 - 0.3) / 0.1, 0.2 / 0.1, 0], atol=ROUNDING * 10)
-
-
-def test_a_given_position_that_is_moved_is_warned_of():
-    build = gs.Multibody("off")
-    build.body("a", **BODY, position=(0.5, 0, 0))
-    build.revolute("h", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0), on_b=(-0.4999, 0, 0))
-    with pytest.warns(InputWarning, match=r"position of 'a'.*\[0.5, 0, 0\].*\[0\.49"):
-        build.model()
 
 
 @pytest.mark.parametrize(("mass", "inertia", "radius"), [

@@ -58,11 +58,8 @@ def test_what_is_short_stays_as_it_is(e):
     assert form(e, x, y, z) == form(sp.expand(e), x, y, z) == e
 
 
-def test_decimals_are_exact_numbers():
+def test_decimals_are_exact_and_products_multiplied_out_as_far_as_their_pieces_need():
     assert form(0.1 * x, x).coeff(x) == sp.Rational(*(0.1).as_integer_ratio())
-
-
-def test_a_product_of_sums_is_multiplied_out_as_far_as_its_pieces_need():
     product = k * (x + y) * (z + L)
     for most, count in ((4, 1), (2, 2), (1, 4)):
         pieces = list(split(CanonicalForms(), product, lambda terms, most=most: len(terms) <= most))

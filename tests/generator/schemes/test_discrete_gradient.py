@@ -128,12 +128,9 @@ def test_gradient_of_the_top_is_symmetric_and_consistent_hence_of_order_2(rep):
     assert MeanScheme(top, discrete=False).order == 2
 
 
-def test_constraint_changes_by_twice_the_mean_times_dq():
+def test_constraints_change_by_twice_the_mean_times_dq_exactly():
     (row,) = top_scheme("gamma").mean_constraint
     assert polynomial_zero(*(e - 2 * mean for e, mean in zip(row, qm, strict=True)))
-
-
-def test_constraint_increment_is_the_change_of_g_exactly():
     top = heavy_top("gamma")
     d = vector("d", 4)
     moved = {s: s + e for s, e in zip(q, d, strict=True)}

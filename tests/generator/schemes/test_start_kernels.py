@@ -50,13 +50,10 @@ def test_velocities_of_momenta_are_those_of_h(name):
                    if x in body.q) == pytest.approx(0, abs=1e-13)
 
 
-def test_what_a_unit_quaternion_implies_is_no_condition():
+def test_conditions_of_quaternions_and_systems_without_momenta_of_velocities():
+    """D of four rows is not inverted; H of fourth degree has none."""
     assert not StartKernels(heavy_top("gamma")).conditions
     assert len(StartKernels(gs.models.four_bar().system).conditions) == 17
-
-
-def test_systems_without_momenta_of_velocities():
-    """D of four rows is not inverted; H of fourth degree has none."""
     x, y = sp.symbols("x y", real=True)
     assert not StartKernels(oscillators(4)).exists
     assert not StartKernels(gs.System((x,), (y,), (), y**4, name="quartic")).exists

@@ -46,15 +46,12 @@ def test_cancellation_is_counted() -> None:
     assert rounding([x**2 - y**2], {x: 3.0, y: 3.0}, {})[0] == pytest.approx(2 * 27, rel=0.2)
 
 
-def test_errors_of_the_symbols() -> None:
-    """|f'| δx beside the operation's own."""
+def test_errors_of_symbols_and_of_steps_that_look_at_them() -> None:
+    # |f'| δx beside the operation's own.
     for e, slope, own in ((x**3, 12.0, 8.0), (sp.exp(x), np.exp(2), np.exp(2)), (x * y, 5.0, 10.0)):
         bound = rounding([e], {x: 2.0, y: 5.0}, {x: 100.0, y: 0.0})[0]
         assert bound == pytest.approx(100 * slope + own)
-
-
-def test_steps_add_no_rounding_of_what_they_look_at() -> None:
-    """sign x is 1 or −1, however x is rounded; of two sides either may be taken."""
+    # sign x is 1 or −1, however x is rounded; of two sides either may be taken.
     at, errors = {x: 0.0, y: 2.0}, {x: 1e6, y: 3.0}
     assert rounding([sp.sign(x)], at, errors)[0] == 0
     assert rounding([Max(x, y)], at, errors)[0] == 1e6 + 2

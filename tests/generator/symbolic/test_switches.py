@@ -172,7 +172,7 @@ def test_symbols_are_real_numbers_declared_or_not():
     assert system.H_q == [sp.exp(z) + sp.sign(z)]
 
 
-def test_order_of_two_that_is_decided():
+def test_orders_of_two_and_text_that_reads_like_a_model_file():
     assert Max(x, x) == Min(x, x) == x
     assert (Max(Q(1, 2), Q(1, 3)), Min(Q(1, 2), Q(1, 3))) == (Q(1, 2), Q(1, 3))
     assert Max(y, x) == Max(x, y)
@@ -181,9 +181,6 @@ def test_order_of_two_that_is_decided():
     for arguments in ((x,), (x, y, k)):
         with pytest.raises(TypeError, match="2"):
             Max(*arguments)
-
-
-def test_text_reads_like_a_model_file():
     assert str(as_switches(ZOO["window"])) == (
         "if(0 < x and x < a, 1, if(not (-1 >= x and x >= -1) and 1 >= y, 3, 2))")
     assert str(as_switches(sp.Max(x, 0))) == "max(0, x)"

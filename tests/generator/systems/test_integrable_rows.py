@@ -67,14 +67,11 @@ def test_an_integral_takes_the_place_of_a_row():
     assert np.abs(before.A(moved.q) @ moved.p).max() < 1e-14
 
 
-def test_a_system_without_integrals_stays_as_it_is():
+def test_a_system_without_integrals_stays_and_echelon_rows_have_any_order():
     system = car(ACROSS)
     assert system.with_row_integrals() is system
     with pytest.warns(InputWarning, match=r"with_row_integrals"):
         warn_of_row_integrals(car(vx - r * w1))
-
-
-def test_echelon_rows_of_any_order():
-    """With the largest entry of a column in a later row, and a column without a pivot."""
+    # With the largest entry of a column in a later row, and a column without a pivot.
     rows = np.array([[0.0, 0.0, 2.0], [0.5, 0.25, 3.0]])
     assert [*_rational(rows)] == [[1, sp.Rational(1, 2), 0], [0, 0, 1]]

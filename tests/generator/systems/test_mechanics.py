@@ -90,7 +90,7 @@ def test_lagranges_method():
     check_forcing(method, system, *state(2), 0.3, [x.diff(T) for x in q])
 
 
-def test_holonomic_constraints_of_lagranges_method():
+def test_holonomic_constraints_of_both_methods():
     N, q, points, bodies = particles()
     place = points[1].pos_from(points[0]).dot(N.x)
     method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, None, bodies, N, [place])
@@ -99,6 +99,12 @@ def test_holonomic_constraints_of_lagranges_method():
     assert not system.forces
     assert sp.simplify(system.constraints[0] - sp.Symbol("l", positive=True)
                        * sp.cos(system.q[1])) == 0
+    method = particle(lambda q, u: 2 * q[0] * u[0] + 2 * q[1] * u[1],
+                      places=lambda q: q[0] ** 2 + q[1] ** 2 - 1)
+    system = gs.from_mechanics(method)
+    x, y = system.q
+    assert system.constraints == (x**2 + y**2 - 1,)
+    assert [str(v) for v in system.velocities] == ["vx", "vy"]
 
 
 def test_a_driven_base_of_kanes_method():
@@ -182,7 +188,7 @@ def test_velocities_that_were_given_are_the_rates_of_places():
     assert len(list(parts_of(short))) < len(list(parts_of(given)))
 
 
-def test_a_velocity_that_is_no_rate_of_the_place_is_taken_as_given():
+def test_velocities_that_are_no_rates_are_taken_as_given_and_unknown_ones_refused():
     """A belt moves what rests on it: the user's word holds."""
     N, _, points, _ = particles()
     u = me.dynamicsymbols("u")
@@ -190,9 +196,6 @@ def test_a_velocity_that_is_no_rate_of_the_place_is_taken_as_given():
     motion = FrameMotion(N)
     found, axes = motion.velocity(points[1])
     assert found == motion.components(u * N.x, axes)
-
-
-def test_a_point_of_unknown_velocity_is_refused():
     with refused("P in N"):
         FrameMotion(me.ReferenceFrame("N")).velocity(me.Point("P"))
 
@@ -211,15 +214,6 @@ def particle(constraint=None, **more):
     return me.KanesMethod(N, q[:ends], u[: 1 if constraint else 2],
                           [a.diff(T) - b for a, b in zip(q, u, strict=True)],
                           bodies=[body], **bound, **more)
-
-
-def test_configuration_constraints_of_kanes_method():
-    method = particle(lambda q, u: 2 * q[0] * u[0] + 2 * q[1] * u[1],
-                      places=lambda q: q[0] ** 2 + q[1] ** 2 - 1)
-    system = gs.from_mechanics(method)
-    x, y = system.q
-    assert system.constraints == (x**2 + y**2 - 1,)
-    assert [str(v) for v in system.velocities] == ["vx", "vy"]
 
 
 def with_function():

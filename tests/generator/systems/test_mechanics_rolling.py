@@ -126,16 +126,12 @@ def test_a_sleigh_turns_as_its_reduced_equations_say(kind):
     assert along + across * w == pytest.approx(arm * w**2, rel=1e-12)
 
 
-def test_rows_that_others_imply_are_left_out():
-    """The same row twice, and one in other words."""
+def test_rows_that_others_imply_are_left_out_and_bent_ones_refused():
     method = sleigh("lagrange")
     blade = method.coneqs[0]
     again = me.LagrangesMethod(method._L[0], method.q, None, method.bodies, method.inertial,
                                nonhol_coneqs=[blade, sp.cos(method.q[0]) * blade])
     assert gs.from_mechanics(again).velocity_count == 1
-
-
-def test_constraints_that_are_not_linear_in_the_velocities_are_refused():
     method = sleigh("lagrange")
     rate = method.q[1].diff(T)
     bent = me.LagrangesMethod(method._L[0], method.q, None, method.bodies, method.inertial,

@@ -73,18 +73,19 @@ def test_constraint_on_the_momenta_is_that_of_the_declared_system(name):
         assert abs(f.xreplace(other) - ratio * wanted.xreplace(other)) < 1e-25
 
 
-def test_momentum_of_the_time_is_constant_without_forces_and_time():
+def test_momenta_of_the_time_manifests_and_digests_of_a_scale():
     assert scale_time(kepler(time_scale=r)).forces == ()
     assert scale_time(kepler(time_scale=r * (2 + sp.cos(t)), time=t)).forces == (0, 0, 0)
-
-
-def test_manifest_hides_the_time_and_names_the_scale():
     source = generate(Spec.from_arguments("G-L", 2), system=kepler(time_scale=r)).source
     manifest = json.loads(source.manifest)["system"]
     assert manifest["coordinates"] == ["x", "y"]
     assert manifest["clock"] == {"time": "t", "momentum": "p_t", "scale": "time_scale"}
     assert sp.sympify(manifest["quantities"]["time_scale"], {"x": x, "y": y}) == r
     assert sp.sympify(manifest["hamiltonian"], {"x": x, "y": y, "u": u, "v": v}) == kepler().H
+    found = {system_digest(kepler(time_scale=scale)) for scale in (None, r, r**2, 2 * r)}
+    assert len(found) == 4
+    assert system_digest(kepler(time_scale=r)) == system_digest(kepler().with_time_scale(r))
+    assert system_digest(kepler(time_scale=r).with_time_scale(None)) == system_digest(kepler())
 
 
 def test_names_that_are_taken_are_left_alone():
@@ -95,13 +96,6 @@ def test_names_that_are_taken_are_left_alone():
     assert [str(s) for s in (*made.q, *made.p)] == ["x", "t", "t_", "u", "p_t", "p_t_"]
     assert made.quantities["time_scale"] == x
     assert made.quantities[made.scale_name] == x**2
-
-
-def test_another_scale_is_another_digest():
-    found = {system_digest(kepler(time_scale=scale)) for scale in (None, r, r**2, 2 * r)}
-    assert len(found) == 4
-    assert system_digest(kepler(time_scale=r)) == system_digest(kepler().with_time_scale(r))
-    assert system_digest(kepler(time_scale=r).with_time_scale(None)) == system_digest(kepler())
 
 
 # ---------------------------------------------------------------- model files, bodies

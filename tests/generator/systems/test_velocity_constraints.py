@@ -27,14 +27,11 @@ def sleigh(*rows: sp.Expr, **more: object) -> gs.System:
                         "velocity_constraints": rows or (SKATE,)} | more)
 
 
-def test_coefficients_of_linear_and_affine_rows():
+def test_rows_are_linear_or_affine_in_the_velocities_though_not_written_so():
     system = sleigh(SKATE + t * sp.cos(th), time=t)
     assert [[-sp.sin(th), sp.cos(th), -d]] == system.A
     assert system.a == [t * sp.cos(th)]
     assert system.is_time_dependent
-
-
-def test_a_row_may_be_linear_in_the_velocities_though_it_is_not_written_so():
     system = sleigh(((vx + 1)**2 - (vx - 1)**2) / 4 + sp.log(sp.exp(w * sp.cos(th))) - 0 * vy)
     assert [sp.simplify(e) for e in system.A[0]] == [1, 0, sp.cos(th)]
     assert system.a == [0]
@@ -70,19 +67,17 @@ def test_counts_must_agree(more):
         sleigh(**more)
 
 
-def test_rows_that_jump_are_refused():
+def test_rows_that_jump_or_that_a_constraint_implies_are_refused():
     """A ratchet: the blade slips to one side of x = 0 only. A kink, as of |x|, is no jump."""
     refuse_kinks(sleigh(SKATE + abs(x) * vx))
     with pytest.raises(InputError, match=r"'A0'.*jumps where x"):
         refuse_kinks(sleigh(SKATE + sp.sign(x) * vx))
+    around = sleigh(x * vx + y * vy, constraints=(x**2 + y**2 - d**2,))
+    with pytest.raises(InputError, match="'A0'"):
+        refuse_redundant_anywhere(around)
 
 
-def test_notebooks_show_them():
-    text = sleigh(velocity_constraint_names=("blade",))._repr_html_()
-    assert "A v + a: blade" in text
-
-
-def test_model_files_have_them(tmp_path):
+def test_model_files_and_notebooks_have_them(tmp_path):
     file = tmp_path / "skate.toml"
     file.write_text("""
 name = "skate"
@@ -102,6 +97,8 @@ p = [1, 0.3, 1]
     model = load_model(file)
     assert [str(e) for e in model.system.A[0]] == ["-sin(th)", "cos(th)", "-d"]
     assert model.system.velocity_constraint_names == ("blade",)
+    text = sleigh(velocity_constraint_names=("blade",))._repr_html_()
+    assert "A v + a: blade" in text
 
 
 # ---------------------------------------------------------------- rows that depend on others
@@ -114,12 +111,6 @@ p = [1, 0.3, 1]
 def test_dependent_rows_are_refused(rows, named):
     with pytest.raises(InputError, match=named):
         refuse_redundant_anywhere(sleigh(*rows))
-
-
-def test_a_row_that_a_constraint_implies_is_refused():
-    around = sleigh(x * vx + y * vy, constraints=(x**2 + y**2 - d**2,))
-    with pytest.raises(InputError, match="'A0'"):
-        refuse_redundant_anywhere(around)
 
 
 def test_momenta_are_projected_onto_the_rows():

@@ -52,11 +52,7 @@ def test_coefficients_in_decimals(s):
     assert set(energy_values(tableau, constrained=False)) == {"u", "v"}
 
 
-def test_a_direction_that_is_not_skew_is_refuted():
-    """Radau's A is of no symplectic tableau: the conditions say so."""
+def test_directions_that_are_not_skew_and_one_stage_are_refused():
     assert not all(line.holds for line in energy_conditions(gs.tableau("Radau-L", 2)))
-
-
-def test_one_stage_has_no_such_number():
     with pytest.raises(TableauError, match="2 stages"):
         with_energy_parameter(gs.tableau("G-L", 1), (1, 0))

@@ -31,9 +31,13 @@ def test_a_tiny_difference_from_a_hidden_zero_is_seen(zero: sp.Expr, digits: int
     assert not vanishes(zero + sp.Rational(1, 10**digits))
 
 
-def test_a_famous_near_identity_is_refuted() -> None:
+def test_near_identities_are_refuted_and_enclosures_narrow() -> None:
     assert not vanishes(sp.sqrt(sp.sqrt(5 + r2)) - sp.Rational("1.5908290171").limit_denominator())
     assert not vanishes(sp.sqrt(1000001) + sp.sqrt(1000025) - sp.sqrt(1000013) * 2)
+    interval = enclosure(r2, 256)
+    assert 0 not in interval - 1
+    assert 0 in interval**2 - 2
+    assert interval.delta < 2**-250
 
 
 @settings(max_examples=30)
@@ -48,13 +52,6 @@ def test_the_field_of_two_roots_is_decided_as_its_normal_form_says(
     product = sp.Mul(u, v, evaluate=False)
     assert vanishes(product - sp.expand(u * v))
     assert vanishes(product) == (not any(a) or not any(b))
-
-
-def test_an_enclosure_holds_the_number_and_is_narrow() -> None:
-    interval = enclosure(r2, 256)
-    assert 0 not in interval - 1
-    assert 0 in interval**2 - 2
-    assert interval.delta < 2**-250
 
 
 def test_a_proof_that_would_take_too_many_bits_is_refused_in_words() -> None:
