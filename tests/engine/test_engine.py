@@ -1,16 +1,14 @@
-"""The engine by itself: its headers against a toy that is described by hand.
+"""The engine by itself: headers compile alone, and functions that a stepper keeps to itself.
 
-The toy (``tests/data/toy``) is a particle on a spring, free, on a sphere or on an ellipsoid, with
-forces, time, inputs, a frame or a Lagrangian. Each header compiles alone beside it in each of its
-variants. The results of a step are solved for in 30 digits from the equations of the scheme.
+The toy (``tests/data/toy``) is a particle on a spring that is described by hand; each header
+compiles beside it in each of its variants. Steps are those of steppers: laws/ and
+test_step_reference.py have them.
 """
 
 from __future__ import annotations
 
 import re
 from collections import defaultdict
-from dataclasses import dataclass, field
-from functools import cached_property
 
 import cffi
 import mpmath as mp
@@ -259,14 +257,6 @@ def test_velocities_from_momenta(linear, indefinite, entries):
 # ---------------------------------------------------------------- steppers of the toy
 
 DECLARATIONS = """
-typedef struct { double k, damping, drive, omega, u, time; } parameters_t;
-typedef struct { double tolerance; int max_iterations, solver; } options_t;
-int toy_step(const parameters_t *, const options_t *, double, const double *, const double *,
-    double *, double *, double *, int *, void *);
-void toy_residual(const parameters_t *, double, const double *, const double *, const double *,
-    double *, void *);
-void toy_jacobian(const parameters_t *, double, const double *, const double *, const double *,
-    double *, void *);
 int toy_lanes(void);
 int toy_converges(int, const double *, const double *, double, int, int *);
 void toy_converges_lanes(int, const double *, const double *, double, int, int *, int *);
@@ -279,289 +269,29 @@ int toy_least_squares_limits(int);
 void toy_table_product(int, const double *, const double *, double *);
 void toy_small_lu(const double *, double *);
 """
-MEMORY = 1 << 19  # bytes, more than the toy needs
-SPHERE = {"TOY_SQUARES": "1,1,1", "GS_CONSTANT_SCHUR": 1}
 
 
-@dataclass
 class Toy:
-    """A stepper of the toy: its features, and its equations in mpmath."""
+    """A stepper of the toy. Its steps are those of generated files, which laws hold for."""
 
-    macros: dict[str, object]
-    parameters: dict[str, float] = field(default_factory=dict)
-
-    n = 3
-
-    def __post_init__(self):
-        self.m = int(self.macros.get("TOY_CONSTRAINTS", 1))
-        self.stages = int(self.macros.get("TOY_STAGES", 2))
-        self.squares = [int(s) for s in str(self.macros.get("TOY_SQUARES", "1,2,4")).split(",")]
-        self.values = {"k": 2.0, "damping": 0.0, "drive": 0.0, "omega": 0.0, "u": 0.0,
-                       "time": 0.0} | self.parameters
-        self.unknowns = (2 * self.stages * 3 + self.m * self.stages) if self.stages else 6 + self.m
-
-    def has(self, feature):
-        return bool(self.macros.get(f"GS_{feature}"))
-
-    def load(self, folder, tables):
-        self.ffi, self.lib = compiled(folder, "calls.c", DECLARATIONS, *defined(self.macros),
+    def __init__(self, folder, tables, macros):
+        self.ffi, self.lib = compiled(folder, "calls.c", DECLARATIONS, *defined(macros),
                                       tables=tables)
-        return self
-
-    # calls
-
-    def arguments(self, solver=0):
-        parameters = self.ffi.new("parameters_t *", self.values)
-        return parameters, self.ffi.new("options_t *", [0.0, 50, solver])
-
-    def memory(self):
-        return self.ffi.new("double[]", MEMORY // 8)
 
     def pointers(self, *arrays):
         return [pointer(self.ffi, array) for array in arrays]
 
-    @cached_property
-    def start(self):
-        """Return a state on the constraints."""
-        q = np.array([0.3, 0.6, 1.0])
-        p = np.cos(1 + np.arange(3.0))
-        if self.m > 1:
-            q[-1] = q[0]
-        if self.m:
-            q /= np.sqrt(np.dot(self.squares, q**2))
-            p = self.projected(q, p)
-        return q, p
-
-    def projected(self, q, p):
-        with mp.workdps(30):
-            return np.array([float(x) for x in self.project([mp.mpf(x) for x in q],
-                                                            [mp.mpf(x) for x in p])])
-
-    def step(self, h, solver=0):
-        (q, p), q1, p1, multipliers = self.start, np.zeros(3), np.zeros(3), np.zeros(32)
-        status = self.lib.toy_step(*self.arguments(solver), h, *self.pointers(
-            q, p, q1, p1, multipliers), self.ffi.new("int *"), self.memory())
-        return status, q1, p1
-
-    # equations, in the digits of mpmath
-
-    def velocity(self, q, p):
-        w = self.values["omega"]
-        if self.has("LAGRANGIAN"):
-            rest = [p[a] - w * q[a] for a in range(3)]
-            return list(mp.lu_solve(mp.matrix([[2, 1, 0], [1, 3, -1], [0, -1, 4]]),
-                                    mp.matrix(rest)))
-        return [p[0] + w * q[1], p[1] - w * q[0], p[2]]
-
-    def force(self, q, p, t):
-        """Return H_q - F."""
-        w, stiffness = self.values["omega"], self.values["k"] + self.values["drive"] * t
-        if self.has("LAGRANGIAN"):
-            v = self.velocity(q, p)
-            of_frame, damped = [-w * x for x in v], v
-        else:
-            of_frame, damped = [-w * p[1], w * p[0], mp.mpf(0)], p
-        r = [stiffness * q[a] + of_frame[a] + self.values["damping"] * damped[a]
-             for a in range(3)]
-        r[0] -= self.values["u"]
-        return r
-
-    def g(self, q):
-        return [mp.fdot(self.squares, [x * x for x in q]) - 1, q[0] - q[-1]][: self.m]
-
-    def G(self, q):
-        last = [mp.mpf(1), mp.mpf(0), mp.mpf(-1)]
-        return [[2 * s * x for s, x in zip(self.squares, q, strict=True)], last][: self.m]
-
-    def pull(self, q, multipliers):
-        rows = self.G(q)
-        return [sum((x * row[a] for x, row in zip(multipliers, rows, strict=True)), mp.mpf(0))
-                for a in range(3)]
-
-    def project(self, q, p):
-        """Return p on G H_p = 0: H_p is linear."""
-        if not self.m:
-            return p
-        G = self.G(q)
-        rest = mp.matrix(self.velocity(q, p))
-        zero = mp.matrix(self.velocity(q, [mp.mpf(0)] * 3))
-        W = mp.matrix([[mp.fdot(a, mp.matrix(self.velocity(q, b)) - zero) for b in G] for a in G])
-        last = mp.lu_solve(W, mp.matrix(G) * rest)
-        return [p[a] - mp.fdot(last, [row[a] for row in G]) for a in range(3)]
-
-    def residual(self, q, p, h):
-        """Return r(x), of the unknowns in the order of the engine."""
-        return (self.residual_spark if self.stages else self.residual_mean)(q, p, h)
-
-    def residual_mean(self, q, p, h):
-        t = self.values["time"] + h / 2
-
-        def r(x):
-            qm = [a + d / 2 for a, d in zip(q, x, strict=False)]
-            pm = [a + d / 2 for a, d in zip(p, x[3:], strict=False)]
-            v, f, pull = self.velocity(qm, pm), self.force(qm, pm, t), self.pull(qm, x[6:])
-            return [*(x[a] / h - v[a] for a in range(3)),
-                    *(x[3 + a] / h + f[a] + pull[a] for a in range(3)),
-                    *self.g([a + d for a, d in zip(q, x, strict=False)])]
-
-        return r
-
-    @cached_property
-    def tableau(self):
-        return gs.tableau("G-L", self.stages).numeric(30)
-
-    def spark(self, q, p, h, x):
-        """Return Q_i, P_i, the nodes Q~_l and the constraint forces there."""
-        s, m, t = self.stages, self.m, self.tableau
-        k = [x[i*3:(i + 1)*3] for i in range(2 * s)]
-        nodes = [[q[a] + h * mp.fdot(row, [y[a] for y in k[:s]]) for a in range(3)]
-                 for row in t.A_bar]
-        pulls = [self.pull(nodes[j], x[6*s + j*m: 6*s + (j + 1)*m]) for j in range(s)]
-        Q = [[q[a] + h * mp.fdot(row, [y[a] for y in k[:s]]) for a in range(3)] for row in t.A]
-        P = [[p[a] + h * mp.fdot(t.A_hat[i], [y[a] for y in k[s:]])
-              - h * mp.fdot(t.A_tilde[i][:s], [f[a] for f in pulls]) for a in range(3)]
-             for i in range(s)]
-        return k, nodes, pulls, Q, P
-
-    def residual_spark(self, q, p, h):
-        s, time = self.stages, self.values["time"]
-
-        def r(x):
-            k, nodes, _, Q, P = self.spark(q, p, h, x)
-            upper = [k[i][a] - v for i in range(s)
-                     for a, v in enumerate(self.velocity(Q[i], P[i]))]
-            lower = [k[s + i][a] + f for i in range(s) for a, f in enumerate(
-                self.force(Q[i], P[i], time + h * self.tableau.c[i]))]
-            return [*upper, *lower, *(g for node in nodes[1:] for g in self.g(node))]
-
-        return r
-
-    def expected(self, h):
-        """Return the end of a step: of a frame, turned back."""
-        with mp.workdps(30):
-            q, p = ([mp.mpf(x) for x in side] for side in self.start)
-            h, s = mp.mpf(h), self.stages
-            v, f = self.velocity(q, p), self.force(q, p, self.values["time"])
-            guess = ([*v * s, *[-y for y in f] * s] if s else
-                     [*(h * y for y in v), *(-h * y for y in f)])
-            guess += [mp.mpf(0)] * (self.unknowns - len(guess))
-            r = self.residual(q, p, h)
-            x = list(mp.findroot(lambda *y: r(y), guess))
-            if s:
-                k, nodes, pulls, _, _ = self.spark(q, p, h, x)
-                q1 = nodes[-1]
-                p1 = self.project(q1, [p[a] + h * mp.fdot(self.tableau.b_hat,
-                                                          [y[a] for y in k[s:]])
-                                       - h * mp.fdot(self.tableau.b_tilde[:s],
-                                                     [y[a] for y in pulls]) for a in range(3)])
-            else:
-                q1, p1 = ([a + d for a, d in zip(side, x[at:], strict=False)]
-                          for side, at in ((q, 0), (p, 3)))
-            if self.has("FRAME"):
-                q1, p1 = (self.turned(y, self.values["omega"] * h) for y in (q1, p1))
-            return np.array([[float(y) for y in side] for side in (q1, p1)])
-
-    @staticmethod
-    def turned(x, angle):
-        c, s = mp.cos(angle), mp.sin(angle)
-        return [c * x[0] - s * x[1], s * x[0] + c * x[1], x[2]]
-
-
-SCALAR = {**SPHERE, "GS_SCALAR_SCHUR": 1}
-EVERYTHING = {"GS_FORCES": 1, "GS_TIME_DEPENDENT": 1, "GS_INPUTS": 1}
-DRIVEN = {"damping": 0.3, "drive": 0.7, "u": 0.4, "time": 1.25}
-ROUND = {"TOY_SQUARES": "1,1,4", "GS_FRAME": 1}
-ONE = {"TOY_STAGES": 1, "TOY_TABLES": '"tables1.h"'}
-FREE, TWO, MEAN = {"TOY_CONSTRAINTS": 0}, {"TOY_CONSTRAINTS": 2}, {"TOY_STAGES": 0}
-LAGRANGIAN = {"GS_LAGRANGIAN": 1}
-TOYS = {
-    "free": Toy(FREE),
-    "free, separable": Toy({**FREE, **ONE, "GS_SEPARABLE": 1}),
-    "sphere, scalar W": Toy({**SCALAR, **ONE}),
-    "sphere, scalar W, separable": Toy({**SCALAR, "GS_SEPARABLE": 1}),
-    "sphere, constant W": Toy(SPHERE),
-    "ellipsoid": Toy({}),
-    "ellipsoid, separable": Toy({**ONE, "GS_SEPARABLE": 1}),
-    "two of three": Toy(TWO),
-    "driven": Toy({**ONE, **EVERYTHING}, DRIVEN),
-    "driven, free": Toy({**FREE, **EVERYTHING}, DRIVEN),
-    "frame": Toy({**ONE, **ROUND}, {"omega": 0.8}),
-    "Lagrangian": Toy({**ONE, **LAGRANGIAN, "GS_FORCES": 1}, {"omega": 0.2, "damping": 0.3}),
-    "midpoint, free": Toy({**FREE, **MEAN}),
-    "midpoint, sphere, scalar W": Toy({**SCALAR, **MEAN}),
-    "midpoint, sphere, constant W": Toy({**SPHERE, **MEAN}),
-    "midpoint, ellipsoid": Toy(MEAN),
-    "midpoint, two of three": Toy({**TWO, **MEAN}),
-    "midpoint, driven": Toy({**MEAN, **EVERYTHING}, DRIVEN),
-    "midpoint, frame": Toy({**MEAN, **ROUND}, {"omega": 0.8}),
-    "midpoint, Lagrangian": Toy({**MEAN, **LAGRANGIAN}, {"omega": 0.2}),
-    "EMS": Toy({**MEAN, **LAGRANGIAN, "GS_ENERGY_MOMENTUM": 1, "GS_FORCES": 1},
-               {"omega": 0.2, "damping": 0.3}),
-}
-NEWTON, FIXED_POINT = 1, 2
-#: Each feature once; a toy takes half a second to compile.
-FEW = ("sphere, scalar W, separable", "two of three", "driven", "frame", "midpoint, driven", "EMS")
-
-
-def marked(names):
-    """Return names of toys as parameters; those beyond the few are slow."""
-    return [pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in names]
-
 
 @pytest.fixture(scope="module")
-def loaded(tmp_path_factory, other_tables):
-    """Return a toy by its name, compiled once."""
-    folder, done = tmp_path_factory.mktemp("toys"), {}
-
-    def load(name):
-        if name not in done:
-            done[name] = TOYS[name].load(folder / str(len(done)), other_tables)
-        return done[name]
-
-    return load
-
-
-@pytest.fixture(params=marked(TOYS))
-def toy(request, loaded):
-    return loaded(request.param)
-
-
-def test_a_step_solves_its_equations(toy):
-    """By fixed-point iteration with Newton behind it, by Newton and by iteration alone."""
-    q_exact, p_exact = toy.expected(0.1)
-    for solver in (0, NEWTON, FIXED_POINT):
-        status, q1, p1 = toy.step(0.1, solver)
-        assert status == 0
-        np.testing.assert_allclose(q1, q_exact, rtol=0, atol=16 * EPS)
-        np.testing.assert_allclose(p1, p_exact, rtol=0, atol=64 * EPS)
-
-
-def test_residual_and_jacobian(toy):
-    """The residual in 30 digits; it is quadratic, so that central differences are exact."""
-    (q, p), h, u = toy.start, 0.1, toy.unknowns
-    x, r, J = np.cos(np.arange(u)), np.zeros(u), np.zeros((u, u))
-    parameters, memory = toy.arguments()[0], toy.memory()
-    toy.lib.toy_residual(parameters, h, *toy.pointers(q, p, x, r), memory)
-    with mp.workdps(30):
-        exact = toy.residual([mp.mpf(y) for y in q], [mp.mpf(y) for y in p], mp.mpf(h))(
-            [mp.mpf(y) for y in x])
-    np.testing.assert_allclose(r, np.array([float(y) for y in exact]), rtol=0, atol=400 * EPS)
-    toy.lib.toy_jacobian(parameters, h, *toy.pointers(q, p, x, J), memory)
-    differences, d = np.zeros((u, u)), 0.25
-    for e in range(u):
-        for sign in (1, -1):
-            moved = x.copy()
-            moved[e] += sign * d
-            toy.lib.toy_residual(parameters, h, *toy.pointers(q, p, moved, r), memory)
-            differences[:, e] += sign * r / (2 * d)
-    np.testing.assert_allclose(J, differences, rtol=0, atol=4000 * EPS)
+def toy(tmp_path_factory, other_tables):
+    """Two stages, two constraints."""
+    return Toy(tmp_path_factory.mktemp("toys"), other_tables, {"TOY_CONSTRAINTS": 2})
 
 
 # ---------------------------------------------------------------- lanes and sums
 
 
-def test_masks_and_functions_of_lanes(loaded):
-    toy = loaded("two of three")
+def test_masks_and_functions_of_lanes(toy):
     n, draw = toy.lib.toy_lanes(), np.random.default_rng(3)
     a, b, x, y = draw.normal(size=(4, n))
     b[0], x, out = a[0], abs(x), np.zeros((6, n))
@@ -573,8 +303,7 @@ def test_masks_and_functions_of_lanes(loaded):
     assert np.array_equal(out[[0, 1, 2, 5]], [expected[i] for i in (0, 1, 2, 5)])
 
 
-def test_each_lane_has_its_own_factors(loaded):
-    toy = loaded("two of three")
+def test_each_lane_has_its_own_factors(toy):
     n, draw = toy.lib.toy_lanes(), np.random.default_rng(5)
     half = draw.normal(size=(n, 2, 2))
     W, x = half @ half.transpose(0, 2, 1) + np.eye(2), draw.normal(size=(n, 2))
@@ -583,9 +312,8 @@ def test_each_lane_has_its_own_factors(loaded):
     np.testing.assert_allclose(b, x.T, rtol=0, atol=400 * EPS)
 
 
-def test_sums_of_products_have_twice_the_digits(loaded):
+def test_sums_of_products_have_twice_the_digits(toy):
     """1e8·1e8 + 1 - 1e8·1e8, and products of random factors, against exact sums."""
-    toy = loaded("two of three")
     for factors in (np.array([[1e8, 1e8, 1], [1, 1, 1], [-1e8, 1e8, 1]]),
                     np.random.default_rng(1).normal(size=(40, 3))):
         sums = np.zeros(2)
@@ -598,8 +326,8 @@ def test_sums_of_products_have_twice_the_digits(loaded):
 def test_products_by_even_and_odd_parts(tmp_path, other_tables):
     """Against the whole tables, which are rounded once more; three numbers: a pair and one."""
     s = 7
-    toy = Toy({"TOY_STAGES": s, "TOY_TABLES": f'"tables{s}.h"', "GS_EVEN_ODD": 1}).load(
-        tmp_path, other_tables)
+    toy = Toy(tmp_path, other_tables, {"TOY_STAGES": s, "TOY_TABLES": f'"tables{s}.h"',
+                                       "GS_EVEN_ODD": 1})
     whole = FastTableau(gs.tableau("G-L", s)).tables(REALS["double"])
     draw = np.random.default_rng(s)
     for which, name in enumerate(("mu", "mu_hat", "nu", "nu_tilde")):
@@ -627,8 +355,7 @@ def linear_changes(rate, start=0.1, floor=1e-17, count=60):
     return [max(start * rate**k, floor) for k in range(count)]
 
 
-def test_iterations_end_where_the_next_change_is_round_off(loaded):
-    toy = loaded("two of three")
+def test_iterations_end_where_the_next_change_is_round_off(toy):
     for rate in (1e-1, 1e-2, 1e-3):
         changes = linear_changes(rate, floor=0.0)
         ended, failed = converges(toy, changes)
@@ -637,16 +364,14 @@ def test_iterations_end_where_the_next_change_is_round_off(loaded):
         assert not failed
 
 
-def test_iterations_end_below_the_tolerance_and_where_they_stagnate(loaded):
-    toy = loaded("two of three")
+def test_iterations_end_below_the_tolerance_and_where_they_stagnate(toy):
     assert converges(toy, linear_changes(0.1), tolerance=1.5e-6) == (6, False)  # 0.1, ..., 1e-6
     ended, failed = converges(toy, [1e-2, 1e-6, 1e-10, 1e-14] + [3e-15] * 20)
     assert 5 <= ended <= 12
     assert not failed
 
 
-def test_iterations_go_on_while_constraints_are_not_met(loaded):
-    toy = loaded("two of three")
+def test_iterations_go_on_while_constraints_are_not_met(toy):
     changes = [1e-2, 1e-6, 1e-10] + [1e-17] * 20
     early, _ = converges(toy, changes)
     late, failed = converges(toy, changes, [10.0 ** -k for k in range(23)])
@@ -657,15 +382,14 @@ def test_iterations_go_on_while_constraints_are_not_met(loaded):
 @pytest.mark.parametrize("changes", [
     [0.1, 0.2, 0.4, 0.8, 1.6, 2.0], [0.1, 4.0], [np.nan], [0.1, np.nan],
     [0.1 * 0.99**k for k in range(60)]], ids=["grow", "far", "NaN", "NaN later", "slow"])
-def test_iterations_fail_that_grow_or_are_too_slow(loaded, changes):
-    ended, failed = converges(loaded("two of three"), changes)
+def test_iterations_fail_that_grow_or_are_too_slow(toy, changes):
+    ended, failed = converges(toy, changes)
     assert failed
     assert 1 <= ended <= 9
 
 
-def test_lanes_converge_as_numbers_do(loaded):
+def test_lanes_converge_as_numbers_do(toy):
     """Each lane ends by itself, at the iteration that its numbers alone end at."""
-    toy = loaded("two of three")
     n, draw = toy.lib.toy_lanes(), np.random.default_rng(11)
     sequences = [linear_changes(rate) for rate in 10 ** draw.uniform(-3, -0.5, n - 1)]
     sequences.append([0.1 * 1.5**k for k in range(60)])
@@ -686,29 +410,29 @@ def predictions(toy, values):
     return out
 
 
-def test_polynomials_are_continued_exactly(loaded):
+def test_polynomials_are_continued_exactly(toy):
     """The order rises with the steps: three series, cubic and lower."""
     k = np.arange(16.0)
     values = np.stack([2 + k, 1 - k**2, k**3 / 8], axis=1)
-    found = predictions(loaded("two of three"), values)
+    found = predictions(toy, values)
     np.testing.assert_allclose(found[8:, 0], values[8:, 0], rtol=0, atol=1e-9)
 
 
-def test_sums_of_exponentials_obey_the_fitted_recurrence(loaded):
+def test_sums_of_exponentials_obey_the_fitted_recurrence(toy):
     """Spinning and damped motions with a recurrence for each series."""
     k = np.arange(120.0)
     values = np.stack([np.cos(0.7 * k) + 0.5 * np.sin(1.3 * k), np.exp(-0.01 * k) * np.cos(0.4*k),
                        1 + np.cos(0.2 * k + 1)], axis=1)
-    found = predictions(loaded("two of three"), values)
+    found = predictions(toy, values)
     fitted = 17 + 2 * 23 + 2  # after the samples of the first fit
     assert abs(found[fitted:] - values[fitted:]).max() <= 1e-12
     assert abs(found[20:40] - values[20:40]).max() > 1e-9  # polynomials before it
 
 
 @pytest.mark.parametrize("extra", [0, 1, 40])
-def test_least_squares(loaded, extra):
+def test_least_squares(toy, extra):
     """Against numpy; the ridge is of the size of round-off."""
-    toy, draw = loaded("two of three"), np.random.default_rng(extra)
+    draw = np.random.default_rng(extra)
     most, sides = (toy.lib.toy_least_squares_limits(which) for which in (0, 1))
     for unknowns in (1, 4, most):
         A = draw.normal(size=(unknowns + extra, unknowns)) + 4 * np.eye(unknowns + extra, unknowns)
@@ -719,9 +443,8 @@ def test_least_squares(loaded, extra):
         np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11)
 
 
-def test_the_ridge_of_least_squares(loaded):
+def test_the_ridge_of_least_squares(toy):
     """|A x - b|² + r² |x|², also where A has no full rank."""
-    toy = loaded("two of three")
     A = np.array([[1.0, 2.0], [2.0, 4.0], [3.0, 6.0]])
     b, x, ridge = np.array([[1.0], [2.5], [2.0]]), np.zeros((2, 1)), 0.5
     assert toy.lib.toy_least_squares(2, 1, 3, *toy.pointers(A, b), ridge,
@@ -733,8 +456,7 @@ def test_the_ridge_of_least_squares(loaded):
 # ---------------------------------------------------------------- crossings
 
 
-def test_rows_near_a_level_hold_every_crossing(loaded):
-    toy = loaded("two of three")
+def test_rows_near_a_level_hold_every_crossing(toy):
     values = np.cos(0.3 * np.arange(40.0))
     last, rows = np.array([np.nan, np.nan]), np.array([-1, -1])
     toy.lib.toy_crossings(40, pointer(toy.ffi, values), 0.5, pointer(toy.ffi, last),
