@@ -70,6 +70,8 @@ def test_solvers(solver):
     step = gs.stepper("G-L", 2)
     run = alone(step, TOP.parameters | {"gamma": GAMMAS[1]}, STEPS[1], 20, solver=solver)
     assert np.array_equal(result.q[1, 1], run.q[-1])
+    mean = np.abs(run.energies - run.energies[0]).mean()
+    assert result.energy_error_mean[1, 1] == pytest.approx(mean, rel=1e-9)
 
 
 def test_schemes_starts_lists_and_draws():
