@@ -1,7 +1,7 @@
 """Each feature of a system with each consumer of its steps; the second way is a run, or a loop.
 
 A feature is a case of the catalogue that has it. Cells that the law of the catalogue already fills
-(bits of a plain simulation, reversal, constraints) are not repeated.
+(constraints, reversal, solvers) are not repeated.
 """
 
 from __future__ import annotations
