@@ -29,9 +29,6 @@ def name_of(spec):
     return spec.name
 
 
-# ---------------------------------------------------------------- warnings
-
-
 @pytest.mark.parametrize("name", ["gcc", "clang", "zig"])
 @pytest.mark.parametrize("spec", [*SOME, Spec("IMS"), Spec("LIIIA-B", 2, "alpha"),
                                   Spec("EMS", real="float"),
@@ -67,9 +64,6 @@ def test_no_warning_from_the_optimiser_with_forces_and_the_widest_vectors(name, 
     assert run(["objdump", "-d", "kernel.o"], tmp_path).count("zmm") > 100
 
 
-# ---------------------------------------------------------------- symbols
-
-
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize("spec", [
     pytest.param(Spec("LIIIA-B", 2, "alpha"), marks=pytest.mark.slow), Spec("EMS")], ids=name_of)
@@ -100,9 +94,6 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
         "_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
 
 
-# ---------------------------------------------------------------- headers
-
-
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 @pytest.mark.parametrize(("ending", "among", "flags"), [
     ("c", COMPILERS, STRICT),
@@ -119,9 +110,6 @@ def test_many_steppers_in_one_program(ending, among, flags, name, tmp_path):
     }}\n"""
     (tmp_path / f"all.{ending}").write_text(text, encoding="ascii")
     run([*compiler(name, among), *flags, "-fsyntax-only", f"all.{ending}"], tmp_path)
-
-
-# ---------------------------------------------------------------- a program without Python
 
 
 def test_plain_c_example_agrees_with_python(tmp_path):
@@ -164,8 +152,6 @@ def test_optimisation_and_contraction_do_not_change_the_answer(name, tmp_path):
         ends.append(np.array(line.removeprefix("q = ").split(), dtype=float))
     assert abs(np.array(ends) - ends[0]).max() < 1e-11
 
-
-# ---------------------------------------------------------------- vectors of any width
 
 WIDTHS = """\
 #include <stdio.h>

@@ -107,51 +107,28 @@ p = [0]
 TWO_DOORS = """
 name = "doors"
 redundant = "leave out"
-[[bodies]]
-name = "a"
-mass = 1
-inertia = [1, 1, 1]
-[[bodies]]
-name = "b"
-mass = 1
-inertia = [1, 1, 1]
-[[joints]]
-name = "left"
-type = "{kind}"
-bodies = ["ground", "a"]
-axis = [0, 0, 1]
-at = [0, 0, 0]
-[[joints]]
-name = "right"
-type = "{kind}"
-bodies = ["ground", "b"]
-axis = [0, 0, 1]
-at = [0, 0, 0]
-[[joints]]
-name = "both"
-type = "couple"
-joints = ["left", "right"]
-offset = {offset}
-[[forces]]
-name = "closer"
-type = "joint_spring"
-joints = ["left"]
-stiffness = 3
-rest = {rest}
+bodies = [{name = "a", mass = 1, inertia = [1, 1, 1]}, {name = "b", mass = 1, inertia = [1, 1, 1]}]
+joints = [
+    {name = "left", type = "KIND", bodies = ["ground", "a"], axis = [0, 0, 1], at = [0, 0, 0]},
+    {name = "right", type = "KIND", bodies = ["ground", "b"], axis = [0, 0, 1], at = [0, 0, 0]},
+    {name = "both", type = "couple", joints = ["left", "right"], offset = OFFSET},
+]
+forces = [{name = "closer", type = "joint_spring", joints = ["left"], stiffness = 3, rest = REST}]
 """
 
 
 def test_units_in_the_rest_of_a_spring_and_the_offset_of_a_couple():
     """Those of hinges are angles; those of slides, travels, have no unit."""
+    def doors(kind, offset, rest):
+        return parse_model(TWO_DOORS.replace("KIND", kind).replace("OFFSET", offset).replace(
+            "REST", rest), "d.toml").parameters
+
     for degrees, radians in (('"30 deg"', '"pi/6"'),
                              ('["-30 deg", "60 deg"]', '["-pi/6", "pi/3"]')):
-        one, other = (
-            parse_model(TWO_DOORS.format(kind="revolute", offset=offset, rest=rest), "d.toml")
-            for offset, rest in (('"18 deg"', degrees), ('"pi/10"', radians)))
-        assert one.parameters == other.parameters
+        assert doors("revolute", '"18 deg"', degrees) == doors("revolute", '"pi/10"', radians)
     for offset, rest in (('"18 deg"', "0.1"), ("0", '"30 deg"')):
         with pytest.raises(InputError, match="unit deg"):
-            parse_model(TWO_DOORS.format(kind="prismatic", offset=offset, rest=rest), "d.toml")
+            doors("prismatic", offset, rest)
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [

@@ -68,8 +68,6 @@ def test_coupled_joints_are_what_the_builder_makes():
     same(model, builder)
 
 
-# ---------------------------------------------------------------- SDF
-
 LINK = """<link name='{name}'><pose {relative}='{above}'>0.5 0 0 0 0.3 0</pose><inertial>
 <mass>1</mass><inertia><ixx>2</ixx><iyy>2.5</iyy><izz>3</izz><ixy>.1</ixy><ixz>.2</ixz>
 <iyz>-.3</iyz></inertia></inertial></link>"""

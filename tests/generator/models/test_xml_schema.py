@@ -187,8 +187,6 @@ def test_files_cannot_grow(tmp_path, ending, root, text, said):
         gs.load_model(path)
 
 
-# ---------------------------------------------------------------- the published schemas
-
 XS = "{http://www.w3.org/2001/XMLSchema}"
 
 

@@ -98,50 +98,12 @@ def test_the_prover_itself_rejects_what_is_false():
     assert on_manifold(q[0] * UNIT + 3 * ORTHOGONAL / moments[0])
 
 
-# ---------------------------------------------------------------- section 2: L and R
-
-
-def test_9_10_11_L_is_antisymmetric_in_its_vectors_and_has_L_LT_and_LT_L_for_unit_q():
-    assert vanishes(L * Q)
-    assert vanishes(L * V + left_matrix(v) * Q)
-    assert vanishes(left_matrix(v) * V)
-    assert vanishes(L * L.T - Q.dot(Q) * ONE3)
-    assert not vanishes(L * L.T - ONE3)  # erratum 2: the printed form needs |q| = 1
-    assert vanishes_on([UNIT], L * L.T - ONE3)
-    assert vanishes(L.T * L - Q.dot(Q) * ONE4 + Q * Q.T)
-    assert not vanishes(L.T * L - ONE4 + Q * Q.T)
-    assert vanishes_on([UNIT], L.T * L - ONE4 + Q * Q.T)
-
-
-def test_3_R_is_the_rotation_x_to_q_x_conjugate_q_with_determinant_one_for_unit_q():
-    assert vanishes(R * R.T - Q.dot(Q) ** 2 * ONE3)
-    assert vanishes(R.T * R - Q.dot(Q) ** 2 * ONE3)
-    assert vanishes(R.det(method="berkowitz") - Q.dot(Q) ** 3)
-    assert vanishes_on([UNIT], R * R.T - ONE3)
-    assert vanishes_on([UNIT], R.det(method="berkowitz") - 1)
-    def product(s, t):
-        return [
-            s[0] * t[0] - s[1] * t[1] - s[2] * t[2] - s[3] * t[3],
-            s[0] * t[1] + s[1] * t[0] + s[2] * t[3] - s[3] * t[2],
-            s[0] * t[2] - s[1] * t[3] + s[2] * t[0] + s[3] * t[1],
-            s[0] * t[3] + s[1] * t[2] - s[2] * t[1] + s[3] * t[0],
-        ]
-
-    x = sp.symbols("x1:4")
-    turned = product(product(q, [0, *x]), [q[0], -q[1], -q[2], -q[3]])
-    assert vanishes(turned[0])
-    assert vanishes(sp.Matrix(turned[1:]) - R * sp.Matrix(x))
-
-
 def test_5_to_8_Rdot_is_R_Omega_hat_with_Omega_2_L_qdot_so_R_maps_body_to_space():
     omega = 2 * L * V
     rate = along(R, v)
     # without |q| = 1 and qᵀq̇ = 0, exactly:
     assert vanishes(R * hat(omega) + 2 * TANGENT * R - Q.dot(Q) * rate)
     assert vanishes_on([UNIT, TANGENT], rate - R * hat(omega))
-
-
-# ---------------------------------------------------------------- (14)-(21): momentum
 
 
 def test_19_20_l_and_the_legendre_transform_of_14():
@@ -188,9 +150,6 @@ def test_21_23_27_hamiltons_equations_and_their_derivatives_are_those_of_H(rep):
     assert vanishes(sp.Matrix(top.H_pq).T - sp.Matrix(top.H_q).jacobian(p))
 
 
-# ---------------------------------------------------------------- section 3.1: α and γ
-
-
 def test_22_26_28_types_equal_20_on_the_manifold_and_differ_by_a_multiple_of_the_constraint():
     extra = kinetic_energy("alpha") - kinetic_energy("original")
     assert vanishes(extra - P.dot(Q) ** 2 / alpha / 8)
@@ -202,8 +161,6 @@ def test_22_26_28_types_equal_20_on_the_manifold_and_differ_by_a_multiple_of_the
     assert vanishes(difference + UNIT * P.dot(P) / gamma / 8)
     assert vanishes_on([UNIT], difference)
 
-
-# ---------------------------------------------------------------- section 3.2: errors
 
 MOVED_Q = [x + d for x, d in zip(q, dq, strict=True)]
 MOVED_P = [x + d for x, d in zip(p, dp, strict=True)]
@@ -230,9 +187,6 @@ def test_34_to_38_energy_errors_are_the_intercept_and_k_over_gamma_or_alpha():
     moved = kinetic_energy("alpha", MOVED_Q, MOVED_P)
     assert vanishes(moved - kinetic_energy("original") - K_A / alpha - intercept())
     assert on_manifold(kinetic_energy("alpha") - kinetic_energy("original"))
-
-
-# ---------------------------------------------------------------- systems
 
 
 def test_79_gravity_is_mgl_times_R33():

@@ -100,9 +100,6 @@ def parts(system):
     return [system.H, *system.constraints, *system.forces, *system.quantities.values()]
 
 
-# ---------------------------------------------------------------- one source
-
-
 def test_ten_equivalent_forms_of_a_chain():
     system = links(2, equal=False)
     written = [everywhere(change)(system) for change in TEN.values()]
@@ -134,9 +131,6 @@ def test_a_common_denominator_hides_no_terms():
             sum(e**2 / (2 * m) for e in p) + sum(m * k * e for e in q[2::3]))]
     assert sources[0] == sources[1]
     assert max(text.count("\n") for text in sources[0].values()) < 8000
-
-
-# ---------------------------------------------------------------- random systems, random spellings
 
 
 @st.composite
@@ -182,9 +176,6 @@ def test_decimals_stay_decimals():
     H = canonical(plane(sp.Float(0.1) * x**2 / 3 + 0.5 * y**2)).H
     assert sp.Float(0.1) * x**2 / 3 + y**2 / 2 == H
     assert canonical(plane(0.1 * x + sp.Float("0.3", 40) * y)).H.coeff(y) == sp.Float("0.3", 40)
-
-
-# ---------------------------------------------------------------- names, places, structure
 
 
 def test_names_do_not_matter():
@@ -261,9 +252,6 @@ def test_points_that_nothing_couples_have_the_forms_of_each_alone():
              for u, v in ((x, px), (y, py))]
     both = plane((px**2 + py**2) / 2 + k * (sp.cosh(b * x) * x + sp.cosh(b * y) * y), k, b)
     assert sp.Add(*alone) == canonical(both).H
-
-
-# ---------------------------------------------------------------- bounds
 
 
 ENDLESS = {

@@ -51,8 +51,6 @@ def test_function_without_a_known_difference_is_refused_by_name(e, name):
         gradient_of(e)
 
 
-# ---------------------------------------------------------------- the heavy top
-
 q, p = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
 qm, pm = vector("qm", 4), vector("pm", 4)
 dq, dp = vector("dq", 4), vector("dp", 4)

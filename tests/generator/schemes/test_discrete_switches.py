@@ -155,9 +155,6 @@ def test_at_rest_it_is_the_gradient(name):
                        for d, s in zip(D, slopes, strict=True))
 
 
-# ---------------------------------------------------------------- pieces
-
-
 @pytest.mark.parametrize(("e", "variable", "limits"), [
     (ZOO["backlash"], x, [-a, a]),
     (ZOO["backlash, sign not known"], x, [-r, r]),
@@ -206,8 +203,6 @@ def test_pieces_that_meet_for_no_reason_that_algebra_sees_are_no_pieces():
     with pytest.raises(NotPiecewiseError, match="jumps"):
         piecewise_form_of(as_switches(P((k * x**2 / 2, x < a), (b * x - c, True))), set(X))
 
-
-# ---------------------------------------------------------------- EMS
 
 q = sp.symbols("q0:5", real=True)
 p = sp.symbols("p0:5", real=True)

@@ -28,9 +28,6 @@ SIX = sp.sqrt(6)
 STAGES = (1, 2, 3, 5, 8)
 
 
-# ---------------------------------------------------------------- coefficients
-
-
 @pytest.mark.parametrize("s", STAGES)
 def test_nodes_are_those_of_radau(s):
     """The right Radau nodes are the roots of P_(s−1) − P_s on [−1, 1]."""
@@ -65,9 +62,6 @@ def test_conditions_hold_as_far_as_claimed_and_fail_at_the_next_k(s):
 @pytest.mark.parametrize("s", [1, 2])
 def test_order_is_measured(s):
     assert observed_order(radau_lobatto(s)) == pytest.approx(2 * s - 1, abs=0.1)
-
-
-# ---------------------------------------------------------------- stability
 
 
 def pade(k, j):
@@ -129,9 +123,6 @@ def test_decimals_are_checked_to_their_digits(tmp_path, digits):
     assert found.damping[1] == 6
 
 
-# ---------------------------------------------------------------- compiled steps
-
-
 few = pytest.mark.parametrize("s", [2, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 3))])
 
 
@@ -144,9 +135,6 @@ def test_a_step_is_the_root_that_fifty_digits_find(s):
         q, p = one_step(gs.stepper("Radau-L", s), case.q, case.p, solver=solver, **case.run)
         assert np.abs(q - doubles(exact.q)).max() < 16 * EPS
         assert np.abs(p - doubles(exact.p)).max() < 64 * EPS
-
-
-# ---------------------------------------------------------------- dampers
 
 
 @cache

@@ -23,8 +23,6 @@ from rolling_systems import (
     stepper_of,
 )
 
-# ---------------------------------------------------------------- order
-
 
 def test_order_on_the_sleigh():
     """A trigonometric row and no g, against the closed form of θ and p."""
@@ -52,9 +50,6 @@ def test_orders_in_113_bits(make, parameters, start, s):
         found.append([float(abs(ours.q[-1] - run.q[-1]).max()),
                       float(abs(ours.p[-1] - run.p[-1]).max())])
     assert np.log2(np.divide(*found)) == pytest.approx([2 * s, 2 * s], abs=0.1)
-
-
-# ---------------------------------------------------------------- kernels
 
 
 def driven_sleigh():
@@ -98,9 +93,6 @@ def test_reactions_are_those_of_the_equations():
     for c, mu in zip(gs.tableau("G-L", 2).numeric(17).c, run.reactions[0, :, 0], strict=True):
         u, w, _ = sleigh_end(0.7, 1.5, 0.3, 0.01 * float(c))
         assert mu == pytest.approx(-u * w / (1 / m + a * a / inertia), rel=1e-5)
-
-
-# ---------------------------------------------------------------- what is refused
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("IMS", None), ("EMS", None), ("LIIIA-B", 3)])

@@ -105,9 +105,6 @@ def test_primes_without_a_root_are_passed_over() -> None:
     assert 0 < len(suitable) < 12
 
 
-# ---------------------------------------------------------------- null spaces
-
-
 @settings(max_examples=30, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), rank=st.integers(0, 4), size=st.integers(1, 6))
 def test_null_spaces_against_sympy(seed: int, rank: int, size: int) -> None:

@@ -188,8 +188,6 @@ def test_orders_of_two_and_text_that_reads_like_a_model_file():
         "-a + x", "-x", "1 - y", "x + 1"]
 
 
-# ---------------------------------------------------------------- C
-
 QUANTITIES = {name.replace("-", "_"): e for name, e in ZOO.items()}
 
 
@@ -259,9 +257,6 @@ def test_lanes_have_no_branch(tmp_path):
     assembly = (tmp_path / "choose.s").read_text()
     assert "cmpltpd" in assembly
     assert not re.search(r"\tj\w+\t", assembly)
-
-
-# ---------------------------------------------------------------- what may be concluded
 
 
 def test_a_derivative_that_vanishes_says_nothing_of_a_step():

@@ -39,9 +39,8 @@ def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
             forgotten.at([0.33], stepper=step)
 
 
-@pytest.mark.parametrize("every", [1, 7])
-@pytest.mark.parametrize(("name", "scheme"), [("pushed_pendulum", "G-L"),
-                                              ("driven_pendulum", "EMS")])
+@pytest.mark.parametrize(("name", "scheme", "every"), [
+    ("pushed_pendulum", "G-L", 1), ("driven_pendulum", "EMS", 7)])
 def test_a_state_between_steps_is_a_step_with_its_own_inputs(name, scheme, every) -> None:
     """Each is one run more, of the part of a step and with the inputs of the step as parameters."""
     step = stepper(name, scheme)

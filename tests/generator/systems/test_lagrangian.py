@@ -41,9 +41,6 @@ def andrews():
     return runpy.run_path(str(ROOT / "examples" / "andrews.py"))
 
 
-# ---------------------------------------------------------------- motion, the second way
-
-
 def test_energies_and_motion_are_those_of_the_hamiltonian_written_out():
     """M⁻¹ in symbols: H at random states and times, and Hamilton's equations by SciPy."""
     step, entry = systems.stepper("shaken"), systems.case("shaken")
@@ -76,9 +73,6 @@ def test_the_hamiltonian_written_out_has_inputs_and_quantities():
 def test_a_quantity_of_velocities_has_no_c():
     with refused("'speed'.*'vx'.*legendre"):
         gs.stepper("G-L", 2, system=lagrangian(quantities={"speed": VX}))
-
-
-# ---------------------------------------------------------------- kernels, one by one
 
 
 @pytest.mark.parametrize("name", ["lagrangian", "bead", "shaken"])
@@ -169,8 +163,6 @@ def test_degrees_zeros_of_m_and_names_of_momenta():
     assert [str(p) for p in system.p] == ["p_x_"]
 
 
-# ---------------------------------------------------------------- bad input
-
 X, Y, VX, VY, M = sp.symbols("x y vx vy m", real=True)
 FREE = M * (VX**2 + VY**2) / 2
 
@@ -198,9 +190,6 @@ def test_bad_input_is_refused(arguments, said):
 def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
     with refused("heavy_top_gl3_gamma.*Hamiltonian"):
         gl3.momenta([1, 0, 0, 0], [0, 0, 0, 0], parameters={})
-
-
-# ---------------------------------------------------------------- what is not made of it
 
 
 def test_what_needs_h_written_out_says_so():

@@ -49,9 +49,6 @@ def test_a_long_lagrangian_is_differenced_through_its_shared_parts():
     assert scheme.symmetry().holds
 
 
-# ---------------------------------------------------------------- between any two states
-
-
 @pytest.mark.parametrize("seed", range(3))
 def test_the_difference_of_h_between_any_two_states(seed):
     """Without drives and drag (1e-200 is lost) residuals are Δq/Δt − D_p and Δp/Δt + D_q."""
@@ -66,9 +63,6 @@ def test_the_difference_of_h_between_any_two_states(seed):
     assert abs(D_p @ dp + D_q @ dq - gained) <= 64 * EPS * (abs(gained) + 20)
     v0, v1 = (step.velocities(x[:2], x[2:], **at) for x in (start, end))
     np.testing.assert_allclose(D_p, (v0 + v1) / 2, rtol=0, atol=64 * EPS)
-
-
-# ---------------------------------------------------------------- steps
 
 
 def test_work_is_that_of_the_forces_at_the_mean():

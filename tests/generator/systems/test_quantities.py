@@ -126,9 +126,6 @@ def test_reported_by_run(step):
     assert "height" in text
 
 
-# ---------------------------------------------------------------- generated text
-
-
 def test_quantities_do_not_touch_the_steps():
     """Beside one without them, a stepper with quantities has more lines, and no other ones."""
     spec, unused = Spec.from_arguments("G-L", 2), sp.Symbol("unused", positive=True)

@@ -43,9 +43,6 @@ def test_how_sides_meet(e, wanted):
     assert [continuity(e, w, (x, y)) for w in switches_of([e])] == wanted
 
 
-# ---------------------------------------------------------------- constraints
-
-
 def on_curve(profile, **more):
     """Return a bead that slides on the curve y = profile(x)."""
     return gs.System((x, y), (u, v), (k, a), T + k * y, (y - profile,), name="bead", **more)
@@ -76,9 +73,6 @@ def test_a_bead_on_a_cam():
     assert run.report.energy_error_max <= 1e-4
     flat = run.q[:, 0] > 1.05
     assert run.p[flat, 0] == pytest.approx(np.sqrt(2 * (run.energy()[0] - 0.75)), rel=1e-4)
-
-
-# ---------------------------------------------------------------- what is said
 
 
 def test_remarks():
@@ -126,9 +120,6 @@ def test_a_step_without_a_solution_says_so(solver):
     assert str(again) == str(end.value)
 
 
-# ---------------------------------------------------------------- momentum maps
-
-
 @pytest.mark.parametrize(("H_0", "forces", "kept"), [
     (k * sp.Max(0, LENGTH - a) ** 2 / 2, (), ["-u*y + v*x"]),
     (P((LENGTH**2, x < 5), (y, True)), (), []),
@@ -151,9 +142,6 @@ def test_constraints_that_switch_are_not_searched():
     system = on_curve(sp.Max(0, x) ** 2)
     with pytest.raises(gs.InputError, match="switches at x = 0"):
         momentum_maps(system, {"k": 3.0, "a": 0.5}, [1, 1], [0, 0])
-
-
-# ---------------------------------------------------------------- the certificate
 
 
 @pytest.mark.slow  # a stepper of one system
@@ -180,9 +168,6 @@ def test_certificate_of_a_force_that_jumps():
     assert found.line("reversal").holds is None
     assert "jump at u = 0" in found.line("reversal").why
     assert found.holds
-
-
-# ---------------------------------------------------------------- on the command line
 
 
 def test_run_says_it_before_a_step(gyrospark, tmp_path):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import random
 from dataclasses import replace
 from itertools import pairwise
 
@@ -32,9 +31,6 @@ EPS = 2.0**-52
 def chain(links: int) -> System:
     """Return bodies hanging from each other by ball joints."""
     return gs.models.chain(links).system
-
-
-# ---------------------------------------------------------------- the same numbers
 
 
 def compare(loops, dense, start, parameters, t0):
@@ -110,9 +106,6 @@ def test_structured_ems_balances_energy_and_work():
     assert np.abs(run.q - exact.q).max() <= 1e-4  # of order 2
 
 
-# ---------------------------------------------------------------- size and cost
-
-
 @pytest.mark.parametrize("links", [2, 5])
 def test_forms_of_a_chain(links):
     """Rotation, translation across and along gravity; norm, first, inner joint: at any length."""
@@ -159,9 +152,6 @@ def test_text_hardly_depends_on_the_number_of_bodies():
                      if not set(line) <= set("0123456789{}, -;")] for links in (3, 5)}
     kernels = [[line for line in lines[links] if "c->values[" not in line] for links in (3, 5)]
     assert len(kernels[1]) - len(kernels[0]) < 40
-
-
-# ---------------------------------------------------------------- graphs
 
 
 graphs = st.integers(1, 12).flatmap(lambda n: st.lists(
@@ -258,31 +248,3 @@ def test_a_constant_in_H_is_no_body():
     assert more.coupled_sets == plain.coupled_sets
     assert generate(Spec.from_arguments("G-L", 1), system=replace(system, H=system.H + 3),
                     structured=True).source
-
-
-def _searched(neighbours: dict[int, set[int]]) -> list[int]:
-    left = {row: set(others) for row, others in neighbours.items()}
-    order = []
-    while left:
-        rows = sorted(left, key=lambda row: (len(left[row]), row))
-        free = [row for row in rows
-                if all(left[row] <= left[other] | {other} for other in left[row])]
-        pivot = [*free, rows[0]][0]
-        others = left.pop(pivot)
-        order.append(pivot)
-        for row in others:
-            left[row] = (left[row] | others) - {row, pivot}
-    return order
-
-
-def test_pivots_are_those_of_a_search():
-    for seed in range(100):
-        draw = random.Random(seed)
-        count = draw.randint(1, 20)
-        neighbours: dict[int, set[int]] = {row: set() for row in range(count)}
-        for _ in range(draw.randint(0, 2 * count)):
-            a, b = draw.randrange(count), draw.randrange(count)
-            if a != b:
-                neighbours[a].add(b)
-                neighbours[b].add(a)
-        assert list(eliminate(neighbours).order) == _searched(neighbours)

@@ -50,9 +50,6 @@ def generic():
     return System(q, p, (m, c), H, name="generic")
 
 
-# ---------------------------------------------------------------- what is refused
-
-
 @pytest.mark.parametrize(("changes", "said"), [
     *(({"name": name}, f"{name!r}.*identifier")
       for name in ("", "two words", "1body", "kreisel-α", "γ", "a-b")),
@@ -100,9 +97,6 @@ def test_plain_numbers_are_expressions(changes):
     assert system(**changes).n == 3
 
 
-# ---------------------------------------------------------------- what it holds
-
-
 def test_sequences_become_tuples_and_parts_without_constraints_are_empty():
     made = system(q=list(q), p=list(p), parameters=[m, grav], constraints=[x**2 - 1])
     assert (made.q, made.p, made.parameters, made.constraints) == (q, p, (m, grav), (x**2 - 1,))
@@ -113,9 +107,6 @@ def test_sequences_become_tuples_and_parts_without_constraints_are_empty():
     assert (made.m, made.G, made.hidden, made.hidden_matrix) == (0, [], [], [])
     assert made.curvature([]) == [[0] * 3] * 3
     assert [k.name for k in common_kernels(made)] == ["hamiltonian"]
-
-
-# ---------------------------------------------------------------- derivatives
 
 
 def test_derivatives_of_a_generic_H_are_those_of_the_complex_step():
@@ -161,9 +152,6 @@ def test_jacobians_are_symmetric_and_curvature_is_the_derivative_of_GT_lambda_by
     assert sp.simplify(sp.Matrix(made.curvature(lam)) - force.jacobian(q)) == sp.zeros(3)
     with pytest.raises(ValueError, match="longer than"):
         system().curvature([])
-
-
-# ---------------------------------------------------------------- the hidden constraint
 
 
 def times(rows, vector):
@@ -219,9 +207,6 @@ def test_shortest_form_is_equal_and_has_no_more_operations(e, short):
     found = shortest(e)
     assert sp.expand(found - e) == 0
     assert sp.count_ops(found) == sp.count_ops(short)
-
-
-# ---------------------------------------------------------------- constants of a run
 
 
 def back(e, constants):

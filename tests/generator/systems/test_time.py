@@ -46,9 +46,6 @@ def as_coordinate(system):
                      forces=[*forces, 0] if forces else (), name=system.name + "_tau")
 
 
-# ---------------------------------------------------------------- the second way
-
-
 @pytest.mark.slow  # two steppers; closed forms with time are laws
 def test_time_as_a_coordinate_gives_the_same():
     name = "driven_pendulum"
@@ -78,8 +75,6 @@ def test_balance_and_constraint_work_are_identities(name):
     if name == "wire":  # no root: proved
         assert "D_t" in found["energy"].equation
 
-
-# ---------------------------------------------------------------- wrong use
 
 def test_time_that_nobody_declared_is_refused():
     (x, y), p = symbols("x y")

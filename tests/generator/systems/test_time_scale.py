@@ -98,9 +98,6 @@ def test_names_that_are_taken_are_left_alone():
     assert made.quantities[made.scale_name] == x**2
 
 
-# ---------------------------------------------------------------- model files, bodies
-
-
 FILES = {
     "system": """
 time_scale = "1 / sqrt(w**2 + x**2)"
@@ -168,9 +165,6 @@ def test_a_multibody_has_one_time_scale():
         build.time_scale(1)
 
 
-# ---------------------------------------------------------------- ready scales
-
-
 def test_scales_are_powers_of_distances_and_smooth_minima():
     assert gs.scales.distance((x, y), (0, 0)) == r ** sp.Rational(3, 2)
     assert gs.scales.distance((x, y), (3, 0), power=1).subs({x: 0, y: 4}) == 5
@@ -190,8 +184,6 @@ def test_unusable_scales_are_refused(make, words):
         make()
     assert all(word in str(caught.value) for word in words), caught.value
 
-
-# ---------------------------------------------------------------- refused
 
 a, b = sp.symbols("a b", real=True)
 

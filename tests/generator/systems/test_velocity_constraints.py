@@ -101,9 +101,6 @@ p = [1, 0.3, 1]
     assert "A v + a: blade" in text
 
 
-# ---------------------------------------------------------------- rows that depend on others
-
-
 @pytest.mark.parametrize(("rows", "named"), [
     ((SKATE, sp.cos(th) * SKATE), "redundant"),
     ((SKATE, sp.cos(th) * SKATE + 1), "contradict"),

@@ -63,9 +63,6 @@ def failed(tableau: Tableau) -> list[str]:
     return [condition.name for condition in check_tableau(tableau) if not condition.holds]
 
 
-# ---------------------------------------------------------------- what is read
-
-
 def test_example_is_gauss_lobatto_2() -> None:
     tableau = read_tableau(EXAMPLE)
     for key in FIELDS:
@@ -178,9 +175,6 @@ def test_confluent_nodes_a_byte_order_mark_32_stages_and_order_100_are_allowed(r
     tableau = read(filled())
     assert (tableau.s, tableau.p) == (32, 32)
     assert read(example() | {"order": 100}).claims["order"] == 100
-
-
-# ---------------------------------------------------------------- what is refused
 
 
 def changed(**changes: Any) -> dict[str, Any]:
