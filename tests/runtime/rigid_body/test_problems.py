@@ -180,35 +180,37 @@ def test_regular_precession_obeys_the_equations_of_motion(ratio, rate, sign, gra
 # The free body
 
 
-def check_against_integration(problem, times):
+def check_against_integration(problem):
+    times = np.linspace(0.0, 4.0, 4)
     omega, q = integrate_free_body(problem, times)
     size = np.linalg.norm(omega[0])
     np.testing.assert_allclose(problem.exact.angular_velocity(times), omega, atol=3e-11 * size)
     np.testing.assert_allclose(problem.exact.attitude(times), q, atol=3e-11)
 
 
+#: About the largest moment, about the smallest, and near the middle one; each with every order.
 SPINS = [(8, -2, 3), (-1, -2, -9), (0, 5, 0.1)]
+FREE = [*(pytest.param([ASYMMETRIC[body][axis] for axis in order], [spin[axis] for axis in order],
+                       marks=[] if (i + body + k) % 3 == 0 and i < 3 else pytest.mark.slow)
+          for i, order in enumerate(ORDERS) for body in range(3) for k, spin in enumerate(SPINS)),
+        *(((3.0, 2.0, 1.0), tuple(np.multiply(signs, [(9, 1, 2), (2, 1, 9)][i % 2])))
+          for i, signs in enumerate(itertools.product((1, -1), repeat=3))),
+        *((inertia, omega) for inertia in (
+            (1, 1, 2), (1, 2, 1), (2, 1, 1), (2, 2, 1), (1, 1, 1 + 2**-50))
+          for omega in ((3, -4, 5), (-1, 1e-9, -6)))]
+STEADY = [((3, 3, 3), (1, -2, 3)), ((3, 2, 1), (4, 0, 0)), ((3, 2, 1), (0, -4, 0)),
+          ((3, 2, 1), (0, 0, 4)), ((3, 3, 1), (3, 4, 0)), ((3, 2, 2), (0, 3, -4)),
+          ((3, 2, 1), (0, 0, 0))]
 
 
-@pytest.mark.parametrize(("order", "body", "omega"), [
-    pytest.param(order, body, SPINS[spin],
-                 marks=[] if (i + body + spin) % 3 == 0 and i < 3 else pytest.mark.slow)
-    for i, order in enumerate(ORDERS) for body in range(3) for spin in range(3)])  # pairs
-def test_free_body_in_every_axis_order_and_regime(order, body, omega):
-    """About the largest moment, about the smallest, and near the middle one."""
-    inertia = [ASYMMETRIC[body][axis] for axis in order]
-    problem = free_body(inertia, [omega[axis] for axis in order], ATTITUDE)
-    assert isinstance(problem.exact, FreeRotation)
-    check_against_integration(problem, np.linspace(0.0, 5.0, 4))
-
-
-@pytest.mark.parametrize(("signs", "large"), [
-    (signs, (i % 2) * 2) for i, signs in enumerate(itertools.product((1, -1), repeat=3))])
-def test_free_body_with_every_sign(signs, large):
-    omega = [2.0, 1.0, 2.0]
-    omega[large] = 9.0
-    problem = free_body((3.0, 2.0, 1.0), np.multiply(omega, signs))
-    check_against_integration(problem, np.linspace(0.0, 3.0, 4))
+@pytest.mark.parametrize(("inertia", "omega"), [*FREE, *STEADY])
+def test_free_body_in_every_axis_order_and_regime(inertia, omega):
+    problem = free_body(inertia, omega, ATTITUDE)
+    steady = (inertia, omega) in STEADY
+    assert isinstance(problem.exact, SteadyRotation if steady else FreeRotation)
+    check_against_integration(problem)
+    if steady:
+        np.testing.assert_array_equal(problem.exact.angular_velocity([0.0, 2.0]), [omega] * 2)
 
 
 @pytest.mark.parametrize(("order", "signs"), [
@@ -217,30 +219,10 @@ def test_free_body_on_the_separatrix(order, signs):
     """I = (9, 5, 4), Ω = (±1, y, ±3) has |l|² = 2T I_2 exactly and ends about the middle axis."""
     omega = (signs[0], 0.5, 3 * signs[1])
     problem = free_body([(9, 5, 4)[axis] for axis in order], [omega[axis] for axis in order])
-    check_against_integration(problem, np.linspace(0.0, 3.0, 4))
+    check_against_integration(problem)
     late = problem.exact.angular_velocity(1e4)
     expected = [abs(late[order.index(axis)]) for axis in range(3)]
     np.testing.assert_allclose(expected, [0, math.sqrt((9 + 5 / 4 + 36) / 5), 0], atol=1e-14)
-
-
-@pytest.mark.parametrize(
-    "inertia", [(1, 1, 2), (1, 2, 1), (2, 1, 1), (2, 2, 1), (1, 1, 1 + 2**-50)]
-)
-@pytest.mark.parametrize("omega", [(3, -4, 5), (-1, 1e-9, -6)])
-def test_free_symmetric_body(inertia, omega):
-    check_against_integration(free_body(inertia, omega, ATTITUDE), np.linspace(0.0, 4.0, 4))
-
-
-@pytest.mark.parametrize(("inertia", "omega"), [
-    ((3, 3, 3), (1, -2, 3)), ((3, 2, 1), (4, 0, 0)), ((3, 2, 1), (0, -4, 0)),
-    ((3, 2, 1), (0, 0, 4)), ((3, 3, 1), (3, 4, 0)), ((3, 2, 2), (0, 3, -4)),
-    ((3, 2, 1), (0, 0, 0))])
-def test_free_body_in_steady_rotation(inertia, omega):
-    problem = free_body(inertia, omega, ATTITUDE)
-    assert isinstance(problem.exact, SteadyRotation)
-    times = np.linspace(0.0, 2.0, 4)
-    check_against_integration(problem, times)
-    np.testing.assert_array_equal(problem.exact.angular_velocity(times), [omega] * 4)
 
 
 #: Of three points on the axes: no moment exceeds the sum of the others.
