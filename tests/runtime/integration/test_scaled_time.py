@@ -259,21 +259,6 @@ def test_cells_of_a_sweep_are_runs(name):
                 assert abs(float(cell.event_crossing_first) - crossings.t[0]) <= close
 
 
-@pytest.mark.parametrize(("over", "given", "words"), [
-    ({"k": [1.0, 2.0]}, {"dt": 0.1, "steps": 3}, ["dt = 0.1", "dtau"]),
-    ({"k": [1.0, 2.0]}, {"steps": 3}, ["dtau"]),
-    ({"dt": [0.1, 0.2]}, {"dtau": 0.1, "steps": 3}, ["dt", "dtau"]),
-    ({"dtau": [0.1, 0.0]}, {"steps": 3}, ["dtau = 0"]),
-    ({"k": [1.0, 2.0]}, {"dtau": 0.1, "t_end": 1.0}, ["t_end", "steps"]),
-])
-def test_sweeps_refuse_other_steps_and_ends(over, given, words):
-    entry = case("eccentric")
-    model = gs.Model(entry.system, entry.parameters, entry.q, entry.p)
-    with pytest.raises(gs.InputError) as caught:
-        gs.sweep(model, over, scheme="G-L", stages=2, **given)
-    assert all(word in str(caught.value) for word in words), caught.value
-
-
 def test_a_cell_whose_time_stops_is_nan_with_its_reason():
     system = gs.System([x], [u], (), u, name="drift", time_scale=1 - 4 * x)
     model = gs.Model(system, {}, [0.0], [0.3])
@@ -351,12 +336,22 @@ def test_what_is_not_derived_is_refused_with_a_way_out(call):
     ({"dtau": 0.1, "t_end": 1, "steps": 3}, ["steps", "t_end"]),
     ({"dtau": 0.1, "steps": 3, "t_eval": [99.0]}, ["99.0"]),
     ({"dtau": 0.1, "t_end": 1, "out": "here.zarr"}, ["steps"]),
+    ({"over": {"k": [1.0, 2.0]}, "dt": 0.1, "steps": 3}, ["dt = 0.1", "dtau"]),
+    ({"over": {"k": [1.0, 2.0]}, "steps": 3}, ["dtau"]),
+    ({"over": {"dt": [0.1, 0.2]}, "dtau": 0.1, "steps": 3}, ["dt", "dtau"]),
+    ({"over": {"dtau": [0.1, 0.0]}, "steps": 3}, ["dtau = 0"]),
+    ({"over": {"k": [1.0, 2.0]}, "dtau": 0.1, "t_end": 1.0}, ["t_end", "steps"]),
 ])
 def test_other_steps_and_ends_are_refused(given, words, tmp_path, monkeypatch):
+    """Of runs and, where ``over`` is given, of sweeps."""
     monkeypatch.chdir(tmp_path)
-    step = stepper("eccentric")
+    step, entry = stepper("eccentric"), case("eccentric")
+    model = gs.Model(entry.system, entry.parameters, entry.q, entry.p)
+    call, begin = (gs.sweep, (model,)) if "over" in given else (
+        step.integrate, (timed_start("eccentric", step),))
+    more = {"scheme": "G-L", "stages": 2} if "over" in given else {"parameters": {"k": 1.0}}
     with pytest.raises(gs.InputError) as caught:
-        step.integrate(timed_start("eccentric", step), parameters={"k": 1.0}, **given)
+        call(*begin, **more, **given)
     assert all(word in str(caught.value) for word in words), caught.value
     with pytest.raises(gs.InputError, match="dtau"):
         stepper("kepler").integrate(timed_start("kepler", stepper("kepler")), dtau=0.1, steps=3)
