@@ -1,7 +1,5 @@
 """The generated C by itself: warnings, symbols, C++, a program without Python, vectors."""
 
-from __future__ import annotations
-
 import platform
 import re
 import shutil

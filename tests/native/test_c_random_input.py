@@ -5,8 +5,6 @@ its contents left as ``malloc`` gives them, or a byte. It ends with 1 where a st
 six, or where what is called done is not finite; the tools end it for what else is wrong.
 """
 
-from __future__ import annotations
-
 import re
 import shutil
 

@@ -1,7 +1,5 @@
 """Rules that the text of profile ``control`` keeps: one dialect, MISRA C:2012, analyzers, stack."""
 
-from __future__ import annotations
-
 import re
 import shutil
 from collections import Counter

@@ -1,7 +1,5 @@
 """Chains and loops side by side in lanes: what one gives is its own, to the bit."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

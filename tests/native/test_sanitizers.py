@@ -5,8 +5,6 @@ documents: runs, ensembles in lanes, projections, tangents and adjoints. Another
 (``tests/data/sanitized_fmu.c``) imports an FMU.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

@@ -1,7 +1,5 @@
 """Templates are made bytecode once."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Names of symbols in C: what is refused breaks it, what is accepted compiles and runs."""
 
-from __future__ import annotations
-
 import re
 from functools import cache
 from itertools import product

@@ -1,7 +1,5 @@
 """Constants of a run that loops evaluate: the same numbers as one assignment for each."""
 
-from __future__ import annotations
-
 import pytest
 
 import gyrospark as gs

@@ -1,7 +1,5 @@
 """Derivatives of systems whose C loops over the instances of element templates."""
 
-from __future__ import annotations
-
 import re
 
 import pytest

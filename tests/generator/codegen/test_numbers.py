@@ -1,7 +1,5 @@
 """Numbers in the manifests of profile ``control``: roles, units, values; the hash."""
 
-from __future__ import annotations
-
 import json
 import re
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """Common subexpressions: the temporaries of ``sympy.cse``, and expressions of the same value."""
 
-from __future__ import annotations
-
 import pytest
 import sympy as sp
 from hypothesis import given, settings

@@ -4,8 +4,6 @@ The interpreter knows the four operations, calls and subscripts, in any type of 
 numbers it compares the C with SymPy exactly; only roots, powers and functions need tolerances.
 """
 
-from __future__ import annotations
-
 import ast
 import math
 import random

@@ -1,7 +1,5 @@
 """MJCF: what it describes, against closed forms, bodies put together by hand and MuJoCo."""
 
-from __future__ import annotations
-
 import math
 import re
 import sys

@@ -1,7 +1,5 @@
 """Accelerations of robots in MJCF beside MuJoCo's: random ones, and each feature."""
 
-from __future__ import annotations
-
 import pytest
 
 import gyrospark as gs

@@ -3,8 +3,6 @@
 Static shapes of MuJoCo 3.3.7, the last with cables, agree to 1e-9 m where angles are small.
 """
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -7,8 +7,6 @@
 SciPy's DOP853 runs at its tightest tolerance, 2.3e-14 of relative local error.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

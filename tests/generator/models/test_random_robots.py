@@ -1,7 +1,5 @@
 """Random trees of links in URDF and SDF: accelerations beside Pinocchio and each other."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """SDF: trees as in URDF, loops closed by joints, bad files."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -3,8 +3,6 @@
 One file has them all, a coordinate each; the same in SymPy's words gives the same C.
 """
 
-from __future__ import annotations
-
 import re
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Numbers with units in model files: angles and rates."""
 
-from __future__ import annotations
-
 import math
 
 import pytest

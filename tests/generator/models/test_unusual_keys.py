@@ -1,7 +1,5 @@
 """Keys of model files and elements of SDF that no example has."""
 
-from __future__ import annotations
-
 import json
 
 import numpy as np

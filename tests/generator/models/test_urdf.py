@@ -1,7 +1,5 @@
 """URDF: what it describes, against Pinocchio and against bodies put together by hand; bad files."""
 
-from __future__ import annotations
-
 import math
 from importlib import metadata
 from pathlib import Path

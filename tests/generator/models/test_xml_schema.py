@@ -1,7 +1,5 @@
 """Each element and attribute of URDF and SDF is read, moves nothing, or is refused by name."""
 
-from __future__ import annotations
-
 import os
 import sys
 from copy import deepcopy

@@ -1,7 +1,5 @@
 """Where axes of joints and centres of rotors are, on bodies that are tilted at the start."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

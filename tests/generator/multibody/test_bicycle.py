@@ -1,7 +1,5 @@
 """The Whipple bicycle from bodies, hinges and rolling wheels against its published benchmark."""
 
-from __future__ import annotations
-
 import runpy
 from pathlib import Path
 

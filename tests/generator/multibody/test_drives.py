@@ -1,7 +1,5 @@
 """Driven joints, moving points and motors of multibody models against formulas of one angle."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

@@ -1,7 +1,5 @@
 """Joints and what acts on them: each against a closed form of its accelerations."""
 
-from __future__ import annotations
-
 import inspect
 import math
 

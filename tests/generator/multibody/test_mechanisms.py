@@ -1,7 +1,5 @@
 """Mechanisms near their change points, and which solver takes their steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """The builder of bodies and joints: symbols, order, start; H and g against mechanics in NumPy."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

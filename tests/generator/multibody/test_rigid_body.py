@@ -5,8 +5,6 @@ An identity on the constraint manifold is proved by division through the Gröbne
 expression is a polynomial.
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import pytest

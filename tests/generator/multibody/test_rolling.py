@@ -1,7 +1,5 @@
 """Discs, spheres and ellipsoids that roll on a plane: rows, heights, starts, refusals."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from scipy.optimize import minimize
@@ -36,12 +34,12 @@ def points(shape):
     return lambda a: axes * [np.cos(a[0]) * np.cos(a[1]), np.sin(a[0]) * np.cos(a[1]), np.sin(a[1])]
 
 
-SHAPES = ({"disc": 0.4}, {"sphere": 0.4}, {"ellipsoid": (0.2, 0.3, 0.5)})
+TURNTABLE = {"normal": NORMAL, "at": (0.1, 0.2, 0.3), "turning": 1.5}
 
 
-@pytest.mark.parametrize("shape", SHAPES, ids=lambda shape: next(iter(shape)))
-@pytest.mark.parametrize("plane", [{}, {"normal": NORMAL, "at": (0.1, 0.2, 0.3), "turning": 1.5}],
-                         ids=["floor", "turntable"])
+@pytest.mark.parametrize(("shape", "plane"), [
+    ({"disc": 0.4}, TURNTABLE), ({"sphere": 0.4}, {}), ({"ellipsoid": (0.2, 0.3, 0.5)}, TURNTABLE)],
+    ids=["disc on a turntable", "sphere on the floor", "ellipsoid on a turntable"])
 def test_the_lowest_point_touches_the_plane_and_moves_with_it(shape, plane):
     """The contact is found by minimisation over the surface, which knows no support function."""
     model = stone(shape, plane)

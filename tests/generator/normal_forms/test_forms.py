@@ -1,7 +1,5 @@
 """Normal forms of single expressions: one for all equivalent expressions, and the shortest."""
 
-from __future__ import annotations
-
 import pytest
 import sympy as sp
 

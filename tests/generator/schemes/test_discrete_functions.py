@@ -6,8 +6,6 @@ runs all 10 000; without the marker there are fewer. Every one is evaluated in d
 second way, in mpmath at the two end points.
 """
 
-from __future__ import annotations
-
 import math
 from fractions import Fraction
 

@@ -3,8 +3,6 @@
 That of other expressions is in test_discrete_functions.py.
 """
 
-from __future__ import annotations
-
 import pytest
 import sympy as sp
 

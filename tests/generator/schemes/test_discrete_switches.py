@@ -4,8 +4,6 @@ The identity ΔH = D·Δ is checked with 60 digits against H at both ends, for e
 a list with kinks, ties and tiny steps, then in doubles; EMS keeps such an H to round-off.
 """
 
-from __future__ import annotations
-
 import re
 from fractions import Fraction
 from functools import cache

@@ -1,7 +1,5 @@
 """What steppers of the top keep at random states; studies have the paper's tables."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

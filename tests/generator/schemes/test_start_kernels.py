@@ -1,7 +1,5 @@
 """Momenta of velocities: H_p of them is the rate that the velocities say, in numbers."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

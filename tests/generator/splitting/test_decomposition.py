@@ -1,7 +1,5 @@
 """Splittings that are found, and Hamiltonians that are refused, with what is left over."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import pytest

@@ -1,7 +1,5 @@
 """Sums and products without simplification: those of SymPy, of the same arguments in one order."""
 
-from __future__ import annotations
-
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st

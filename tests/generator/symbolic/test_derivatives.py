@@ -1,7 +1,5 @@
 """Derivatives: SymPy's own, term by term."""
 
-from __future__ import annotations
-
 import pytest
 import sympy as sp
 from hypothesis import given, settings

@@ -4,8 +4,6 @@ Values are compared with SymPy's own, derivatives with differences in 50 digits,
 type with exact values, also where the side that is not taken is no number.
 """
 
-from __future__ import annotations
-
 import platform
 import random
 import re

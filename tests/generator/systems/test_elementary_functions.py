@@ -1,7 +1,5 @@
 """Systems with sin, exp, log, roots and arcs: energy of EMS at round-off, orders, verification."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

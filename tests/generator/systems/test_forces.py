@@ -1,7 +1,5 @@
 """Forces without a potential: what their sums share, the time, and no steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

@@ -9,8 +9,6 @@ Each is written twice: in SymPy for ``gyrospark.System``, and by hand for the re
 discrete gradients that follow from Δ(uv) = ūΔv + v̄Δu, Δ√u = Δu/(√u₁ + √u₀), Δ(1/u) = −Δu/(u₀u₁).
 """
 
-from __future__ import annotations
-
 import mpmath as mp
 import numpy as np
 import pytest

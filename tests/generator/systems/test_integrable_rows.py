@@ -1,7 +1,5 @@
 """Velocity constraints that are rates of functions of position."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

@@ -5,8 +5,6 @@
              not, on r² + z² = l², damped and driven: n = 3, m = 1
 """
 
-from __future__ import annotations
-
 import pickle
 import re
 import runpy

@@ -6,8 +6,6 @@ That is an identity between any two states, so residuals at random unknowns must
 steps: D_p and D_q are read out of them, and H comes from its own function.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Lagrangians whose M is regular and not positive definite, and starts where it has no inverse."""
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

@@ -3,8 +3,6 @@
 M q̈ = L_q + F − (L_v)_q q̇ − (L_v)_t: both sides at random states, without a step taken.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

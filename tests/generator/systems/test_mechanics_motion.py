@@ -3,8 +3,6 @@
 Nine systems with bases that move, joints of all kinds, actuators, and loads of every kind.
 """
 
-from __future__ import annotations
-
 import warnings
 
 import numpy as np

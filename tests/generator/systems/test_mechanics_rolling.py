@@ -1,7 +1,5 @@
 """Nonholonomic constraints of sympy.physics.mechanics: accelerations as Kane's equations have."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

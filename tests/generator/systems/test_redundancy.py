@@ -1,7 +1,5 @@
 """Redundant, contradicting and empty constraints are refused by name; others pass."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import sympy as sp

@@ -4,8 +4,6 @@ Constraints need a tangent; a force that jumps may leave a step without a soluti
 must be one on every side; and what a certificate judges is what smooth motion keeps.
 """
 
-from __future__ import annotations
-
 import json
 import pickle
 import re

@@ -1,7 +1,5 @@
 """System: what it refuses, its derivatives, its hidden constraint; constants of a run."""
 
-from __future__ import annotations
-
 import cmath
 import dataclasses
 import random

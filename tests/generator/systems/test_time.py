@@ -4,8 +4,6 @@ The second way to every number is H + p_τ with the coordinate τ: q and p are t
 way, and W = −(p_τ − p_τ(0)).
 """
 
-from __future__ import annotations
-
 from functools import cache
 
 import numpy as np

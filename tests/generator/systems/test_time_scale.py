@@ -1,7 +1,5 @@
 """Systems in scaled time as expressions: H̃ = σ(H + e), forces, the constraint on the momenta."""
 
-from __future__ import annotations
-
 import json
 import random
 

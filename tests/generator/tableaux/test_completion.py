@@ -1,7 +1,5 @@
 """Butcher tableaux completed to SPARK tableaux, from Python and from files."""
 
-from __future__ import annotations
-
 import json
 from decimal import Decimal
 from fractions import Fraction

@@ -1,7 +1,5 @@
 """The free numbers of exact energy: what the tableau keeps for all of them, by a second way."""
 
-from __future__ import annotations
-
 from fractions import Fraction
 
 import mpmath as mp

@@ -1,7 +1,5 @@
 """Nodes, coefficients and conditions of the families, against the paper and independent sums."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from fractions import Fraction
