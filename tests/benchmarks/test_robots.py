@@ -115,8 +115,6 @@ def _newton_euler(scene):
     return found.reshape(-1, 6)[:, :3]
 
 
-# ---------------------------------------------------------------- files
-
 FOUR_BAR = """
 <mujoco model="bars">
   <compiler angle="radian"/>

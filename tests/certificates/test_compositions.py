@@ -123,9 +123,6 @@ def test_nodes_of_sabag_are_gaussian():
     assert np.abs(F).max() < 1e-14
 
 
-# ---------------------------------------------------------------- words
-
-
 def test_lyndon_words_are_counted_by_their_formula():
     """Witt's formula for free Lie algebras of two generators."""
     counts = [sum(len(w) == n and is_lyndon(w) for w in words_up_to("AB", 9)) for n in range(10)]
@@ -179,9 +176,6 @@ def test_conditions_agree_with_composed_maps():
 
 def test_the_kick_of_a_force_gradient_is_a_potential():
     assert force_gradient_residuals() == (0,) * 7
-
-
-# ---------------------------------------------------------------- certificates
 
 
 LONG = ("SS10", "ABA1064", "G6", "G8", "KL8")
@@ -246,9 +240,6 @@ def test_error_constant_of_strang():
     assert error_constant(COMPOSITIONS["Strang"]) == pytest.approx(exact, rel=1e-14)
 
 
-# ---------------------------------------------------------------- search
-
-
 @pytest.mark.parametrize(("name", "starts"), [
     ("G4", 3), pytest.param("KL6", 60, marks=pytest.mark.slow)])
 def test_a_search_finds_what_is_stored(name, starts):
@@ -272,23 +263,3 @@ def test_digits_from_doubles_are_those_stored(name, tmp_path, monkeypatch):
     composition_search.store(name, x, "a test")
     before[name]["found"] = "a test"
     assert json.loads(written.read_text(encoding="utf-8")) == before
-
-
-def test_slopes_of_the_search_are_those_of_differences():
-    for name in ("BM4", "SABAG6", "KL8"):
-        floats = FloatConditions(OrderConditions(COMPOSITIONS[name]))
-        x = np.random.default_rng(3).uniform(-0.3, 0.3, len(floats.conditions.unknowns))
-        rows = [(floats.evaluate(x + d)[0] - floats.evaluate(x - d)[0]) / 2e-6
-                for d in 1e-6 * np.eye(len(x))]
-        assert np.allclose(np.array(rows).T, floats.evaluate(x)[1], atol=1e-8)
-
-
-def test_doubles_and_intervals_agree():
-    for name in ("ABA1064", "G8", "SS10"):
-        conditions = OrderConditions(COMPOSITIONS[name])
-        x = [float(value) for value in conditions.unknowns]
-        F, J = conditions.evaluate(x, float)
-        G, K = FloatConditions(conditions).evaluate(np.array(x))
-        size = len(F)
-        assert np.allclose(F, G[:size], atol=1e-14)
-        assert np.allclose(J, K[:size], atol=1e-13)

@@ -35,15 +35,6 @@ def document(gyrospark):
 # ---------------------------------------------------------------- what runs
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
-def test_example_is_read(path):
-    """With a start on its constraints, up to the digits of the file."""
-    model = gs.load_model(path)
-    assert model.name == path.stem
-    assert len(model.q0) == len(model.p0) == model.system.n
-    assert model.dt > 0
-
-
 # Each is derived and compiled; the others are read above.
 @pytest.mark.parametrize("path", [
     path if path.stem == "pendulum"
@@ -184,11 +175,6 @@ HOSTILE = {
     "parentheses": (pendulum(H, "(" * 1900 + "x" + ")" * 1900), ["nested"]),
     "import": (pendulum(H, "__import__('os').system('touch /tmp/x')"), ["meaning"]),
     "huge power": (pendulum(H, "x**10**9"), ["±64"]),
-    "tower": (pendulum(H, "2**2**2**2**2**2"), ["±64"]),
-    "many terms": (pendulum(H, "(x + y + px + py)**60"), ["terms"]),
-    "long": (pendulum(H, "x + " * 2000 + "x"), ["8001 characters"]),
-    "keyword": (pendulum('"x", "y"', '"x", "int"').replace("g*y", "g*int").replace(
-        "y**2 -", "int**2 -").replace("-y", "-int"), ["'int'", "keyword"]),
     "redundant": (pendulum('constraints = ["', 'constraints = ["x**2 + y**2 - l**2", "').replace(
         '["rod"]', '["rod", "again"]'), ["constraint"]),
     "off any constraint": (pendulum('q = ["l", 0]', "q = [0, 0]"), ["'rod'", "start elsewhere"]),

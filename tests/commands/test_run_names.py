@@ -72,9 +72,6 @@ def test_counts_in_python_and_files(gl3, tmp_path):
     assert gs.certify(TOP, "IMS", dt=1e-3, steps=2.0).steps == 2
 
 
-# ---------------------------------------------------------------- γ that is not given
-
-
 def test_gamma_is_the_mean_wherever_parameters_are(gl3):
     ruled, known = TOP.parameters, TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
     q, p, x = TOP.q0, TOP.p0, np.zeros(gl3.unknowns)
@@ -96,9 +93,6 @@ def test_gamma_is_the_mean_wherever_parameters_are(gl3):
 def test_other_words_are_refused(changes, words, gl3):
     with pytest.raises(gs.InputError, match=words):
         gl3.step(TOP.q0, TOP.p0, dt=1e-3, parameters=TOP.parameters | {"gamma": 1e-3} | changes)
-
-
-# ---------------------------------------------------------------- --set
 
 
 def test_settings_are_the_file_with_other_values(gyrospark, tmp_path):

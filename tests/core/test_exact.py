@@ -73,9 +73,6 @@ def test_what_is_no_real_number(value):
     assert exact(value) is None
 
 
-# ---------------------------------------------------------------- text
-
-
 DIGITS = st.text("0123456789", max_size=40)  # a regular expression takes a second to prepare
 
 
@@ -100,8 +97,6 @@ def test_words_and_ends_of_the_range(text):
 def test_what_says_no_number(text):
     assert decimal(text) is None
 
-
-# ---------------------------------------------------------------- rounding
 
 fractions = st.builds(lambda m, d, e: Fraction(m, d) * Fraction(2) ** e,
                       st.integers(-2**200, 2**200), st.integers(1, 10**6), st.integers(-300, 300))
@@ -136,9 +131,6 @@ def test_ties_go_to_the_even_number():
     assert nearest(Fraction(2**60 + 2**7), 53, -2000) == (2**52, 8)
     assert nearest(Fraction(2**60 + 3 * 2**7), 53, -2000) == (2**52 + 2, 8)
     assert nearest(Fraction(2**54 - 1), 53, -2000) == (2**53, 1)  # one bit more: the next power
-
-
-# ---------------------------------------------------------------- to JSON and back
 
 
 @given(fractions)

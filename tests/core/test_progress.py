@@ -132,12 +132,6 @@ def test_false_is_silence_in_a_notebook_and_bits_are_the_same(notebook, gl3):
     assert np.array_equal(shown.q, silent.q)
 
 
-@pytest.mark.parametrize("wrong", ["yes", 3, 1.0])
-def test_what_is_no_function_and_no_bool_is_refused(wrong, gl3):
-    with pytest.raises(gs.InputError, match="progress"):
-        integrate(gl3, progress=wrong)
-
-
 @pytest.mark.parametrize(("seconds", "total", "left"), [
     (100.0, 100, ["0:13:20"]), (0.5, 100, []), (100.0, 2**60, [])])
 def test_the_time_left_is_of_the_speed_so_far(seconds, total, left, fresh, monkeypatch, caplog):

@@ -111,9 +111,6 @@ c = 3
         assert len(said) == 1
 
 
-# ---------------------------------------------------------------- Python
-
-
 def test_angles_of_the_double_pendulum_in_degrees():
     with pytest.warns(gs.errors.InputWarning, match=r"\[30, 45\].*radians\("):
         gs.models.double_pendulum(angles=(30, 45))
@@ -173,9 +170,6 @@ def test_remarks_are_heard_by_the_thread_that_listens():
     assert heard == {str(i): [str(i)] for i in range(8)}
     with pytest.warns(gs.errors.InputWarning, match="now"):
         warn("now")
-
-
-# ---------------------------------------------------------------- the command line
 
 
 def test_the_command_line_says_it_in_a_line_and_keeps_json(gyrospark, tmp_path):

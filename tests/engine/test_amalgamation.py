@@ -60,9 +60,6 @@ def other_engine(tmp_path, monkeypatch):
 CHANGE = ("fixed_point/convergence.h", "s->iterations > 2", "s->iterations > 3")
 
 
-# ---------------------------------------------------------------- short and standalone
-
-
 FULL = ["newton/step", "run/batch", "run/ensemble", "run/begin_advance"]
 RUN = ["newton/step", "profiles/run", "run/begin_advance"]
 
@@ -126,9 +123,6 @@ def test_without_the_folder_the_compiler_says_what_is_missing(tmp_path):
     assert "gyrospark include" in first
 
 
-# ---------------------------------------------------------------- engines that do not fit
-
-
 def test_a_missing_engine_is_one_sentence(gyrospark, tmp_path, monkeypatch):
     monkeypatch.setattr(engine, "FOLDER", tmp_path / "none")
     monkeypatch.setattr(importlib.import_module("gyrospark.commands.include"), "FOLDER",
@@ -162,9 +156,6 @@ def test_another_version_of_the_engine_is_refused(other_engine, gyrospark, tmp_p
     done = call([*compiler(MAIN), *FLAGS, f"-I{folder}", "-c", "x.c"], cwd=tmp_path)
     assert done.returncode != 0
     assert "version" in next(line for line in done.stderr.splitlines() if "error" in line)
-
-
-# ---------------------------------------------------------------- another engine, another stepper
 
 
 def test_a_changed_header_is_another_stepper(other_engine):

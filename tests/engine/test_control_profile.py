@@ -479,13 +479,6 @@ def test_same_bits_on_a_cortex_m4(tmp_path):
     assert text[1:3] == ["0", "0"]  # neither data nor bss
 
 
-def test_same_bits_on_aarch64(tmp_path):
-    needed("aarch64-linux-gnu-gcc", "qemu-aarch64")
-    expected = here(made(SMALL), tmp_path)
-    program(made(SMALL), tmp_path, ["aarch64-linux-gnu-gcc", "-O2"], "-static", "-lm", "-o", "arm")
-    assert said_by(["qemu-aarch64", "./arm"], tmp_path).splitlines() == expected
-
-
 # ---------------------------------------------------------------- derivatives
 
 

@@ -32,9 +32,6 @@ def another(name):
     return step, *systems.start(name, step), systems.case(name).parameters
 
 
-# ---------------------------------------------------------------- what is proved
-
-
 @pytest.mark.parametrize("name", BODIES)
 def test_the_schur_matrix_of_a_body_is_one_over_its_parameter(name):
     system = BODIES[name]
@@ -94,9 +91,6 @@ def test_folds_take_powers_of_two_into_constants():
     folded = folds(sp.Rational(1, 4) * k * x**2 - 2 * l * x)
     assert folded.xreplace({s: e for e, s in folds.definitions.items()}) == k * x**2 / 4 - 2 * l * x
     assert len(folds.definitions) == 2
-
-
-# ---------------------------------------------------------------- coefficients
 
 
 @pytest.mark.parametrize("real", ["float", "double", "long-double"])
@@ -176,9 +170,6 @@ def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau)
             terms = sum(abs(x * y) for x, y in zip(table[i], values, strict=True))
             wanted = (1 + part["c"][i])**degree * part["b"][i]
             assert abs(onward - wanted) <= terms * Fraction(2, 2**64)
-
-
-# ---------------------------------------------------------------- what it gives
 
 
 @pytest.mark.filterwarnings("ignore:The linearised motion")

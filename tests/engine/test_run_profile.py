@@ -192,9 +192,6 @@ def test_quantities(programs):
     assert found[0] == found[1]
 
 
-# ---------------------------------------------------------------- what is written
-
-
 def test_nothing_but_what_the_header_declares(programs):
     """No batches, no lanes, no residual; no static function that nothing calls."""
     program = programs("G-L2 double", "run")
@@ -211,9 +208,6 @@ def test_nothing_but_what_the_header_declares(programs):
         assert word not in source.source
 
 
-# ---------------------------------------------------------------- programs
-
-
 def test_header_is_for_cplusplus(programs, tmp_path):
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
@@ -224,9 +218,6 @@ def test_header_is_for_cplusplus(programs, tmp_path):
         done = call(["g++", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only",
                      "main.cpp"], cwd=tmp_path)
         assert done.returncode == 0, done.stderr
-
-
-# ---------------------------------------------------------------- choices
 
 
 def test_float128_is_taken():

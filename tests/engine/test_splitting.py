@@ -9,7 +9,6 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
-import splitting_systems
 from c_programs import Program
 from gyrospark.core.errors import InputError, StepFailed
 from gyrospark.generator.pipeline import generate
@@ -205,21 +204,12 @@ def test_what_a_splitting_does_not_have_is_refused():
         lambda: gs.stepper("splitting", order=6, composition="G4"),
         lambda: gs.stepper("splitting", composition="SABAG6"),  # I2 may differ from I1
         lambda: gs.stepper("splitting", order=4, frame="symmetries"),
-        lambda: gs.stepper("splitting", order=4, system="double_pendulum"),
-        lambda: gs.stepper("splitting", order=4, system="chain"),
         lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
         lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
                                solver="newton"),
     ):
         with pytest.raises(InputError):
             call()
-
-
-@pytest.mark.parametrize(("system", "choice", "said"), [
-    ("driven", {"order": 4}, "order = 4.*drag"), ("drag", {"composition": "G4"}, "G4.*'drag'")])
-def test_forces_bound_the_order(system, choice, said):
-    with pytest.raises(InputError, match=said):
-        gs.stepper("splitting", system=splitting_systems.SYSTEMS[system][0], **choice)
 
 
 def with_drag(turntable, **moments):

@@ -30,9 +30,8 @@ from work_memory import integers_of
 
 from .choices import Choices
 from .file_texts import text_of
+from .judging import refuse_unless_sentence, scratch
 from .mutations import changed_bytes, changed_tree
-from .scratch import scratch
-from .sentences import refuse_unless_sentence
 
 #: Steps that an accepted checkpoint is taken on by: fits and lessons of the predictor among them.
 STEPS = 10
@@ -123,9 +122,6 @@ def check(data: bytes) -> str:
         return forged_checkpoint(choices, case(choices.below(4)))
 
 
-# ---------------------------------------------------------------- the checkpoint
-
-
 def forged_checkpoint(choices: Choices, one: Case) -> str:
     state = None
     try:
@@ -161,9 +157,6 @@ def forged(choices: Choices, one: Case) -> np.ndarray:
     if choices.one_in(32):
         digest = changed_bytes(digest, choices).ljust(32, b"\0")[:32]
     return np.frombuffer(digest + bytes(body), dtype=np.uint8)
-
-
-# ---------------------------------------------------------------- the store
 
 
 def forged_store(choices: Choices, one: Case) -> str:

@@ -1,7 +1,8 @@
 """Every way into the package, as a function of bytes.
 
 An entrance turns bytes into an input by ``Choices``, hands it over, and returns "accepted" or what
-kind of refusal it met; whatever else happens is a failure. Python calls have absurd arguments in
+kind of refusal it met; whatever else happens is a failure. Command lines have bad words in
+``tests/commands/test_cli.py``, Python calls absurd arguments in
 ``tests/api/test_hostile_calls.py``, the C has in ``tests/native/test_c_random_input.py``.
 """
 
@@ -10,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from . import checkpoints, command_line, file_texts, files, formulas
+from . import checkpoints, file_texts, files, formulas
 
 __all__ = ["ENTRANCES", "Entrance"]
 
@@ -27,8 +28,6 @@ class Entrance:
 
 
 ENTRANCES = {entrance.name: entrance for entrance in (
-    Entrance("command", "the command line, every command and option",
-             command_line.check, 300, 0.05),
     Entrance("checkpoint", "checkpoints of stored runs, and stores, forged", checkpoints.check,
              300, 0.1),
     Entrance("trajectory", "trajectory files (.npz), and what is asked of them", files.check,

@@ -17,9 +17,8 @@ from processes import ROOT
 
 from .choices import Choices
 from .formulas import formula, grown
+from .judging import refuse_unless_sentence, scratch
 from .mutations import changed_text, changed_tree
-from .scratch import scratch
-from .sentences import refuse_unless_sentence
 
 #: Small relatives of the examples, with what those do not have.
 MORE = (
@@ -138,10 +137,6 @@ ENTRIES = ("1/2", "sqrt(3)/6", "-sqrt(15)/10", "2**64", "2**65", "sqrt(2)**63", 
            "sqrt(sqrt(2) - 1)", "sqrt(1 - sqrt(2))", "0", "-0", "0.1", "0.21132486540518711775")
 
 
-
-# ---------------------------------------------------------------- trees as text
-
-
 def toml(tree: Any) -> str:
     """Return a tree as TOML; what TOML has no word for is written as JSON would."""
     lines = [f"{key(k)} = {inline(v)}" for k, v in tree.items()] if isinstance(tree, dict) else [
@@ -180,9 +175,6 @@ def text_of(tree: Any) -> str:
     if isinstance(tree, int) and not isinstance(tree, bool):
         return digits(tree)
     return json.dumps(tree)
-
-
-# ---------------------------------------------------------------- formats
 
 
 def examples(pattern: str) -> list[str]:

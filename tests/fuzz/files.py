@@ -20,9 +20,8 @@ from gyrospark.core.errors import GyrosparkError, InputError
 
 from .choices import Choices
 from .file_texts import text_of
+from .judging import refuse_unless_sentence, scratch
 from .mutations import changed_bytes, changed_tree
-from .scratch import scratch
-from .sentences import refuse_unless_sentence
 
 WORDS = ("float128", "float", "double", "heavy_top", "name", "null", "true", "-1", "[]", "{}", "q0")
 DTYPES = ("f8", "f4", "g", "i8", "u1", "c16", "?", "U3", "S2", ">f8", "M8[s]", "V4", "f2")

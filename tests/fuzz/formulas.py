@@ -11,8 +11,8 @@ from gyrospark.generator.models.formulas import FUNCTIONS, parse_formula, parse_
 from gyrospark.generator.parsing.exact_expressions import parse_expression
 
 from .choices import Choices
+from .judging import refuse_unless_sentence
 from .mutations import changed_text
-from .sentences import refuse_unless_sentence
 
 NUMBERS = ("0", "1", "2", "3", "1/2", "0.1", "1e-3", "64", "65", "1e400", "1e-400", "9.81", "5e307",
            "1e9999", "0x10", "1_000", "12345678901234567890", "0.33333333333333333", ".5", "1.",

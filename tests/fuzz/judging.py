@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import atexit
 import random
+import shutil
 import signal
+import tempfile
 import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from types import FrameType
 
 from gyrospark.core.errors import InputWarning
 
-__all__ = ["CORPUS", "Failure", "Verdict", "corpus", "judge", "random_input", "shrunk"]
+__all__ = ["CORPUS", "Failure", "Verdict", "corpus", "judge", "random_input",
+           "refuse_unless_sentence", "scratch", "shrunk"]
 
+MEMORY = Path("/dev/shm")
 STATM = Path("/proc/self/statm").exists()
 CORPUS = Path(__file__).resolve().parent / "corpus"
 Check = Callable[[bytes], str]
@@ -108,9 +114,6 @@ def memory_limit() -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_AS, before)
 
 
-# ---------------------------------------------------------------- inputs
-
-
 def random_input(name: str, seed: int, number: int) -> bytes:
     """Return the input of a number: the same in every run and process.
 
@@ -151,3 +154,21 @@ def shrunk(data: bytes, fails: Callable[[bytes], bool], seconds: float = 20.0) -
         if data[at] and time.perf_counter() < end and fails(plainer):
             data = plainer
     return data
+
+
+def refuse_unless_sentence(error: Exception, *words: str) -> None:
+    """Fail unless an error is a sentence, of a length that can be read, that has these words."""
+    text = str(error)
+    assert all(word in text for word in words), text
+    assert text.strip(), "an error says nothing"
+    assert text.rstrip().endswith((".", ")", "…")), f"no end of a sentence: {text[-80:]!r}"
+    assert len(text) < 4000, f"an error of {len(text)} characters: {text[:200]!r}"
+
+
+@cache
+def scratch() -> Path:
+    """Return this process's folder; it goes when the process ends."""
+    place = MEMORY if MEMORY.is_dir() else None
+    folder = Path(tempfile.mkdtemp(prefix="gyrospark-fuzz-", dir=place))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

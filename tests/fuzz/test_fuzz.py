@@ -55,8 +55,8 @@ def test_seeded_inputs(name):
     assert len(outcomes) > 1
 
 
-@pytest.mark.parametrize("name", [  # those compile or start what bytes ask for
-    pytest.param(name, marks=[pytest.mark.slow] * (name in ("command", "checkpoint")))
+@pytest.mark.parametrize("name", [  # which compiles what bytes ask for
+    pytest.param(name, marks=[pytest.mark.slow] * (name == "checkpoint"))
     for name in ENTRANCES])
 @settings(max_examples=3, database=None,
           suppress_health_check=[HealthCheck.too_slow, HealthCheck.data_too_large])
@@ -70,9 +70,6 @@ def test_any_bytes(name, data):
 def test_many_inputs(name):
     for number in range(20_000):
         try_one(name, random_input(name, 1, number))
-
-
-# ---------------------------------------------------------------- the driver itself
 
 
 def test_choices_of_nothing_are_the_plainest():

@@ -1,13 +1,19 @@
-"""The page on other libraries: its blocks run where their library is installed."""
+"""Other libraries: the page's blocks run where their library is installed; SciPy with gradients."""
 
 from __future__ import annotations
 
+import importlib
+import sys
 from importlib.util import find_spec
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize
 
 from documents import FENCE
+from flows import start_of, stepper_of
+from gyrospark.core.errors import MissingDependencyError
+from gyrospark.core.extras import install
 from processes import ROOT
 
 HEAD, *SECTIONS = (ROOT / "docs" / "interop.md").read_text(encoding="utf-8").split("\n## ")
@@ -58,3 +64,40 @@ def test_blocks_of_a_section(title):
 
 def test_each_section_with_code_is_run():
     assert {one.partition("\n")[0] for one in SECTIONS if blocks(one)} == CHECKS.keys()
+
+
+@pytest.mark.parametrize("name", ["jax", "torch", "casadi"])
+def test_a_missing_package_is_named(name, monkeypatch):
+    for module in [one for one in sys.modules if one.partition(".")[0] == name]:
+        monkeypatch.delitem(sys.modules, module)
+    monkeypatch.setitem(sys.modules, name, None)
+    monkeypatch.delitem(sys.modules, f"gyrospark.interop.{name}", raising=False)
+    with pytest.raises(MissingDependencyError) as refusal:
+        importlib.import_module(f"gyrospark.interop.{name}")
+    assert install(name) in str(refusal.value)
+
+
+def test_minimize_finds_inputs():
+    """Little effort that turns a pendulum nearly into a given state, by the adjoint."""
+    step, steps = stepper_of("pushed"), 20
+    q, p, parameters, dt, _ = start_of("pushed")
+    goal = np.array([0.0, 1.0])
+
+    def miss(run):
+        off = run.q[-1] - goal
+        return off @ off + run.p[-1] @ run.p[-1], {"q": 2 * off, "p": 2 * run.p[-1]}
+
+    f = step.value_and_gradient(miss, q, p, wrt=["inputs"], parameters=parameters, dt=dt,
+                                steps=steps, inputs=np.zeros((steps, 2)))
+
+    def loss(x):
+        value, gradient = f(x)
+        return value + 1e-6 * x @ x, gradient + 2e-6 * x
+
+    found = minimize(loss, np.full(2 * steps, 0.1), jac=True, method="L-BFGS-B",
+                     options={"maxiter": 100})
+    assert found.success
+    assert found.nfev < 60
+    run = step.integrate(q, p, dt=dt, steps=steps, parameters=parameters,
+                         inputs=found.x.reshape(steps, 2))
+    assert np.abs(run.q[-1] - goal).max() < 1e-2

@@ -125,9 +125,6 @@ def imports_of(path: Path) -> set[str]:
     return found
 
 
-# ---------------------------------------------------------------- who imports whom
-
-
 def test_dependencies_are_those_imported():
     """What the package imports is declared, as a dependency or as an extra.
 

@@ -1,4 +1,4 @@
-"""Packaging, imports, public names, README and pages."""
+"""Packaging, public names, README and pages; sizes that keep the project readable."""
 
 from __future__ import annotations
 
@@ -17,12 +17,10 @@ from gyrospark.commands import gyrospark as command_line
 from gyrospark.commands.generate import generate
 from gyrospark.core.extras import packages_of
 from processes import ROOT, call
+from toy import HEADERS
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-
-
-# ---------------------------------------------------------------- packaging
 
 
 def folders_to_install() -> list[Path]:
@@ -86,9 +84,6 @@ def test_console_scripts_point_at_functions():
         assert callable(getattr(importlib.import_module(module), function))
 
 
-# ---------------------------------------------------------------- the public face
-
-
 def test_public_names_resolve():
     for name in gyrospark.__all__:
         assert getattr(gyrospark, name) is not None
@@ -112,9 +107,6 @@ def test_hints_name_the_packages_of_an_extra(monkeypatch):
               for extra, found in extras.items() for one in found]
     monkeypatch.setattr("importlib.metadata.requires", lambda name: listed)
     assert {extra: packages_of(extra) for extra in extras} == checkout
-
-
-# ---------------------------------------------------------------- README and pages
 
 
 def commands_of(text: str) -> list[list[str]]:
@@ -207,3 +199,34 @@ def test_extras_are_documented():
 def test_ci_calls_the_readme_test_command():
     assert "make test" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
     assert "make test" in README
+
+
+#: Files of the root that tools ask for by name.
+TOOLING = {"CITATION.cff", "LICENSE", "MANIFEST.in", "Makefile", "__main__.py", "_version.py",
+           "__init__.pyi", "py.typed", "pyproject.toml", "setup.py"}
+
+
+def lines(path):
+    return path.read_text(encoding="utf-8").count("\n")
+
+
+def test_generated_files_hold_what_was_derived():
+    files = sorted((ROOT / "generated").glob("*.c"))
+    assert len(files) == 6
+    assert lines(ROOT / "generated" / "heavy_top_gl3_gamma.c") <= 750
+    assert max(map(lines, files)) <= 900
+
+
+def test_the_engine_has_few_headers_none_of_them_long():
+    """That each compiles alone is tested with the engine."""
+    assert 40 <= len(HEADERS) <= 110
+    assert max(map(lines, HEADERS)) <= 600
+
+
+def test_the_root_has_few_files():
+    if not (ROOT / ".git").exists():
+        pytest.skip("this is no git checkout")
+    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    files = {name for name in listed if name and "/" not in name and not name.startswith(".")}
+    assert files >= TOOLING
+    assert len(files - TOOLING) <= 8, sorted(files - TOOLING)

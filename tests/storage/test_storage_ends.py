@@ -58,9 +58,6 @@ def end(process):
     return process.returncode, stdout, stderr
 
 
-# ---------------------------------------------------------------- signals
-
-
 def test_signal_ends_a_run_at_a_commit(tmp_path):
     """It says where it stands, and all of that is in the store."""
     process = begin([*LONG, *OUT], tmp_path)
@@ -155,8 +152,6 @@ def test_run_that_was_done_before_says_so(gyrospark):
     assert " step 50\n" in more
     assert "µs a step" in more
 
-
-# ---------------------------------------------------------------- kill -9
 
 EVERY_STEP = [*TOP, "--steps", "80000"]
 PARTS_OF_BLOCKS = ["run", "fast-top", "--scheme", "EMS", "--rep", "alpha", "--dt", "1e-3",

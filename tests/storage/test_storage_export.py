@@ -7,6 +7,7 @@ import json
 import re
 import sys
 import warnings
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -20,10 +21,26 @@ import systems
 from calls import integrate
 from command_line import FAILS, RUN, refused
 from gyrospark.runtime.results.state_columns import headings
-from stored_runs import RUNS
 from stores import START, Interrupted, assert_same, ends_after, record, small_blocks
 
 ENDS = [".csv", ".nc", ".npz"]
+
+
+def record_case(out, name="heavy_top", real="double", steps=25, every=2, **options):
+    """Return the stored run of a case of the catalogue."""
+    step, case = systems.stepper(name, real=real), systems.case(name)
+    q, p = systems.start(name, step)
+    return record(step, gs.Start(q, p, t=case.t0), out=out, dt=case.dt, steps=steps,
+                     every=every, parameters=case.parameters, **options)
+
+
+RUNS = {
+    "top": record_case,
+    "forced": partial(record_case, name="dragged_pendulum", steps=35, every=3),
+    "two constraints": partial(record_case, name="two_rods", steps=10, every=1),
+    "long double": partial(record_case, real="long-double"),
+    "one state": partial(record_case, steps=0, every=1),
+}
 
 
 @pytest.fixture(scope="module", params=[  # the top is exported in long double
@@ -43,9 +60,6 @@ def read_csv(path):
     assert len(set(headings)) == len(headings)
     columns = np.array(rows, dtype=float).reshape(len(rows), len(headings))
     return {name: columns[:, i] for i, name in enumerate(headings)}
-
-
-# ---------------------------------------------------------------- the same numbers
 
 
 NAMES = {
@@ -153,9 +167,6 @@ def test_unfinished_run(gl3, tmp_path, monkeypatch):
     np.testing.assert_array_equal(read_netcdf(netcdf)["q"], exact)
 
 
-# ---------------------------------------------------------------- the commands
-
-
 @pytest.mark.parametrize("name", ["x.nc", "x.zarr", "a b γ.csv"])
 def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
     """Numbers on stdout and states in the file are those of any other --out; nothing else stays."""
@@ -245,9 +256,6 @@ def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
     with pytest.raises(gs.errors.MissingDependencyError):
         gs.load("run.zarr").save("x.nc")
     assert sorted(p.name for p in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
-
-
-# ---------------------------------------------------------------- nothing is lost
 
 
 def test_stopped_run_writes_what_it_has(gl3, gyrospark, monkeypatch, tmp_path):

@@ -28,8 +28,6 @@ from stores import (
     small_blocks,
 )
 
-# ---------------------------------------------------------------- ended anywhere
-
 
 @pytest.mark.parametrize(("name", "scheme", "real", "solver"), [
     ("heavy_top", "EMS", "double", "newton"),
@@ -81,9 +79,6 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
         check(step, tmp_path, calls, chunk, **arguments)
         found = gs.load(tmp_path / "pieces.zarr")[:]
         assert_same(found, integrate(step, **arguments))
-
-
-# ---------------------------------------------------------------- what an end leaves
 
 
 @given(calls=st.lists(st.integers(1, 6), min_size=1, max_size=6))
@@ -209,9 +204,6 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     monkeypatch.setattr(array_layout, "_MOST_ROWS", 64)
     record(gl3, **arguments, out=tmp_path / "run.zarr", resume=True)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "run.zarr")
-
-
-# ---------------------------------------------------------------- more steps
 
 
 @pytest.mark.parametrize(("first", "second", "every"), [

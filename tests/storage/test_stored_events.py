@@ -50,9 +50,6 @@ def small(patch, chunk, rows, seconds=0.0):
     patch.setattr(array_layout, "_MOST_EVENTS", 2)
 
 
-# ---------------------------------------------------------------- ended anywhere
-
-
 @pytest.mark.parametrize(("ends", "status", "steps", "chunk", "rows", "every", "calls"), [
     ([], "complete", 60, 32, 8, 7, [1]), ([DIP], "ended: touch", 16, 5, 4, 7, [2] * 2),
     pytest.param([STOP, DIP], "ended: touch", 16, 99, 64, 1, [], marks=pytest.mark.slow)])
@@ -101,9 +98,6 @@ def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
         seen.append(found.steps_done)
     assert seen == sorted(set(seen))
     assert seen[-1] > 17
-
-
-# ---------------------------------------------------------------- more steps, other events
 
 
 @pytest.mark.parametrize(("first", "second"), [
@@ -162,9 +156,6 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
             "events": gs.Event("angle", name="../angle")})
     assert not (tmp_path / "other.zarr").exists()
     assert as_files(tmp_path / "run.zarr") == before
-
-
-# ---------------------------------------------------------------- what is asked of it
 
 
 def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:

@@ -80,9 +80,6 @@ def test_every_claim_holds(key: str) -> None:
             assert all(type(v) is float and math.isfinite(v) for v in (*series.x, *series.y))
 
 
-# ---------------------------------------------------------------- proofs that can fail
-
-
 def test_forms_differ_for_another_alpha() -> None:
     assert gradients_claim().holds
     assert not gradients_claim(sp.Symbol("other")).holds
@@ -137,9 +134,6 @@ def test_a_wrong_law_is_refuted(monkeypatch: pytest.MonkeyPatch, term: str, clai
 
 def test_energy_of_another_gamma_is_not_quadratic() -> None:
     assert not integrable_claim(sp.Symbol("other")).holds
-
-
-# ---------------------------------------------------------------- what the proofs stand on
 
 
 def test_series_keep_powers_of_both_signs() -> None:

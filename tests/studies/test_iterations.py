@@ -10,8 +10,6 @@ from gyrospark.studies import iterations, robustness
 from gyrospark.studies.case_runner import Engine, parameter_value
 from gyrospark.studies.inexact_jacobian import InexactTop, dropped_term, inexact_stepper
 from gyrospark.studies.iterations import (
-    table_9,
-    table_10,
     table_11,
     table_12,
     table_13,
@@ -28,9 +26,6 @@ STATE = (TOP.q0, TOP.p0)
 
 def parameters(rep, rule="m"):
     return TOP.parameters | {rep: parameter_value(rule, TOP.inertia)}
-
-
-# ------------------------------------------------------------ the driver
 
 
 @pytest.mark.parametrize(
@@ -89,9 +84,6 @@ def test_stagnation_is_not_divergence_unless_nothing_is_solved():
     assert len(strict.iterations) == 1
 
 
-# ------------------------------------------------------------ the inexact Jacobian
-
-
 @pytest.mark.parametrize("rep", ["gamma", pytest.param("alpha", marks=pytest.mark.slow)])
 def test_only_the_intended_term_is_dropped(rep):
     """d(L(q)ᵀ)·u with u = D L(q)p/4, written out by finite matrices instead of derivatives."""
@@ -146,9 +138,6 @@ def test_inexact_converges_linearly():
     assert "inexact" not in exact.files["heavy_top_liiiab3_gamma.c"]
 
 
-# ------------------------------------------------------------ the tables
-
-
 def test_within_one_compares_at_the_printed_digits():
     assert within_one(28.99, "30")
     assert within_one(13.07, "14.1")
@@ -189,12 +178,6 @@ def test_table_8_with_the_inexact_jacobian():
     assert largest_step("LIIIA-B", 4, "alpha", "100m", 1e-4, 160, False) > 0.004
 
 
-@pytest.mark.slow
-def test_table_8_in_short():
-    table = table_8(Engine(short=True))
-    assert all(c.holds for c in table.claims if "1-G-L-α" in c.statement)
-
-
 def test_cells_of_table_8(monkeypatch):
     """IMS and EMS have the exact Jacobian, SPARK methods the inexact one beside it."""
     monkeypatch.setattr(robustness, "largest_step", lambda *given: 0.01)
@@ -208,49 +191,6 @@ def test_cells_of_table_8(monkeypatch):
     ("0.2", 0.2, "differs")])  # the search ends there
 def test_verdicts_of_table_8(printed, step, verdict):
     assert robustness._cell("G-L", "2", printed, step, inexact=False).verdict == verdict
-
-
-def claim(table, words):
-    return next(c for c in table.claims if words in c.statement)
-
-
-@pytest.mark.slow  # printed numbers; table 10 stays
-def test_table_9():
-    """All eight printed γ cells within ±1; λ in the norm makes both types stagnate."""
-    table = table_9(Engine())
-    rows = claim(table, "γ rows")
-    # the count of one row turns on last bits, which depend on how the C was optimised
-    assert rows.found in ("8 of 8", "7 of 8")
-    assert all(c.holds for c in table.claims if c is not rows)
-    explained = {c.row[0] for c in table.cells if "erratum 20" in c.note}
-    assert explained == {"α"}
-
-
-@pytest.mark.slow  # hundreds of runs
-def test_table_10():
-    """14 of the 19 readable cells; the issue wanted 17, see the note in the table."""
-    table = table_10(Engine())
-    near = int(claim(table, "readable cells").found.split()[0])
-    assert near >= 14
-    assert claim(table, "With the exact Jacobian").holds
-
-
-@pytest.mark.slow  # the paper's tables as a whole
-@pytest.mark.parametrize("make", [table_11, table_12, table_13])
-def test_lobatto_tables(make):
-    table = make(Engine())
-    assert all(c.holds for c in table.claims)
-    assert len(table.cells) == 48
-
-
-@pytest.mark.slow
-def test_tables_12_to_14_together():
-    """Three quarters of the cells, whatever the last bits; all but a few for Δt = 0.01, 0.005."""
-    table = table_14(Engine())
-    found = claim(table, "inexact Jacobian gives").found
-    near, total = (int(w) for w in found.split(" cells")[0].split(" of "))
-    assert total == 48
-    assert near >= 36
 
 
 def test_misprints_are_named(monkeypatch):

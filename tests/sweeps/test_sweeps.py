@@ -300,11 +300,8 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
     ({"gamma": [1e-3]}, {"steps": None, "t_end": 1.0, "every": 2}, ["every needs"]),
     ({"gamma": [1e-3]}, {"steps": None, "duration": 1.0}, ["'duration'", "t_end"]),
     ({"mgl": [0.3]}, {"parameters": {"gamma": "h"}}, ["gamma = 'h'", "gyrospark.gamma("]),
-    ({"gamma": [1e-3]}, {"solver": "magic"}, ["magic"]),
-    ({"gamma": [1e-3]}, {"scheme": "G-L 2", "real": "float128"}, ["float128"]),
     ({"gamma": [1e-3]}, {"keep": ["energy"]}, ["'energy'", "energy_error_max"]),
     ({"gamma": [1e-3]}, {"dt": None}, ["dt"]),
-    ({"gamma": [1e-3]}, {"parameters": {"mgl": "heavy"}}, ["mgl", "heavy"]),
     ({"gamma": [1e-3]}, {"resume": True}, ["resume"]),
     ([("gamma", [1e-3])], {}, ["no dict"]),
 ])

@@ -350,21 +350,3 @@ def test_a_top_is_drawn_as_that_of_a_run(gl3, heavy_top):
         assert (shape.kind, shape.colour) == (drawn["kind"], drawn["colour"])
         np.testing.assert_allclose(drawn["size"], shape.size, rtol=1e-9)
         np.testing.assert_allclose(drawn["centre"], shape.centre, atol=1e-9)
-
-
-@pytest.mark.slow  # derives a double pendulum
-@needs_zig
-@needs_node
-def test_bodies_have_the_shape_of_those_of_a_run(tmp_path):
-    model = gs.models.double_pendulum()
-    run = gs.stepper("IMS", system=model).integrate(
-        model.q0, model.p0, dt=1e-3, steps=1, parameters=model.parameters)
-    said = in_node(build("web", model, scheme="IMS", dt=5e-3, out=tmp_path / "page.html"))
-    for mine, part in zip(said["shapes"], scene_of(run, 2).parts, strict=True):
-        assert mine["name"] == part.name
-        np.testing.assert_allclose(mine["centre"], part.centre, atol=1e-15)
-        np.testing.assert_allclose(mine["tip"], part.tip, atol=1e-12)
-        np.testing.assert_allclose(np.abs(np.array(mine["axes"]) @ part.axes), np.eye(3),
-                                   atol=1e-12)
-        for kind, sizes in part.sizes.items():
-            np.testing.assert_allclose(mine["sizes"][kind], sizes, rtol=1e-12)
