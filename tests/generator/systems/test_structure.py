@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 from dataclasses import replace
 from itertools import pairwise
 
@@ -210,6 +211,24 @@ def test_orders_name_every_node_once(graph):
     order = reverse_cuthill_mckee(named)
     assert sorted(order) == sorted(named)
     assert sorted(eliminate(graph).order) == sorted(graph)
+
+
+def test_pivots_are_those_of_a_search_through_all_rows():
+    for seed in range(60):
+        draw = random.Random(seed)
+        n = draw.randint(1, 20)
+        graph = _graph(n, [(draw.randrange(n), draw.randrange(n))
+                           for _ in range(draw.randint(0, 4 * n))])
+        left, order = {row: set(others) for row, others in graph.items()}, []
+        while left:
+            rows = sorted(left, key=lambda row: (len(left[row]), row))
+            free = [row for row in rows
+                    if all(left[row] <= left[other] | {other} for other in left[row])]
+            order.append([*free, rows[0]][0])
+            others = left.pop(order[-1])
+            for row in others:
+                left[row] = (left[row] | others) - {row, order[-1]}
+        assert [*eliminate(graph).order] == order
 
 
 def test_a_path_has_bandwidth_one_and_no_fill():
