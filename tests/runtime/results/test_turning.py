@@ -11,6 +11,7 @@ import pytest
 
 import gyrospark as gs
 import systems
+from calls import LATE, TOP
 from gyrospark.errors import InputWarning
 from gyrospark.runtime.integration.linear_frequency import fastest_frequency
 from gyrospark.runtime.integration.run_arguments import StartNumbers
@@ -56,12 +57,9 @@ def test_a_failed_step_and_its_rotation_are_reported_in_one_line(gyrospark):
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_the_error_and_the_bound_of_order_two(gl3):
     """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""
-    top = gs.problems.fast_top()
-    parameters = top.parameters
     dt = 1.5 / (40 * pi)
-    made = systems.stepper("heavy_top", "EMS").integrate(top.q0, top.p0, dt=dt, steps=28,
-                                                         parameters=parameters)
-    true = gl3.integrate(top.q0, top.p0, dt=dt / 8, steps=8 * 28, every=8, parameters=parameters)
+    made = systems.stepper("heavy_top", "EMS").integrate(TOP, dt=dt, steps=28)
+    true = gl3.integrate(TOP, dt=dt / 8, steps=8 * 28, every=8)
     off = 2 * np.arccos(np.clip(np.abs((made.q * true.q).sum(axis=1)), 0, 1))
     assert off[14] == pytest.approx(14 * (1.5 - 4 * np.arctan(1.5 / 4)), rel=0.1)
 
@@ -69,10 +67,9 @@ def test_the_error_and_the_bound_of_order_two(gl3):
 @pytest.mark.parametrize("radians", [2.0, 3.4])
 def test_the_error_that_order_six_has(gl3, radians):
     """The fast top errs by a hundredth of the expectation at least, and never by more."""
-    top = gs.problems.fast_top()
-    parameters, dt = top.parameters, radians / (40 * pi)
-    made = gl3.integrate(top.q0, top.p0, dt=dt, steps=40, parameters=parameters)
-    true = gl3.integrate(top.q0, top.p0, dt=dt / 8, steps=8 * 40, every=8, parameters=parameters)
+    dt = radians / (40 * pi)
+    made = gl3.integrate(TOP, dt=dt, steps=40)
+    true = gl3.integrate(TOP, dt=dt / 8, steps=8 * 40, every=8)
     sign = np.sign((made.q[-1] * true.q[-1]).sum())
     error = 2 * np.linalg.norm(sign * made.q[-1] - true.q[-1]) / (40 * radians)
     assert phase_error(6, radians) / 100 < error < phase_error(6, radians)
@@ -80,11 +77,9 @@ def test_the_error_that_order_six_has(gl3, radians):
 
 def test_a_warning_has_the_error_to_expect(gl3):
     """Order 6 bears 3.5 rad; just beyond it is 2 % off, and the motion is lost from 4.2 on."""
-    top = gs.problems.fast_top()
     for radians, words in ((3.6, "2e-02"), (4.5, "lost")):
         with pytest.warns(gs.errors.InputWarning, match=words):
-            gl3.step(top.q0, top.p0, dt=radians / (40 * pi),
-                     parameters=top.parameters)
+            gl3.step(TOP, dt=radians / (40 * pi))
 
 
 def test_of_several_bodies_the_fastest(gyrospark):
@@ -119,9 +114,7 @@ def said_of(call):
 
 def test_python_warns_as_the_command_does(gl3, tmp_path):
     """At 2 rad a step nobody, at 6.3 everybody, once a call; the advice is a smaller step."""
-    top = gs.problems.fast_top()
-    parameters = top.parameters
-    start, many = (top.q0, top.p0), ([top.q0] * 2, [top.p0] * 2)
+    start, many = (TOP.q0, TOP.p0), ([TOP.q0] * 2, [TOP.p0] * 2)
     calls = {
         "integrate": lambda how: gl3.integrate(*start, steps=4, **how),
         "start": lambda how: gl3.start(*start, **how),
@@ -134,11 +127,11 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
                                         out=tmp_path / f"{how['dt']}.zarr"),
         "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
                                       stages=3, steps=4, parameters={"gamma": 4e-4}),
-        "tuned": lambda how: gl3.integrate(gs.Start(*start, parameters).of_model(
-            {"gamma": top.inertia}, {"gamma": "auto"}), dt=how["dt"], steps=4),
+        "tuned": lambda how: gl3.integrate(gs.Start(*start, TOP.parameters).of_model(
+            {"gamma": TOP.inertia}, {"gamma": "auto"}), dt=how["dt"], steps=4),
     }
     for name, call in calls.items():
-        slow, fast = ({"dt": dt, "parameters": parameters} for dt in (2 / (40 * pi), 0.05))
+        slow, fast = ({"dt": dt, "parameters": TOP.parameters} for dt in (2 / (40 * pi), 0.05))
         assert said_of(partial(call, slow)) == [], name
         said = [text for text in said_of(partial(call, fast)) if "rad" in text]
         assert len(said) == 1, name  # cells of the sweep fail too, and that is told
@@ -147,11 +140,9 @@ def test_python_warns_as_the_command_does(gl3, tmp_path):
 
 def test_a_body_that_gets_fast_on_the_way():
     """Let go near its highest place, a top is at rest at first; shown by a state on the way."""
-    top = gs.problems.fast_top()
-    parameters = top.parameters
-    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    q, p = LATE
     step = systems.stepper("heavy_top")
-    run = {"dt": 0.09, "parameters": parameters}
+    run = {"dt": 0.09, "parameters": TOP.parameters}
     assert len(said_of(lambda: step.integrate(q, p, steps=200, **run))) == 1
     starts = [gs.Start(q, p), gs.Start(q * [1, -1, 1, 1], p)]
     assert len(said_of(lambda: step.integrate_ensemble(starts, steps=200, **run))) == 1
@@ -161,26 +152,24 @@ def test_a_body_that_gets_fast_on_the_way():
 
 def test_the_fastest_rotation_of_a_run_is_that_of_its_states(tmp_path):
     """From the free fall of a top; the energy bounds it: ½ I₁ ω² ≤ H + m g l."""
-    top = gs.problems.fast_top()
-    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    q, p = LATE
     step = systems.stepper("heavy_top")
-    run = {"dt": 1e-2, "steps": 90, "parameters": top.parameters}
+    run = {"dt": 1e-2, "steps": 90, "parameters": TOP.parameters}
     made = step.integrate(q, p, **run)
     omega = np.linalg.norm(made.body().angular_velocity(), axis=1)
     assert made.rotation_max == pytest.approx(1e-2 * omega.max(), rel=1e-12)
     assert made[:1].rotation_max == 0.0
     assert 0 < made[:20].rotation_max < made.rotation_max
     assert made.rotation_max <= 1e-2 * np.sqrt(
-        2 * (made.energies[0] + top.parameters["mgl"]) / min(top.inertia))
+        2 * (made.energies[0] + TOP.parameters["mgl"]) / min(TOP.inertia))
     assert step.integrate(q, p, **run, out=tmp_path / "a.zarr").rotation_max == made.rotation_max
 
 
 def test_a_stored_run_that_is_fast_on_the_way_warns(tmp_path):
     """At the end the top is slow again: the last row alone would not show it."""
-    top = gs.problems.fast_top()
-    q, p = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
+    q, p = LATE
     step = systems.stepper("heavy_top")
-    run = {"dt": 0.09, "parameters": top.parameters}
+    run = {"dt": 0.09, "parameters": TOP.parameters}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         made = step.integrate(q, p, steps=200, **run)
@@ -190,11 +179,10 @@ def test_a_stored_run_that_is_fast_on_the_way_warns(tmp_path):
 
 
 def test_every_type_has_radians():
-    top = gs.problems.fast_top()
     for real in ("float", "float128"):
         step = systems.stepper("heavy_top", real=real)
-        parameters = top.parameters | {"gamma": 0.0016}
-        run = step.integrate(*step.project(top.q0, top.p0, parameters=parameters), dt=0.01,
+        parameters = TOP.parameters | {"gamma": 0.0016}
+        run = step.integrate(*step.project(TOP.q0, TOP.p0, parameters=parameters), dt=0.01,
                              steps=2, parameters=parameters)
         assert fastest_rotation(run).radians == pytest.approx(0.4 * pi, rel=1e-3)
 
