@@ -26,6 +26,7 @@ import lagrangians
 import mechanisms
 import rolling_systems
 import scaled_motions
+import structured_systems
 import time_lagrangians
 from processes import ROOT
 
@@ -475,11 +476,18 @@ def _very_eccentric() -> Case:
                 exact=lambda time: _kepler_motion(time, 0.9))
 
 
+def _beads() -> Case:
+    """Four beads on rods: sums over element templates."""
+    place = np.cumsum([[np.cos(a), -np.sin(a)] for a in (0.6, 1.1, 0.3, 0.9)], axis=0).ravel()
+    return Case({"system": structured_systems.beads(4)}, tuple(place), (0.3,) * 8,
+                structured_systems.BEADS, 0.02, 0.4)
+
+
 #: Of these ``names`` returns none: single tests take them by name.
 _OTHERS: dict[str, Callable[[], Case]] = {
-    "arm": _arm, "ball": _ball, "beam": _beam, "eccentric_satellite": _eccentric_satellite,
-    "logarithm": _logarithm, "swing": _swing, "tied": _tied, "tilted": _tilted,
-    "very_eccentric": _very_eccentric}
+    "arm": _arm, "ball": _ball, "beads": _beads, "beam": _beam, "logarithm": _logarithm,
+    "eccentric_satellite": _eccentric_satellite, "swing": _swing, "tied": _tied,
+    "tilted": _tilted, "very_eccentric": _very_eccentric}
 
 
 _CASES: dict[str, Callable[[], Case]] = {

@@ -25,11 +25,13 @@ from derivative_cases import (
 )
 
 #: SPARK with everything that a system may have. Each compiles a stepper in float128; mean values
-#: are quick in double, and the matrix has Lagrangians.
-FEW = [("driven_pendulum", ("G-L", 2), "float128"), ("breathing", ("EMS", None), "double")]
+#: and sums over elements are quick in double, and the matrix has Lagrangians.
+FEW = [("driven_pendulum", ("G-L", 2), "float128"), ("breathing", ("EMS", None), "double"),
+       ("beads", ("G-L", 2), "double")]
 MANY = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
                      id=f"{given[0]}-{label(given[1])}-{given[2]}") for given in (
-    *FEW, *((*pair, "float128") for pair in product() if (*pair, "float128") not in FEW))]
+    *FEW, *((*pair, "float128") for pair in [*product(), ("beads", ("G-L", 2))]
+            if (*pair, "float128") not in FEW))]
 #: The size of a difference of order 4, and the digits that it has.
 SIZES = {"float128": (2.0**-36, 2e-21, 1e-18), "double": (2.0**-10, 1e-10, 1e-7)}
 

@@ -24,8 +24,8 @@ CLOSE = 1e-11
 EVERY = [("driven_pendulum", "G-L"), ("bead", "G-L"), *(
     pytest.param(*pair, marks=pytest.mark.slow) for pair in (  # each is a module more
         ("heavy_top_in_frame", "G-L"), ("relativistic", "EMS"), ("relativistic", "G-L"),
-        ("four_bar", "G-L"), ("breathing", "G-L"), ("shaken", "G-L"), ("lagrangian", "EMS"),
-        ("driven_pendulum", "IMS")))]
+        ("four_bar", "G-L"), ("breathing", "G-L"), ("beads", "G-L"), ("shaken", "G-L"),
+        ("lagrangian", "EMS"), ("driven_pendulum", "IMS")))]
 
 
 @cache
