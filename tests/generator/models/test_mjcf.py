@@ -501,24 +501,6 @@ def test_names_that_begin_alike_stay_apart(tmp_path, parts):
         build.model()
 
 
-def test_a_file_adds_joints(tmp_path):
-    """A rod between points in the axes of the file's bodies, as put there by hand."""
-    inside = ('<worldbody><body name="base" pos="0 0 1"/><body name="b" pos="0 0 2" euler="0 20 0">'
-              '<joint name="j" type="ball"/><geom size=".1" pos=".5 0 .2"/></body></worldbody>')
-    path = written(tmp_path, inside)
-    loops = tmp_path / "loops.toml"
-    loops.write_text('[[joints]]\nname = "tie"\ntype = "rod"\nbodies = ["base", "b"]\n'
-                     'on_a = [1, 0, 0]\non_b = [0.4, 0, 0.1]\n', encoding="utf-8")
-    told = {"ignore": "all", "rates": {"j": (0.0, 0.0, 1.0)}}
-    build = gs.Multibody.from_file(path, **told)
-    build.rod("tie", "ground", "b", on_a=(1, 0, 1), on_b=(-0.1, 0, -0.1))
-    found = Motion(gs.load_model(path, loops=loops, **told))
-    by_hand = Motion(build.model())
-    assert found.dp == pytest.approx(by_hand.dp, rel=1e-12, abs=1e-12)
-    assert found.multipliers == pytest.approx(by_hand.multipliers, rel=1e-12, abs=1e-12)
-    assert abs(found.multipliers[-1]) > 0.1
-
-
 # ---------------------------------------------------------------- looks
 
 LOOKS = """<asset>

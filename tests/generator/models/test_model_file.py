@@ -26,7 +26,7 @@ EXAMPLES = sorted((ROOT / "examples").glob("*.toml"))
 
 BODY = """
 name = "thing"
-potential = "a*R33**2 + b*q0"
+potential = "a*R33**2 + b*q0*cos(t)"
 [body]
 inertia = [1, 2, "3/2"]
 mass = 2.5
@@ -79,14 +79,14 @@ def test_starts_of_a_body_are_the_runtimes():
     q, R = gs.symbols.q, gs.symbols.R
     a, b = (s for s in model.system.parameters if s.name in ("a", "b"))
     V = model.system.H - gs.body_system("free", "gamma", sp.Integer(0)).H
-    assert sp.expand(V - (a * R[2, 2] ** 2 + b * q[0])) == 0
+    assert sp.expand(V - (a * R[2, 2] ** 2 + b * q[0] * sp.cos(gs.symbols.t))) == 0
     assert model.parameters == {"a": 0.5, "b": 1.0, "mass": 2.5, "I1": 1, "I2": 2, "I3": 1.5}
     assert model.bodies == {"gamma": (1, 2, 1.5)}
     assert (model.dt, model.steps, model.name) == (0.01, 10, "thing")
     assert model.system.rigid_body
     assert model.system.quantities["spin"] == gs.symbols.omega[2] * gs.symbols.t
+    assert model.system.time == gs.symbols.t
     assert set(read(BODY, "alpha").bodies) == {"alpha"}
-    model = read(BODY)
     q0 = quaternion.euler_quaternion(0.1, np.pi / 6, 0.2)
     assert abs(model.q0 - q0).max() <= 2 * EPS
     p0 = quaternion.momentum(model.q0, [1, 2, 3], (1, 2, 1.5))

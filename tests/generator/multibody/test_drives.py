@@ -221,29 +221,6 @@ def test_a_file_has_drives_motors_and_points(gyrospark, tmp_path):
         assert answer.stderr.count("\n") == 1
 
 
-def test_one_body_in_a_potential_that_changes(tmp_path):
-    path = tmp_path / "changing.toml"
-    path.write_text("""
-name = "changing"
-potential = "k*cos(w*t)*R33"
-[parameters]
-k = 0.3
-w = 4
-[body]
-inertia = [0.1, 0.2, 0.3]
-[start]
-euler = [0.1, 0.5, 0.2]
-angular_velocity = [1, 2, 3]
-""", encoding="utf-8")
-    model = gs.load_model(path)
-    system = model.system
-    at = dict(zip(system.q, model.q0, strict=True)) | {
-        s: model.parameters[str(s)] for s in system.parameters if str(s) in "kw"}
-    power = sp.diff(system.H, system.time).subs(at | {system.time: 0.4})
-    upright = Rotation.from_quat(np.roll(model.q0, -1)).as_matrix()[2, 2]
-    assert power == pytest.approx(-0.3 * 4 * np.sin(1.6) * upright, rel=1e-13)
-
-
 def test_dampers_know_how_fast_a_point_moves():
     """s'' = −8 s − s'/2 with s = z − sin(5 t)/5 at t = 0, for all that measures a speed."""
     build = gs.Multibody("shaken", gravity=(0, 0, 0))

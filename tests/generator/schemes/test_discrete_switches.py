@@ -60,7 +60,7 @@ ZOO = {
 named = pytest.mark.parametrize("name", ZOO)
 #: Kinks of the above, their neighbours, and steps too small to change them.
 ENDS = [-2.0, -1.0, -0.5, -1e-9, 0.0, 1e-17, 0.3, 0.5, 0.5 + 1e-16, 1.0, 1.0000001, 1.7]
-PAIRS = list(product(ENDS, ENDS))[::11]
+PAIRS = list(product(ENDS, ENDS))[::7]
 
 
 @cache
@@ -125,7 +125,7 @@ def test_change_is_exact_and_right_in_doubles(name):
         scale = 1 + sum(abs(d) * s for d, s in zip(found, reach, strict=True)) + max(
             abs(float(v)) for v in values)
         assert abs(np.dot(found, steps) - float(change)) <= 64 * EPS * scale, (name, ends)
-    assert checked > 6
+    assert checked > 10
 
 
 def test_a_slope_that_is_not_chosen_may_be_infinite():

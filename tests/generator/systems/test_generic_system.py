@@ -106,7 +106,7 @@ def test_redundant_constraints_fail_clearly(dt):
         assert len(failure.trajectory.multipliers) == 0
 
 
-@pytest.mark.parametrize("mass", [1e-4, 1e-3, 1e4])
+@pytest.mark.parametrize("mass", [1e-4, 1e4])
 def test_consistency_is_checked_in_any_units(mass):
     """What ``project`` returns is a start, whatever the size of the mass."""
     step, case, rng = systems.stepper("ellipse"), systems.case("ellipse"), np.random.default_rng(43)

@@ -39,7 +39,7 @@ def closed(e, t):
     return expm(A * t) @ np.concatenate([START, M @ RATES])
 
 
-@pytest.mark.parametrize("e", [1e-9, 1e-15, 0.5, 3.0])
+@pytest.mark.parametrize("e", [1e-15, 0.5, 3.0])
 def test_any_sign_of_the_mass_matrix(e):
     parameters = {"e": e}
     step = stepper("G-L", 3)

@@ -422,7 +422,7 @@ def is_refuted(tableau):
 def test_one_wrong_coefficient_anywhere_is_refuted(field):
     tableau = gauss_lobatto(2)
     rows, columns = tableau.basis[field].shape
-    for i, j in [*itertools.product(range(rows), range(columns))][::2]:
+    for i, j in itertools.product(range(rows), range(columns)):
         assert is_refuted(mutated(tableau, field, i, j, (1, 10**6))), (i, j)
 
 
