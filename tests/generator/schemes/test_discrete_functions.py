@@ -15,13 +15,14 @@ import sympy as sp
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from gyrospark.core.errors import InputError
 from gyrospark.generator.schemes.discrete_gradient import (
     DiscreteDifference,
     differentiate,
     discrete_gradient,
 )
 from gyrospark.generator.symbolic.identities import evaluate
-from gyrospark.generator.symbolic.shared_subexpressions import parts_of
+from gyrospark.generator.symbolic.shared_subexpressions import expand_shared, parts_of
 from gyrospark.generator.symbolic.switching_functions import Max, Min
 from random_expressions import (
     EXPRESSIONS,
@@ -241,3 +242,17 @@ def test_ends_far_apart_cost_no_digits(e, mean, step):
         ends = [evaluate([e], point, DIGITS) for point in end_points(values)]
         largest = largest_term(e, ends, sizes_of_steps(values))
     check_identity(e, values, ends, largest)
+
+
+def test_symbols_that_do_not_occur_have_slope_zero_and_constants_have_none():
+    for e, slopes in ((y * a, [0, a, 0, 0]), (sp.sin(a) + sp.Integer(3), [0] * 4),
+                      (sp.sin(a) * x, [sp.sin(a), 0, 0, 0])):  # any function of parameters
+        assert [expand_shared(D) for D in gradient_of(e)] == slopes
+
+
+@pytest.mark.parametrize(("e", "name"), [
+    (y + sp.LambertW(x), "LambertW"), (sp.sqrt(1 + sp.erf(y)), "erf"), (sp.Function("f")(x), "f"),
+    (sp.Piecewise((x, x > 0), (0, True)), "Piecewise"), (sp.Max(x, y), "Max")])
+def test_function_without_a_known_difference_is_refused_by_name(e, name):
+    with pytest.raises(InputError, match=f"'{name}'"):
+        gradient_of(e)
