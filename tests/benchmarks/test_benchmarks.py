@@ -5,9 +5,7 @@ from __future__ import annotations
 import ast
 import importlib.util
 import json
-import signal
 import sys
-import time
 
 import numpy as np
 import pytest
@@ -19,23 +17,20 @@ import gyrospark as gs
 from benchmarks import (
     adaptive,
     attitudes,
-    beams,
     bodies,
     equal_error,
     fast_top,
     gradients,
-    impacts,
     peers,
     reference_states,
     rows,
     scale,
-    stores,
     sweeps,
     timing,
     tops,
 )
 from benchmarks.__main__ import BENCHMARKS, main
-from benchmarks.peers import optional, ours, pydy_mechanics
+from benchmarks.peers import optional, ours
 from benchmarks.peers.entry import PeerEntry
 from benchmarks.peers.gradient_job import of_euler, top_start
 from benchmarks.rows import Choice, Entry, Prepared, Row
@@ -281,25 +276,7 @@ def test_centres_are_those_of_the_system(model):
         assert centre == pytest.approx(np.array(place.subs(values), dtype=float).ravel(), abs=1e-15)
 
 
-def test_deriving_has_a_limit():
-    """And the alarm is off after it."""
-    with (pytest.raises(optional.Unavailable, match=r"in 0\.02 s"),
-          pydy_mechanics._limited(0.02)):
-        time.sleep(5)
-    assert signal.getitimer(signal.ITIMER_REAL) == (0, 0)
-
-
 # ---------------------------------------------------------------- stores, sweeps, scale
-
-
-def test_stores_are_rows(tmp_path):
-    made = stores._stored(7, 500, tmp_path, {"disk (MB/s)": 1.0})
-    assert made.errors["B/state"] > 132
-    seconds = {"store": timing.Sample((3.0,), (1.5,)), "memory": timing.Sample((1.0,), (1.0,))}
-    costs = made.costs(seconds)
-    assert (costs["added"], costs["CPU added"]) == (0.5, 2.0)
-    assert costs["stored ns/step"] == pytest.approx(3e6)
-    assert stores._rate(tmp_path / "run.zarr", 1000, 2) > 0
 
 
 def test_the_ensemble_does_what_the_sweep_does():
@@ -384,25 +361,6 @@ def test_the_cheapest_at_equal_error_are_compared():
 
 
 # ---------------------------------------------------------------- events, gradients
-
-
-@pytest.mark.slow  # two modules; test_impacts.py has such closed forms
-@pytest.mark.parametrize("case", [impacts.Case("ball", 9.81, 0.0, 0.0, 3),
-                                  impacts.Case("stop", 0.0, 1.0, -0.5, 3)], ids=lambda c: c.name)
-def test_impacts_are_those_of_the_closed_forms(case):
-    """The position at the end, half a fall after the turning point behind the last of them."""
-    job = case.ours(4, 0.1)
-    assert job.errors["error (m)"] < 1e-12
-    assert job.costs({"run": timing.Sample((0.003,))}) == pytest.approx({"CPU µs/hit": 1000})
-
-
-@pytest.mark.slow  # a beam of ten segments
-@pytest.mark.parametrize("dt", [0.1, 0.01])
-def test_a_rod_with_long_steps_falls_as_a_fine_one(dt):
-    """10 and 100 times beyond the limit of the fastest bending, to the error of its segments."""
-    job = beams.ours(10, 2, dt)
-    assert 1e-3 < job.errors["error (m)"] < 1e-2
-    assert job.costs({"run": timing.Sample((0.02,))})["CPU ms"] == pytest.approx(20)
 
 
 @pytest.mark.slow  # compiles derivatives for speed

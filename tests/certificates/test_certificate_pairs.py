@@ -52,9 +52,6 @@ def verdict(found: Any, quantity: str) -> Any:
     return next((line.holds for line in found.lines if line.quantity.startswith(quantity)), ABSENT)
 
 
-# ---------------------------------------------------------------- models
-
-
 @dataclass(frozen=True)
 class Pair:
     """A model by its parameters, one of which is off by a given size; two verdicts on a line."""
@@ -194,9 +191,6 @@ def test_tilted_potentials(size: float) -> None:
     assert abs(e1 / e3) == exact
 
 
-# ---------------------------------------------------------------- tableaux, in algebra alone
-
-
 def spoilt(size: float, *places: tuple[str, int, int], sign: int = 1) -> dict[str, Any]:
     """Return Gauss-Lobatto 2 with a fraction added to some entries, and no claims."""
     table = json.loads(EXAMPLE.read_text(encoding="utf-8"))
@@ -314,9 +308,6 @@ def test_order_is_measured_in_steps_short_enough(read: Callable[..., Any]) -> No
     assert observed_order(tableau) == pytest.approx(1, abs=0.1)
 
 
-# ---------------------------------------------------------------- decimals
-
-
 def decimals(digits: int, size: float = 0.0) -> dict[str, Any]:
     """Return Gauss-Lobatto 2 in decimals, with an error in â_11."""
     exact = gs.tableau("G-L", stages=2)
@@ -349,9 +340,6 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
     assert "12 digits" in coarse.why
 
 
-# ---------------------------------------------------------------- a compiled tableau
-
-
 @pytest.mark.slow  # a stepper of one tableau
 def test_a_compiled_tableau(tmp_path: Path) -> None:
     """1e-12 is not measured: exact algebra refutes it, and says that the run does not show it."""
@@ -366,9 +354,6 @@ def test_a_compiled_tableau(tmp_path: Path) -> None:
     assert "b_i â_ij" in loop.why
     assert loop.value <= loop.bound
     assert "round-off" in loop.found
-
-
-# ---------------------------------------------------------------- means, in algebra alone
 
 
 def test_a_central_force_with_ems() -> None:

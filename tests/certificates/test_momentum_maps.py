@@ -46,9 +46,6 @@ def maps_of(problem):
     return momentum_maps(heavy_top("gamma"), parameters, problem.q0, problem.p0)
 
 
-# ---------------------------------------------------------------- bodies
-
-
 def test_heavy_top():
     """About the vertical whatever the parameters are, about the figure axis if I1 = I2."""
     vertical, figure = maps_of(gs.problems.fast_top())
@@ -112,9 +109,6 @@ def test_symmetry_on_the_constraint_only():
     (found,) = momentum_maps(well, parameters, [0.8, 0.6, 0, 0], [0.06, -0.08, 0.2, 0.3])
     assert found.name == SPACE[2]
     assert found.everywhere
-
-
-# ---------------------------------------------------------------- points
 
 
 def spring(gravity=0):
@@ -207,9 +201,6 @@ def test_no_symmetry_is_invented_in_any_units(scale, stretch):
     assert [J.name for J in found] == ([] if stretch else ["angular momentum"])
 
 
-# ---------------------------------------------------------------- nearly
-
-
 def plane(H, values, **more):
     """Return the maps of a system in the plane."""
     x, y, a, b = sp.symbols("x y a b", real=True)
@@ -295,9 +286,6 @@ def test_a_theorem_of_addition_is_known():
     assert a + b == J.J
     assert J.everywhere
     assert J.proof == "exact arithmetic at random points"
-
-
-# ---------------------------------------------------------------- none, trivial, forced
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

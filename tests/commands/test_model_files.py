@@ -32,9 +32,6 @@ def document(gyrospark):
     return caller
 
 
-# ---------------------------------------------------------------- what runs
-
-
 # Each is derived and compiled; the others are read above.
 @pytest.mark.parametrize("path", [
     path if path.stem == "pendulum"
@@ -150,9 +147,6 @@ def test_stepper_of_a_file_and_of_its_model_agree():
     assert all(np.array_equal(end, ends[0]) for end in ends)
 
 
-# ---------------------------------------------------------------- what does not
-
-
 def write(folder: Path, content: str | bytes) -> Path:
     path = folder / "hostile.toml"
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
@@ -246,9 +240,6 @@ def test_run_length_is_somewhere(bounded, tmp_path):
     refused(bounded("run", path, "--scheme", "IMS"), "--steps", "pendulum")
 
 
-# ---------------------------------------------------------------- rules for gamma
-
-
 #: The system of test_run_names.py.
 RULED = """
 name = "settled"
@@ -328,9 +319,6 @@ def test_rules_are_those_of_the_option(gyrospark):
 
     help_text = "".join(gyrospark("run", "--help").stdout.split())
     assert f"--gamma{{{','.join(RULES)},NUMBER}}" in help_text
-
-
-# ---------------------------------------------------------------- scaled time
 
 
 @pytest.fixture

@@ -38,9 +38,6 @@ TENSOR = TILT.as_matrix() @ np.diag(MOMENTS) @ TILT.as_matrix().T
 TENSOR = (TENSOR + TENSOR.T) / 2
 
 
-# ---------------------------------------------------------------- moments
-
-
 @pytest.mark.parametrize("inertia", [
     (2, 1, 1), (0.0017, 0.0015, 0.0002), tuple(7.3 * x for x in (0.1, 0.2, 0.3)),
     (1e-300, 1e-300, 2e-300), (1e300, 1e300, 1e300),
@@ -117,9 +114,6 @@ def test_inverses_of_tensors_are_refused_as_tensors_are(moments, turn):
             refuse_impossible_inertias(names, parameters)
     with pytest.raises(gs.InputError, match="definite"):
         refuse_impossible_inertias(names, dict(zip(names["a"], [1, 2, 0, 1, 0, 1], strict=True)))
-
-
-# ---------------------------------------------------------------- tensors
 
 
 @pytest.mark.parametrize(("inertia", "words"), [
@@ -283,9 +277,6 @@ angular_velocity = [1, 2, 3]
         changed = text.replace("[0, 0, 0.2]]", wrong.replace("0.2", "-0.2"))
         with pytest.raises(gs.InputError, match=words):
             parse_model(changed, "t.toml")
-
-
-# ---------------------------------------------------------------- attitudes
 
 
 def test_a_rotation_matrix_is_taken_where_a_rotation_is():

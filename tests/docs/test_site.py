@@ -141,9 +141,6 @@ def test_names_lead_to_what_uses_them(uses):
     assert all((ROOT / path).is_file() for path in uses.examples().values())
 
 
-# ---------------------------------------------------------------- pages for newcomers
-
-
 @pytest.fixture(scope="module")
 def search():
     return module("site_search")
@@ -243,9 +240,6 @@ def test_cells_run_in_a_fork(tmp_path):
     assert [output.output_type for output in figure] == ["display_data"]
     assert base64.b64decode(figure[0].data["image/png"]).startswith(b"\x89PNG")
     assert not after
-
-
-# ---------------------------------------------------------------- the built site
 
 
 def built(target: Path, *options: str) -> subprocess.CompletedProcess[str]:

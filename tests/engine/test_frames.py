@@ -76,9 +76,6 @@ X, Y, Z, PX, PY, PZ = sp.symbols("x y z p_x p_y p_z", real=True)
 A1, A2, K = sp.symbols("a1 a2 k", real=True)
 
 
-# ---------------------------------------------------------------- what is found
-
-
 def test_a_top_has_its_own_axis_and_the_vertical():
     body, space = framed().symmetries
     assert (body.name, body.condition, space.name, space.condition) == (
@@ -134,9 +131,6 @@ def test_symmetries_of_any_system(system, expected):
 def test_a_system_without_a_rotation_is_refused(system):
     with pytest.raises(gs.InputError, match="co-moving"):
         names_of(system)
-
-
-# ---------------------------------------------------------------- relative equilibria
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [
@@ -211,9 +205,6 @@ def rates_of(step, q, p, numbers):
     return {s.name: float(w) for s, w in zip(step.symmetries, found, strict=True)}
 
 
-# ---------------------------------------------------------------- what stays
-
-
 @pytest.mark.parametrize(("scheme", "stages", "order"), [("G-L", 2, 4), ("EMS", None, 2)])
 def test_the_order_is_kept_and_the_error_is_smaller(scheme, stages, order):
     """At rest a frame changes nothing: there the steps are those of a stepper that has none."""
@@ -254,9 +245,6 @@ def test_momentum_maps_are_kept():
         assert np.ptp(J) < 1e-13 * abs(J).max()
 
 
-# ---------------------------------------------------------------- multipliers, and where g turns
-
-
 @pytest.mark.slow  # derives a double top in its frame
 def test_multipliers_turn_with_the_constraints():
     """Those of joints are given in axes of space: with ω_space they must be turned at each node."""
@@ -277,9 +265,6 @@ def test_multipliers_turn_with_the_constraints():
         assert abs(other.multipliers - same.multipliers).max() < 1e-8
 
 
-# ---------------------------------------------------------------- simulations
-
-
 def test_an_impulse_and_a_new_rate_are_in_the_callers_coordinates():
     step, numbers = framed(), with_gamma(TOP) | {"omega_body": 75.4, "omega_space": 1.0}
     held = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=numbers)
@@ -293,9 +278,6 @@ def test_an_impulse_and_a_new_rate_are_in_the_callers_coordinates():
     assert abs(fresh.q[-1] - held.q).max() < 1e-12
     assert abs(fresh.p[-1] - held.p).max() < 1e-12 * abs(TOP.p0).max()
     assert held.report.energy_error_max < 1e-6
-
-
-# ---------------------------------------------------------------- files and commands
 
 
 def test_a_model_file_may_ask_for_frames(tmp_path):
@@ -325,9 +307,6 @@ def test_generate_writes_steppers_with_frames(gyrospark, tmp_path):
     assert "heavy_top_gl1_gamma_frame: order 2" in done.stdout
     header = (tmp_path / "heavy_top_gl1_gamma_frame.h").read_text(encoding="utf-8")
     assert "omega_body: J = -p0*q3/2 + p1*q2/2 - p2*q1/2 + p3*q0/2, where I1 = I2" in header
-
-
-# ---------------------------------------------------------------- wrong uses
 
 
 def test_a_frame_along_what_is_no_symmetry_is_refused_with_its_condition():

@@ -1,17 +1,11 @@
-"""Checkpoints of stored runs, forged: bits, integers and parts changed, the digest computed anew.
-
-One in forty inputs is a whole store, with other JSON or other arrays in it.
-"""
+"""Checkpoints of stored runs, forged: bits and integers changed, the digest computed anew."""
 
 from __future__ import annotations
 
 import hashlib
-import json
-import os
 import shutil
 import tempfile
 import warnings
-from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -19,19 +13,16 @@ from typing import Any
 import numpy as np
 
 import gyrospark as gs
-from gyrospark.core.errors import GyrosparkError
 from gyrospark.runtime.bindings.run_memory import Rows
 from gyrospark.runtime.integration.run_arguments import StartNumbers
-from gyrospark.runtime.results.crossings import Crossings
 from gyrospark.storage import array_layout, recorder
 from gyrospark.storage.checkpoint import pack, unpack
 from stores import record
 from work_memory import integers_of
 
 from .choices import Choices
-from .file_texts import text_of
-from .judging import refuse_unless_sentence, scratch
-from .mutations import changed_bytes, changed_tree
+from .judging import scratch
+from .mutations import changed_bytes
 
 #: Steps that an accepted checkpoint is taken on by: fits and lessons of the predictor among them.
 STEPS = 10
@@ -113,27 +104,21 @@ def case(number: int) -> Case:
 
 
 def check(data: bytes) -> str:
-    """Go on from one forged checkpoint, or with one forged store."""
+    """Go on from one forged checkpoint."""
     choices = Choices(data)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of numbers that mean nothing
-        if choices.one_in(40):
-            return forged_store(choices, case(choices.below(2)))
-        return forged_checkpoint(choices, case(choices.below(4)))
-
-
-def forged_checkpoint(choices: Choices, one: Case) -> str:
-    state = None
-    try:
-        state = unpack(one.binding, forged(choices, one), one.events)
-    except ValueError as error:
-        if "checkpoint" not in str(error):  # none of ours
-            raise
-        return "refused"
-    if state is None or state.status or state.steps > 2**40:
-        return "accepted"
-    status = one.binding.integrate(one.run.constants(one.binding), STEPS, 1, state.run,
-                                   Rows.allocate(one.binding, STEPS))
+        one, state = case(choices.below(4)), None
+        try:
+            state = unpack(one.binding, forged(choices, one), one.events)
+        except ValueError as error:
+            if "checkpoint" not in str(error):  # none of ours
+                raise
+            return "refused"
+        if state is None or state.status or state.steps > 2**40:
+            return "accepted"
+        status = one.binding.integrate(one.run.constants(one.binding), STEPS, 1, state.run,
+                                       Rows.allocate(one.binding, STEPS))
     return "went on" if status == 0 else "step failed"
 
 
@@ -157,57 +142,3 @@ def forged(choices: Choices, one: Case) -> np.ndarray:
     if choices.one_in(32):
         digest = changed_bytes(digest, choices).ljust(32, b"\0")[:32]
     return np.frombuffer(digest + bytes(body), dtype=np.uint8)
-
-
-def forged_store(choices: Choices, one: Case) -> str:
-    path = scratch() / "forged.zarr"
-    shutil.rmtree(path, ignore_errors=True)
-    shutil.copytree(one.path, path)
-    kind = choices.below(4)
-    if kind < 2:
-        meta = path / "zarr.json"
-        content = json.loads(meta.read_text(encoding="utf-8"))
-        content["attributes"] = changed_tree(content["attributes"], choices, Choices.value)
-        meta.write_bytes(text_of(content).encode("utf-8", "surrogatepass"))
-    elif kind == 2:
-        fsync, os.fsync = os.fsync, lambda handle: None
-        try:
-            group = array_layout.open_group(path, write=True)
-            array_layout.array_of(group, array_layout.CHECKPOINT)[:] = forged(choices, one)
-        finally:
-            os.fsync = fsync
-    else:
-        victim = choices.pick(sorted(x for x in path.rglob("*") if x.is_file()))
-        content = victim.read_bytes()
-        victim.write_bytes(content[: choices.below(len(content) + 1)] if choices.below(2)
-                           else changed_bytes(content, choices))
-    return used(path, one)
-
-
-def used(path: Path, one: Case) -> str:
-    """Use a store in each way."""
-    outcomes = set()
-    uses: list[Callable[[], Any]] = [
-        lambda: asked(gs.load(path)),
-        lambda: gs.load(path).save(path.with_suffix(".csv")),
-        lambda: record(one.stepper, **one.arguments, out=path, resume=True),
-    ]
-    fsync, os.fsync = os.fsync, lambda handle: None
-    try:
-        for use in uses:
-            try:
-                use()
-                outcomes.add("accepted")
-            except GyrosparkError as error:
-                refuse_unless_sentence(error)
-                outcomes.add("refused")
-    finally:
-        os.fsync = fsync
-    return "store " + " and ".join(sorted(outcomes))
-
-
-def asked(recording: Any) -> None:
-    assert repr(recording)
-    found: dict[str, Crossings] = recording.events
-    assert all(len(one.t) >= 0 for one in found.values())
-    recording[:]

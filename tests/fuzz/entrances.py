@@ -28,7 +28,7 @@ class Entrance:
 
 
 ENTRANCES = {entrance.name: entrance for entrance in (
-    Entrance("checkpoint", "checkpoints of stored runs, and stores, forged", checkpoints.check,
+    Entrance("checkpoint", "checkpoints of stored runs, forged", checkpoints.check,
              300, 0.1),
     Entrance("trajectory", "trajectory files (.npz), and what is asked of them", files.check,
              20, 0.1),

@@ -70,9 +70,6 @@ assert q0.shape == p0.shape == (4,) and step.order == 6
 """}
 
 
-# ---------------------------------------------------------------- archives
-
-
 def copy(folder: Path) -> Path:
     """Copy the project without what is made in it."""
     anywhere = shutil.ignore_patterns(".*_cache", "__pycache__", "*.egg-info")
@@ -165,9 +162,6 @@ def test_tests_of_the_source_archive_find_what_they_read(archives, tmp_path):
         done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *command],
                     cwd=tmp_path / "gyrospark", PYTHONPATH=str(tmp_path))
         assert done.returncode == 0, done.stdout
-
-
-# ---------------------------------------------------------------- environments
 
 
 @dataclass
@@ -281,9 +275,6 @@ def _told(names: list[str], section: str) -> str:
              for inner in re.findall(r"gyrospark\[([\w,]+)\]", " ".join(lines))
              if set(inner.split(",")) & set(names)]
     return next((name for name in (*names, *wider) if re.search(rf"\b{name}\b", section)), "")
-
-
-# ---------------------------------------------------------------- what is typed
 
 
 @pytest.mark.slow  # installs the wheel, and derives and compiles a dozen systems

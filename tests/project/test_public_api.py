@@ -133,20 +133,3 @@ def test_the_table_of_the_changelog_has_every_former_name():
     former = [*FORMER_NAMES, *(name for names in FORMER_MEMBERS.values() for name in names),
               *(option.split()[1] for option in FORMER_OPTIONS)]
     assert [name for name in former if not re.search(rf"{name}\b", table)] == []
-
-
-class Changed:
-    """A class whose members change."""
-
-    def method(self, a: int, *, b: float = 0.5) -> None: ...
-
-
-@pytest.mark.parametrize("change", [
-    lambda self, a, *, b=0.25: None, lambda self, a, b=0.5: None, lambda self, *, b=0.5: None,
-    lambda self, a, *, b=0.5, c: None, property(lambda self: None)])
-def test_a_change_of_a_signature_is_seen(monkeypatch, change):
-    monkeypatch.setattr(Changed, "__module__", "gyrospark.changed")
-    before = list(listed("Changed", Changed))
-    assert before == ["class Changed", "Changed.method(self, a, *, b=0.5)"]
-    monkeypatch.setattr(Changed, "method", change)
-    assert list(listed("Changed", Changed)) != before

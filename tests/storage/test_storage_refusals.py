@@ -276,7 +276,8 @@ ATTRIBUTES = {
     "manifest": [None, {}, [], "x", ...], "manifest__real": ["half", None, [], ...],
     "manifest__system": [[], {}, None, ...], "manifest__system__coordinates": [5, [1], ...],
     "manifest__system__quantities": [3, "x"],
-    "arrays": [None, 7, "q", ["nope"], [3], ["q", "../q"], ["."], [""], ...],
+    "arrays": [None, 7, "q", ["nope"], [3], ["q", "../q"], ["."], [""], ["q", "\ud800"],
+               ...],
 }
 
 

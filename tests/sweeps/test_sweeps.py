@@ -37,9 +37,6 @@ def alone(step, parameters, dt, steps, q=TOP.q0, p=TOP.p0, **options):
     return many.members[0]
 
 
-# ---------------------------------------------------------------- cells are runs
-
-
 @pytest.mark.parametrize(("method", "rep", "real"), [
     ({"scheme": "G-L", "stages": 2}, "alpha", "double"), ({"scheme": "EMS"}, "gamma", "double"),
     ({"order": 4}, "gamma", "double"), ({"scheme": "G-L", "stages": 2}, "gamma", "long-double")])
@@ -164,9 +161,6 @@ def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, 
     assert parts.equals(whole)
 
 
-# ---------------------------------------------------------------- cells that fail
-
-
 @FAILURES
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_diverging_cell_is_nan_with_its_reason_and_the_others_stay():
@@ -255,9 +249,6 @@ def test_logarithmic_range_ends_at_the_largest_double(count):
                                   "spacing": "log"}).columns["gamma"]
     assert (values[0], values[-1]) == (1e300, largest)
     assert (np.diff(values) > 0).all()
-
-
-# ---------------------------------------------------------------- what cannot be swept
 
 
 @pytest.mark.parametrize(("over", "options", "fragments"), [

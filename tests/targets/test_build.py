@@ -43,9 +43,6 @@ def built(tmp_path):
         target, **WITH_INPUTS | {"out": tmp_path / str(target)} | other)
 
 
-# ---------------------------------------------------------------- bits
-
-
 @pytest.mark.parametrize("target", [  # a sketch is C++ as well; Rust takes three seconds to compile
     pytest.param(target, marks=[pytest.mark.slow] * (target in ("arduino", "rust")))
     for target in TEXTS])
@@ -84,9 +81,6 @@ def test_a_step_that_fails_says_so(built):
 def test_literals_are_read_as_the_number(x):
     assert float(literal(x, "double")) == x
     assert np.float32(float(literal(x, "float"))) == np.float32(x)
-
-
-# ---------------------------------------------------------------- what is written
 
 
 def test_an_artefact_says_what_it_is(built):
@@ -140,9 +134,6 @@ def test_nothing_is_left_where_a_target_fails(built, tmp_path, monkeypatch):
     with pytest.raises(gs.GyrosparkError, match="today"):
         built("cpp")
     assert [*tmp_path.iterdir()] == []
-
-
-# ---------------------------------------------------------------- what is refused
 
 
 @pytest.mark.parametrize(("change", "said"), [
@@ -222,9 +213,6 @@ def test_platforms_are_those_of_the_target(built, monkeypatch):
     for wrong in ("amiga", "", 3, []):
         with pytest.raises(gs.InputError):
             built("cpp", platforms=wrong)
-
-
-# ---------------------------------------------------------------- command line
 
 
 def test_the_command_writes_and_checks(gyrospark, tmp_path):

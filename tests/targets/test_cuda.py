@@ -109,9 +109,6 @@ class OnCard:
         return self.array.__dlpack__(**options)
 
 
-# ---------------------------------------------------------------- bits
-
-
 def test_a_trajectory_has_the_bits_of_profile_control(card, step):
     many = step.integrate_ensemble(*MANY, **RUN, device="cuda")
     files = step._control_files()
@@ -167,9 +164,6 @@ def test_trajectories_fill_more_than_a_block(card, step):
     assert not many.failures
 
 
-# ---------------------------------------------------------------- failures, Ctrl-C
-
-
 @WARNED
 def test_a_trajectory_that_fails_stops_alone(card, step):
     dt = np.array([1e-3, LONG, 1e-3])
@@ -201,9 +195,6 @@ def test_ctrl_c_returns_what_was_done(card, step):
     assert not found.failures
 
 
-# ---------------------------------------------------------------- arrays that lie on a card
-
-
 def test_arrays_on_a_card_stay_there(card, step, monkeypatch):
     """With any strides; the result is a view of what the last launch wrote."""
     wanted = step.integrate_ensemble(*MANY, **RUN, device="cuda")
@@ -231,9 +222,6 @@ def test_failures_on_a_card_are_named(card, step):
     assert [*found.failures] == [1]
     assert np.isnan(found.q[1, -1]).all()
     assert np.isfinite(found.q[::2]).all()
-
-
-# ---------------------------------------------------------------- refusals
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
@@ -265,9 +253,6 @@ def test_without_cuda_core_the_extra_is_named(step, monkeypatch):
     with pytest.raises(MissingDependencyError) as refusal:
         step.integrate_ensemble(*MANY, **RUN, device="cuda")
     assert install("cuda") in str(refusal.value)
-
-
-# ---------------------------------------------------------------- the text
 
 
 @pytest.mark.parametrize("kind", SPECS)

@@ -47,9 +47,6 @@ def content_of(page):
     return json.loads(page.split('id="content">')[1].split("</script>")[0])
 
 
-# ---------------------------------------------------------------- texts
-
-
 def test_a_page_is_its_files_and_the_numbers_of_a_model(text_alone, tmp_path, request):
     page = build("web", **SATELLITE, out=tmp_path / "page.html").path.read_text(encoding="utf-8")
     scripts = (drawing(), *map(webassembly.read, ("stepper.js", "page.js")))
@@ -125,9 +122,6 @@ def test_without_ziglang_the_cure_is_said(monkeypatch):
     monkeypatch.setattr(type(TOOLS["zig"]), "find", lambda self: None)
     with pytest.raises(gs.InputError, match="install ziglang"):
         gs.playground("fast-top", dt=1e-3)
-
-
-# ---------------------------------------------------------------- glue.c
 
 
 @pytest.fixture(scope="module")
@@ -250,9 +244,6 @@ def test_fused_products_without_a_fused_product_have_its_bits(tmp_path):
                 assert not differs(a, b, -(a*b)), (a, b)
                 assert not differs(a, b, float(-(np.float32(a)*np.float32(b)))), (a, b)
         assert not any(differs(*some.choice(numbers, 3)) for _ in range(2000))
-
-
-# ---------------------------------------------------------------- modules and pages
 
 
 @pytest.mark.slow  # Zig compiles its C library, once on a machine
