@@ -125,7 +125,8 @@ def test_an_unknown_scheme_never_becomes_ims(scheme):
     (lambda: gs.sweep(TOP, {"mlg": [1]}, scheme="IMS", dt=1, steps=1), "'mlg'"),
     (lambda: gs.sweep(TOP, {"mgl": [1]}, scheme="GL 3", dt=1, steps=1), r"G-L\?"),
     (lambda: gs.Multibody("m").body("a", mass=1, inertia=(1, 1, 1), rep="alfa"), "mean alpha"),
-], ids=range(13))
+    (lambda: parse_formula("2*lenght", {"length": sp.Symbol("length")}), r"lenght.*length\?"),
+], ids=range(14))
 def test_a_wrong_name_ends_in_the_allowed_ones_and_a_proposal(call, words):
     with pytest.raises(gs.InputError, match=words):
         call()
@@ -148,11 +149,6 @@ def test_proposals_are_near():
     assert arguments.proposal(3, ["IMS"]) == arguments.proposal("a", []) == ""
     assert arguments.proposal("g l", ["G-L"]).endswith(" G-L?)")
     assert arguments.join_or(["a"]) == "a"
-
-
-def test_a_name_in_a_formula_is_proposed_for():
-    with pytest.raises(gs.InputError, match=r"lenght.*length\?"):
-        parse_formula("2*lenght", {"length": sp.Symbol("length")})
 
 
 def test_what_a_shell_completes():

@@ -56,3 +56,9 @@ def directions(x, count, seed=0):
     """Return directions of the size of x, shape (1, count, size)."""
     rng = np.random.default_rng(seed)
     return rng.normal(size=(1, count, x.size)) * np.maximum(np.abs(x), 0.1)
+
+
+def close(found, wanted, tolerance=1e-12):
+    """Whether two arrays agree, relative to the largest entry."""
+    found, wanted = np.asarray(found), np.asarray(wanted)
+    return np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max()

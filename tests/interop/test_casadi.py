@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import input_systems
-from flows import PARAMETERS, TOP, flow_of, inputs_of, start_of, stepper_of
+from flows import PARAMETERS, TOP, close, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import InputError
 
 casadi = pytest.importorskip("casadi", reason="CasADi is not installed: the extra casadi brings it")
@@ -17,10 +17,6 @@ import gyrospark.interop.casadi as gc  # noqa: E402
 
 THETA = np.array([*TOP.parameters.values(), 0.0016])
 Q, P = np.array(TOP.q0), np.array(TOP.p0)
-
-
-def close(found, wanted, tolerance=1e-12):
-    return np.abs(np.asarray(found) - wanted).max() <= tolerance * np.abs(wanted).max()
 
 
 def of_theta(make, steps=12, **more):

@@ -9,14 +9,9 @@ import pytest
 
 import gyrospark as gs
 import systems
-from flows import CASES, directions, flow_of, inputs_of, start_of, stepper_of
+from flows import CASES, close, directions, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import CompilerError, InputError
 from gyrospark.interop.discrete_flow import DiscreteFlow
-
-
-def close(found, wanted, tolerance):
-    """Whether two arrays agree, relative to the largest entry."""
-    return np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max()
 
 
 @pytest.mark.parametrize("case", CASES)

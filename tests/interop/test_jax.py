@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-from flows import PARAMETERS, TOP, flow_of, inputs_of, start_of, stepper_of
+from flows import PARAMETERS, TOP, close, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import InputError
 
 jax = pytest.importorskip("jax", reason="JAX is not installed: the extra jax brings it")
@@ -31,10 +31,6 @@ def top(steps=12, **more):
     """Return (q, p) of the fast top, and its concatenation, as functions of q, p and an array."""
     flow = gj.run(stepper_of("top"), steps=steps, dt=1e-3, **more)
     return flow, lambda q, p, theta: jnp.concatenate(flow(q, p, theta))
-
-
-def close(found, wanted, tolerance=1e-12):
-    return np.abs(np.asarray(found) - wanted).max() <= tolerance * np.abs(wanted).max()
 
 
 def test_values_have_the_bits_of_the_flow():

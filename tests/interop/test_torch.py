@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flows import PARAMETERS, TOP, flow_of, inputs_of, start_of, stepper_of
+from flows import PARAMETERS, TOP, close, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import InputError
 
 torch = pytest.importorskip("torch", reason="PyTorch is not installed: the extra torch brings it")
@@ -29,11 +29,6 @@ def top(steps=12, **more):
     """Return (q, p) of the fast top, and its concatenation, as functions of q, p and a tensor."""
     flow = gt.run(stepper_of("top"), steps=steps, dt=1e-3, **more)
     return flow, lambda q, p, theta: torch.cat(flow(q, p, theta))
-
-
-def close(found, wanted, tolerance=1e-12):
-    found, wanted = np.asarray(found), np.asarray(wanted)
-    return np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max()
 
 
 def test_values_and_jacobians_are_those_of_the_flow():
