@@ -159,19 +159,6 @@ def test_another_formulation_is_approached_with_the_fourth_power_of_the_step(nam
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
 
 
-def test_the_satellite_has_the_energy_of_the_gravity_gradient():
-    """(3/2) n² z·J z where p = 0, with z the vertical in body axes."""
-    system = gs.models.satellite().system
-    q = np.array([0.5, -0.1, 0.7, 0.5])
-    values = dict(zip(map(str, system.parameters), (1.1, 0.3, 2.0, 3.0, 5.0), strict=True))
-    H = float(system.H.subs(dict(zip(system.q, q, strict=True))).subs(
-        dict.fromkeys(system.p, 0)).subs({x: values[str(x)] for x in system.parameters}))
-    z = 2 * np.array([q[1] * q[3] - q[0] * q[2], q[2] * q[3] + q[0] * q[1],
-                      q[0]**2 + q[3]**2 - 0.5])
-    moments = np.array([values[name] for name in ("a_I1", "a_I2", "a_I3")])
-    assert pytest.approx(1.5 * values["n"]**2 * moments @ z**2, rel=16 * EPS) == H
-
-
 @pytest.mark.slow  # a model of 13 bodies
 def test_legs_of_the_stewart_platform_lie_between_their_joints():
     """Uniform tubes of .35 m from the feet, .5 m from the middle, along the rods."""

@@ -61,18 +61,6 @@ def test_gaps_are_distances():
     assert gaps(build.model()) == pytest.approx(expected, abs=8 * EPS)
 
 
-def test_gaps_are_formulas_and_ranges_of_joints():
-    build = gs.Multibody("slide")
-    bead = build.body("bead", mass=1, inertia=INERTIA)
-    build.prismatic("rail", build.ground, bead, axis=(1, 0, 0), travel=0.2, at=(0, 0, 0))
-    depth = build.parameter("depth", 0.3)
-    build.contact("pit", gap=[bead.x[0] + depth, depth - bead.x[0] + build.time])
-    build.stop("ends", "rail", lower=-0.5, upper=1)
-    build.stop("end", "rail", upper=0.25)
-    assert gaps(build.model()) == pytest.approx({
-        "pit_1": 0.5, "pit_2": 0.1, "ends_lower": 0.7, "ends_upper": 0.8, "end": 0.05})
-
-
 #: The system of most runs: two balls above a floor, a moving wall, a latch, an arm between stops.
 HALL = """
 name = "hall"

@@ -28,7 +28,7 @@ run = {dt = 0.01, steps = 10}
 """
 
 
-def test_files_have_points_and_rotors():
+def test_files_have_points():
     model = parse_model(SPHERICAL, "bob.toml")
     made = spherical().model()
     assert model.system.H == made.system.H
@@ -40,21 +40,6 @@ def test_files_have_points_and_rotors():
     H = made.system.H.subs(numbers)
     assert H.equals((u**2 + v**2 + w**2) / 2 + 9.81 * z)
     assert (made.system.constraints[0].subs(numbers)).equals(x**2 + y**2 + z**2 - 1)
-    satellite = parse_model("""
-name = "bus_with_wheel"
-gravity = [0, 0, 0]
-bodies = [{name = "bus", mass = 80, inertia = [9, 8, 5]}]
-rotors = [
-    {name = "wheel", bodies = ["bus"], mass = 4, inertia = [0.02, 0.011], axis = [0, 0, 1], \
-     at = [0, 0, 0.1], rate = "200 rpm"},
-]
-forces = [
-    {name = "drive", type = "motor", joints = ["wheel_bearing"], \
-     torque = "0.01 - 0.001*wheel_bearing_rate"},
-]
-""", "sat.toml")
-    assert (satellite.system.n, satellite.system.m) == (14, 7)
-    assert satellite.parameters["wheel_I3"] == 0.02
 
 
 def test_points_on_springs_and_balls():
