@@ -394,8 +394,8 @@ def fit(
         In place of dt, of systems with ``time_scale``: the step of scaled time. Samples may then
         lie at any times.
     parameters : mapping
-        As of ``integrate``; first guesses of the free ones. γ by a rule ("m") keeps the value that
-        it has for the first guess: it changes no motion beyond truncation.
+        As of ``integrate``; first guesses of the free ones. A γ that is not given keeps the mean
+        of the first guess's moments: it changes no motion beyond truncation.
     inputs
         As of ``integrate``.
     observe : {"attitude", "angular_velocity", "q", "p"}, name, sequence of them, or callable
