@@ -469,8 +469,8 @@ class RobotBuilder:
         has_armature = any(joint.armature for joint in joints)
         name = self.joint_name[joints[-1].name]
         if set(kinds[:slides]) == {"slide"} and frames[0] is GROUND and len(kinds) <= 3 and (
-                len(kinds) - slides <= 1):
-            return self._slides(name, limb, frames, axes, points)
+                len(kinds) - slides <= 1) and self._slides(name, limb, frames, axes, points):
+            return True
         if kinds in (["hinge", "slide"], ["slide", "hinge"]) and axes[0] @ axes[1] > 1 - _SAME:
             hinge, slide = kinds.index("hinge"), kinds.index("slide")
             link = build.cylindrical(name, *frames, axis_in_space=axes[hinge], at=points[hinge],

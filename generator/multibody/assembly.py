@@ -592,7 +592,8 @@ def joint_at(
     ``is_counted``: the system depends on its angle, so that full turns count.
     """
     def entries(expressions: Sequence[Any]) -> Entries:
-        return _entries(expressions, parameters, values)
+        # values of points and angles that no expression contains are in ``store`` alone
+        return _entries(expressions, parameters, {**values, **store})
 
     store: Store = {}
     (on_a, on_b), (axis_a, axis_b) = link.local_points(store), link.axes(poses, store)
@@ -605,10 +606,8 @@ def joint_at(
                   for frame, point in ((link.a, on_a), (link.b, on_b)))
     return JointLayout(
         link.name, _name(link.a), _name(link.b), entries(on_a), entries(on_b), entries(axis_a),
-        entries(axis_b),
-        # where no expression contains the angle, the constants of its zero are in ``store`` alone
-        _entries(zero, parameters, {**values, **store} if zero else values),
-        constraint_forces, _section(link, parameters, values))
+        entries(axis_b), entries(zero), constraint_forces,
+        _section(link, parameters, values))
 
 
 def _section(

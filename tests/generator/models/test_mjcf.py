@@ -424,6 +424,13 @@ def test_bad_starts_are_refused(tmp_path, options, said):
         gs.load_model(path, **options)
 
 
+def test_a_slide_of_the_ground_with_a_hinge_along_it_is_a_cylindrical_joint(tmp_path):
+    path = tmp_path / "bolt.xml"
+    ball = hinged('<geom size=".1" pos="0 0 -.3"/>', '<joint type="slide"/><joint/>')
+    path.write_text(f"<mujoco>{ball}</mujoco>")
+    assert len(gs.load_model(path, ignore="contact").system.constraints) == 1 + 4
+
+
 TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
              '<joint name="b" axis="0 1 0" ref="20" armature=".1"/>'
              '<joint name="slide" type="slide" axis="1 0 0" armature="1"/>',

@@ -126,6 +126,8 @@ FEATURES = {
     + KEY.format(".3 1", "0 2", ""),
     "a plane": row(("slide", "1 0 0", 'stiffness="3"'), ("slide", "0 0 1", 'damping=".5"'),
                    ("hinge", "0 1 0", 'stiffness="1"')) + KEY.format(".3 1 2", "1 2 -1", ""),
+    "three slides": row(("slide", "1 0 0", 'stiffness="3"'), ("slide", "0 1 0", ""),
+                        ("slide", "0 0 1", 'pos=".1 0 0"')) + KEY.format(".3 1 2", "1 2 -1", ""),
     "a damping ratio": ARM.format("") + '<actuator><position joint="j" kp="12" dampratio="0.5" '
     'gear="2"/></actuator>' + ONE_KEY,
 }
