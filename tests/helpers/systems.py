@@ -32,13 +32,11 @@ from processes import ROOT
 
 Array = NDArray[Any]
 
-__all__ = ["EVERY_SCHEME", "SCHEMES", "Case", "case", "differentiable", "names", "run", "start",
+__all__ = ["SCHEMES", "Case", "case", "differentiable", "names", "run", "start",
            "stepper"]
 
 #: The steps of a quick test: two stages, and the discrete gradient.
 SCHEMES = [("G-L", 2), ("EMS", None)]
-#: Steps of each kind, where the kind matters.
-EVERY_SCHEME = [*SCHEMES, ("G-L", 3), ("LIIIA-B", 3), ("Radau-L", 2), ("IMS", None)]
 
 x, y, z, u, v, w, t = sp.symbols("x y z u v w t", real=True)
 k, c, f, a, m, g, length, omega = sp.symbols("k c f a m g l omega", positive=True)

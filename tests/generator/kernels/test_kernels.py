@@ -318,7 +318,6 @@ IRRATIONAL = {
 }
 CASES = RATIONAL | IRRATIONAL
 POINT = {x: sp.Rational(7, 5), y: sp.Rational(3, 11), z: sp.Rational(2, 9)}
-VALUES = {str(s): Fraction(int(v.p), int(v.q)) for s, v in POINT.items()}
 
 
 @pytest.mark.parametrize("e", [pytest.param(e, id=name) for name, e in CASES.items()])

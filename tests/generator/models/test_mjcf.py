@@ -190,12 +190,6 @@ def test_a_free_body_falls_and_turns(tmp_path):
     assert [motion.value(f"v{k}") for k in range(3)] == pytest.approx(v, rel=1e-14)
 
 
-def spun(axis, angle):
-    x, y, z = np.array(axis) / np.linalg.norm(axis)
-    K = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + np.sin(angle) * K + (1 - np.cos(angle)) * K @ K
-
-
 # ---------------------------------------------------------------- more bodies
 
 PAIR = """<worldbody>
@@ -233,14 +227,21 @@ def test_a_weld_to_the_world_holds_a_body_as_it_stands(tmp_path):
     assert model.q0[:4] == pytest.approx([math.cos(half), 0, math.sin(half), 0], abs=4 * EPS)
 
 
-def test_the_example_is_what_it_says():
-    """A loop, a motor that holds a speed against its armature, and shapes; no mesh."""
+def test_files_are_included_from_their_folder_and_the_example_is_what_it_says(tmp_path):
+    # A loop, a motor that holds a speed against its armature, and shapes; no mesh.
     build = gs.Multibody.from_file("examples/pumpjack.xml", keyframe="running")
     build.model(redundant="leave out")  # the loop moves nothing of its start
     assert {link.name for link in build._components.connections} >= {
         "crank", "pin", "saddle", "rope", "loop", "crank_rotor", "drive_motor"}
     assert build._components.values["drive"] == 2.0
     assert [shape.kind for shape in build._visuals["beam"]] == ["bar", "box"]
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "leg.xml").write_text(
+        '<mujocoinclude><body name="b"><joint name="j"/><geom size=".1"/></body></mujocoinclude>')
+    build = gs.Multibody.from_file(written(
+        tmp_path, '<worldbody><include file="parts/leg.xml"/></worldbody>'))
+    assert [body.name for body in build._components.bodies] == ["b"]
+    assert [shape.kind for shape in build._visuals["b"]] == ["sphere"]
 
 
 @pytest.mark.parametrize(("rates", "said"), [
@@ -258,16 +259,6 @@ def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, said):
 
 
 # ---------------------------------------------------------------- files
-
-
-def test_files_are_included_from_their_folder(tmp_path):
-    (tmp_path / "parts").mkdir()
-    (tmp_path / "parts" / "leg.xml").write_text(
-        '<mujocoinclude><body name="b"><joint name="j"/><geom size=".1"/></body></mujocoinclude>')
-    build = gs.Multibody.from_file(written(
-        tmp_path, '<worldbody><include file="parts/leg.xml"/></worldbody>'))
-    assert [body.name for body in build._components.bodies] == ["b"]
-    assert [shape.kind for shape in build._visuals["b"]] == ["sphere"]
 
 
 ONE = '<worldbody><body name="b"><joint name="j"/><geom size=".1"/></body></worldbody>'

@@ -458,14 +458,11 @@ def test_options_of_another_format_are_refused(name, options, words):
             read(f"examples/{name}", **options)
 
 
-def test_the_builder_of_a_file_is_a_robots():
+def test_builders_and_values_of_files():
     with pytest.raises(gs.InputError, match=r"pendulum\.toml.*urdf"):
         gs.Multibody.from_file("examples/pendulum.toml")
     with pytest.raises(gs.InputError, match=r"keyfram.*keyframe"):
         gs.Multibody.from_file("examples/pumpjack.xml", keyfram=0)
-
-
-def test_values_of_a_file_are_set_as_numbers_texts_and_lists():
     plain = gs.load_model("examples/pendulum.toml")
     key, value = next(iter(plain.parameters.items()))
     for changed in (2 * value, f"2*{value}", np.float64(2 * value)):

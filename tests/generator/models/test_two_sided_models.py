@@ -8,7 +8,6 @@ import re
 import numpy as np
 import pytest
 import sympy as sp
-from scipy.integrate import solve_ivp
 
 import budget
 import gyrospark as gs
@@ -67,18 +66,24 @@ def coordinate(run, name):
     return run.q[:, index], run.p[:, index]
 
 
-def test_quadratic_drag(run):
-    """v̇ = −c|v|v: v = v₀/(1 + c v₀ t), to round-off of an order 4 of such short steps."""
+def test_drag_sliding_friction_and_thrust_that_ends(run):
+    # v̇ = −c|v|v: v = v₀/(1 + c v₀ t), to round-off of an order 4 of such short steps.
     q, p = coordinate(run, "car")
     assert np.abs(p - 2 / (1 + RATE * 2 * run.t)).max() <= 1e-12
     assert np.abs(q - np.log(1 + RATE * 2 * run.t) / RATE).max() <= 1e-12
-
-
-def test_sliding_friction(run):
     q, p = coordinate(run, "block")
     pull = G / 2 - MU * G
     assert np.abs(p - 0.5 - pull * run.t).max() <= 64 * EPS
     assert np.abs(q - run.t / 2 - pull * run.t**2 / 2).max() <= 64 * EPS
+    # Ends at a step's end: every step has a constant force, and is exact.
+    q, p = coordinate(run, "rocket")
+    burning = run.t <= BURN * (1 + 4 * EPS)
+    at_end = np.array([2 * G * BURN**2 / 2, 2 * G * BURN])
+    rest = run.t - BURN
+    exact = np.where(burning, 2 * G * run.t**2 / 2, at_end[0] + at_end[1] * rest - G * rest**2 / 2)
+    assert np.abs(q - exact).max() <= 1024 * EPS * np.abs(q).max()
+    rate = np.where(burning, 2 * G * run.t, at_end[1] - G * rest)
+    assert np.abs(p - rate).max() <= 1024 * EPS * np.abs(rate).max()
 
 
 def test_rope_that_pulls_only(run):
@@ -99,29 +104,6 @@ def test_rope_that_pulls_only(run):
     phases = run.quantity("phase")
     inside = np.abs(run.t - fall) > 2e-3
     assert np.array_equal(phases[inside] == 2, (q >= L)[inside])
-
-
-def test_thrust_that_ends(run):
-    """Ends at a step's end: every step has a constant force, and is exact."""
-    q, p = coordinate(run, "rocket")
-    burning = run.t <= BURN * (1 + 4 * EPS)
-    at_end = np.array([2 * G * BURN**2 / 2, 2 * G * BURN])
-    rest = run.t - BURN
-    exact = np.where(burning, 2 * G * run.t**2 / 2, at_end[0] + at_end[1] * rest - G * rest**2 / 2)
-    assert np.abs(q - exact).max() <= 1024 * EPS * np.abs(q).max()
-    rate = np.where(burning, 2 * G * run.t, at_end[1] - G * rest)
-    assert np.abs(p - rate).max() <= 1024 * EPS * np.abs(rate).max()
-
-
-def test_saturated_controller(run):
-    """Against SciPy at a tight tolerance with short steps."""
-    found = solve_ivp(
-        lambda t, y: [y[1], np.clip(-16 * y[0] - 8 * y[1], -1, 1)], (0, 2.0), [1.0, 0.0],
-        method="DOP853", rtol=1e-11, atol=1e-12, max_step=1e-3, t_eval=[0.5, 1.0, 2.0])
-    q, p = coordinate(run, "servo")
-    for time, wanted_q, wanted_p in zip(found.t, *found.y, strict=True):
-        row = round(time / 2e-3)
-        assert [q[row], p[row]] == pytest.approx([wanted_q, wanted_p], abs=1e-6)
 
 
 def test_quantities_and_warnings(run):

@@ -324,13 +324,6 @@ axis = [0, 1, 0]
 ANGLES = {"crank_pin": 1.2, "coupler_pin": -0.9, "rocker_pin": -1.9}
 
 
-def closed(q1, q2, q3):
-    """Return the end of the last bar less the pin that it belongs to, in the plane."""
-    a, b, c = q1, q1 + q2, q1 + q2 + q3
-    return (0.4 * np.cos(a) + np.cos(b) + 0.7 * np.cos(c) - 1.1,
-            0.4 * np.sin(a) + np.sin(b) + 0.7 * np.sin(c))
-
-
 MOVED = r"'crank_pin' 1\.18.*given 1\.2"
 
 

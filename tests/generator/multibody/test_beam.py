@@ -397,7 +397,15 @@ def test_sections_of_damped_beams_resist_rates_of_strain():
 # ---------------------------------------------------------------- joints with bodies
 
 
-def test_parameters_are_those_of_the_whole_beam():
+def test_a_beam_has_whole_parameters_and_is_drawn_as_a_tube():
+    """Bars with round ends of one radius and colour, each as long as its segment."""
+    build = builder()
+    build.beam("rod", count=4, radius=0.02, **STRAIGHT)
+    shapes = [shape for shapes in build.model().visuals.values() for shape in shapes]
+    assert {(shape.kind, shape.colour) for shape in shapes} == {("bar", shapes[0].colour)}
+    assert shapes[0].colour
+    assert np.array([shape.size for shape in shapes]) == pytest.approx(
+        np.array([[0.02, 0.02, 1 / 8]] * 4))
     model = cantilever(4, (0, 0, -1))
     assert model.parameters["rod_bending"] == 1.0
     softer = replace(model, parameters={**model.parameters, "rod_bending": 0.5})
@@ -415,17 +423,6 @@ def test_an_end_is_a_frame_at_the_end_of_its_segment():
     at |= {s: model.parameters[str(s)] for s in model.system.parameters}
     place = evaluate([*beam.last.point((0, 0, 0.1)), *beam.last.point_velocity()], at)
     assert place == pytest.approx([1.1, 0, 0, 1, 2, 0], abs=16 * EPS)
-
-
-def test_a_beam_is_drawn_as_a_tube_from_end_to_end():
-    """Bars with round ends of one radius and colour, each as long as its segment."""
-    build = builder()
-    build.beam("rod", count=4, radius=0.02, **STRAIGHT)
-    shapes = [shape for shapes in build.model().visuals.values() for shape in shapes]
-    assert {(shape.kind, shape.colour) for shape in shapes} == {("bar", shapes[0].colour)}
-    assert shapes[0].colour
-    assert np.array([shape.size for shape in shapes]) == pytest.approx(
-        np.array([[0.02, 0.02, 1 / 8]] * 4))
 
 
 # ---------------------------------------------------------------- model files
@@ -488,10 +485,15 @@ def test_files_with_other_beams(old, new, words):
     assert all(word in str(refusal.value) for word in ("mast.toml", *words))
 
 
-def test_clamps_inside_are_refused_in_files():
+def test_clamps_inside_and_names_of_beams_that_are_taken_are_refused_in_files():
     text = FILE.replace('type = "ball"', 'type = "fixed"').replace('["mast_last"', '["mast_2"', 1)
     with pytest.raises(gs.InputError, match=r"mast\.toml.*first"):
         parse_model(text, "mast.toml")
+    build = builder()
+    build.beam("rod", count=2, **STRAIGHT)
+    for name in ("rod", "rod_1", "rod_last"):
+        with pytest.raises(gs.InputError, match=name):
+            build.body(name, mass=1, inertia=(1, 1, 1))
 
 
 # ---------------------------------------------------------------- refusals
@@ -526,11 +528,3 @@ def test_clamps_inside_are_refused(frames):
     build.body("hub", mass=1, inertia=(1, 1, 1))
     with pytest.raises(gs.InputError, match="first"):
         build.fixed("clamp", *frames)
-
-
-def test_names_of_beams_are_taken():
-    build = builder()
-    build.beam("rod", count=2, **STRAIGHT)
-    for name in ("rod", "rod_1", "rod_last"):
-        with pytest.raises(gs.InputError, match=name):
-            build.body(name, mass=1, inertia=(1, 1, 1))

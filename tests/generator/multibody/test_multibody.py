@@ -131,7 +131,7 @@ def test_springs_forces_and_expressions():
     assert system.time == build.time
 
 
-def test_rod_keeps_the_distance_of_the_start():
+def test_rods_keep_the_distance_of_the_start_and_chains_are_free_or_held():
     build = gs.Multibody("bola", gravity=(0, 0, 0))
     a, b = (build.body(name, mass=1, inertia=INERTIA, position=x)
             for name, x in (("a", (0, 0, 0)), ("b", (3, 4, 0))))
@@ -139,6 +139,11 @@ def test_rod_keeps_the_distance_of_the_start():
     model = build.model()
     assert model.parameters["rod_length"] == pytest.approx(5)
     assert model.system.constraint_names[-1] == "rod: length"
+    build = gs.Multibody("rods")
+    free = build.chain_of_rods(POINTS[:2], mass=1.0, a=None, name="a")
+    build.chain_of_rods(POINTS[1:3], mass=1.0, a=free[0], name="b")
+    system = build.model().system
+    assert system.n - system.m == 9  # six of the first, three of the second
 
 
 HIP = {"name": "hip", "axis": (1, 0, 0), "inertia": 0.1}
@@ -253,14 +258,6 @@ def test_rods_lead_from_point_to_point(points, axis, freedom):
     across = m * (3 * 0.02**2 + length**2) / 12
     found = [model.parameters[f"rod_3_I{k}"] for k in (1, 2, 3)]
     np.testing.assert_allclose(found, [m * 0.02**2 / 2, across, across], rtol=4e-16)
-
-
-def test_a_chain_is_free_or_held_by_a_body():
-    build = gs.Multibody("rods")
-    free = build.chain_of_rods(POINTS[:2], mass=1.0, a=None, name="a")
-    build.chain_of_rods(POINTS[1:3], mass=1.0, a=free[0], name="b")
-    system = build.model().system
-    assert system.n - system.m == 9  # six of the first, three of the second
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

@@ -38,7 +38,7 @@ J_INVERSE = sp.diag(*[1 / x for x in moments])
 K = sp.diag(1, -1, -1, 1)
 L, R = left_matrix(q), rotation_matrix(q)
 LP = left_matrix(p)
-ONE3, ONE4 = sp.eye(3), sp.eye(4)
+ONE3 = sp.eye(3)
 
 UNIT = Q.dot(Q) - 1
 ORTHOGONAL = Q.dot(P)

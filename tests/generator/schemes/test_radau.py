@@ -35,7 +35,7 @@ def test_nodes_are_those_of_radau(s):
     assert sp.Poly(legendre, X, domain="QQ").monic() == radau_polynomial(s)
 
 
-def test_coefficients_are_those_of_ehle_and_axelsson():
+def test_coefficients_are_those_of_ehle_and_axelsson_and_rounding_is_dropped():
     two, three = radau_lobatto(2), radau_lobatto(3)
     assert two.A == two.A_hat == ((sp.Rational(5, 12), -sp.Rational(1, 12)),
                                   (sp.Rational(3, 4), sp.Rational(1, 4)))
@@ -43,6 +43,12 @@ def test_coefficients_are_those_of_ehle_and_axelsson():
     weights = (16 - SIX) / 36, (16 + SIX) / 36, sp.Rational(1, 9)
     for found, known in ((three.A[0], first), (three.A[-1], weights), (three.b, weights)):
         assert all(sp.expand(a - b) == 0 for a, b in zip(found, known, strict=True))
+    # A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept.
+    unit = sp.Rational(1, 100)
+    small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")
+    assert _drop_round_off(small, unit) == small  # 8^4/10^4 is no rounding beside 1
+    rest = sp.Poly(1 + sp.Rational(1, 10**7) * z**4, z, domain="QQ")
+    assert _drop_round_off(rest, unit) == sp.Poly(1, z, domain="QQ")
 
 
 @pytest.mark.parametrize("s", STAGES)
@@ -170,12 +176,3 @@ def test_the_certificate_tells_what_is_given_up():
     assert lines["numerical damping"].found.startswith("0.014 (ωΔt)^4")
     assert "dampers" not in lines
     assert lines["order"].holds
-
-
-def test_what_rounding_left_is_distinguished_from_small_coefficients():
-    """A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept."""
-    unit = sp.Rational(1, 100)
-    small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")
-    assert _drop_round_off(small, unit) == small  # 8^4/10^4 is no rounding beside 1
-    rest = sp.Poly(1 + sp.Rational(1, 10**7) * z**4, z, domain="QQ")
-    assert _drop_round_off(rest, unit) == sp.Poly(1, z, domain="QQ")

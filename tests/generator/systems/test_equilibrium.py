@@ -29,12 +29,17 @@ def hanging_points(count: int, side: float = 1.0) -> gs.Model:
     return build.model()
 
 
-def test_a_hanging_chain_of_rods():
-    """The force in rod i is (side, Σ weights below): its direction is that of the rod."""
+def test_a_hanging_chain_of_rods_and_a_rope_that_is_slack_at_the_start():
+    # The force in rod i is (side, Σ weights below): its direction is that of the rod.
     x = hanging_points(5).equilibrium().q0.reshape(-1, 3)
     rods = np.diff(x, axis=0, prepend=np.zeros((1, 3)))
     forces = np.stack([np.ones(5), np.zeros(5), -9.81 * np.arange(5, 0, -1)], axis=1)
     assert np.abs(rods - forces / np.linalg.norm(forces, axis=1)[:, None]).max() <= 64 * EPS
+    # The jumper hangs where the rope is longer than l by m g/k; at the start nothing is stiff.
+    jump = gs.load_model(EXAMPLES / "bungee.toml")
+    mass, gravity, slack, stiffness = (float(jump.parameters[name]) for name in "mglk")
+    length = slack + mass * gravity / stiffness
+    assert np.abs(jump.equilibrium().q0 - [0, -length]).max() <= 8 * EPS * length
 
 
 def test_the_stable_one_of_two_is_found():
@@ -106,14 +111,6 @@ def test_what_is_soft_comes_to_rest_beside_what_is_stiff(stiff, soft, start):
                        + k * (y**2 / 2 + y**4 / 4), name="two_springs")
     rest, _ = equilibrium(system, {"K": stiff, "k": soft}, np.array([start, 0.0]))
     assert np.abs(rest - 1).max() <= 8 * EPS
-
-
-def test_a_rope_that_is_slack_at_the_start():
-    """The jumper hangs where the rope is longer than l by m g/k; at the start nothing is stiff."""
-    jump = gs.load_model(EXAMPLES / "bungee.toml")
-    mass, gravity, slack, stiffness = (float(jump.parameters[name]) for name in "mglk")
-    length = slack + mass * gravity / stiffness
-    assert np.abs(jump.equilibrium().q0 - [0, -length]).max() <= 8 * EPS * length
 
 
 @pytest.mark.slow  # 131 unknowns

@@ -17,16 +17,13 @@ from systems import case, stepper, timed_start
 START = [0.6, -0.8], [0.8, 0.6]
 
 
-def test_names_and_numbers_of_inputs_of_a_simulation():
+def test_names_and_numbers_of_inputs_of_simulations_and_between_steps(tmp_path):
     step = stepper("pushed_pendulum")
     sim = step.start(*START, dt=0.02, parameters={"k": 2.0, "push": 0, "pull": 0})
     with pytest.raises(InputError, match=r"'pus'.*push, pull"):
         sim.advance(1, pus=2)
     with pytest.raises(InputError, match="Input push"):
         sim.advance(1, push="left")
-
-
-def test_between_steps_inputs_are_known_where_they_stay(tmp_path):
     step = stepper("pushed_pendulum")
     what = {"dt": 0.02, "steps": 30, "parameters": {"k": 2.0}}
     run = step.integrate(*START, inputs=[0.3, -1], **what)

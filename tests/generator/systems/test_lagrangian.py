@@ -30,8 +30,6 @@ from processes import ROOT, call
 from strategies import EPS
 from time_lagrangians import c, k, one, t, wire
 
-TINY = 1e-100
-
 
 @cache
 def andrews():

@@ -53,7 +53,7 @@ def test_every_quantity_at_every_stored_state(step):
             assert abs(run.quantity(name)[row] - right) <= 16 * EPS * max(1, abs(right))
 
 
-def test_leading_axes(step):
+def test_quantities_have_leading_axes_and_names(step):
     rng = np.random.default_rng(5)
     q, p, times = rng.standard_normal((3, 2, 2)), rng.standard_normal((3, 2, 2)), np.ones((3, 2))
     found = step.quantities(q, p, parameters=PARAMETERS, t=times)
@@ -64,9 +64,6 @@ def test_leading_axes(step):
     assert all(one[name] == found[name][1, 1] for name in QUANTITIES)
     with pytest.raises(InputError, match="t has shape"):
         step.quantities(q, p, parameters=PARAMETERS, t=[1.0, 2.0])
-
-
-def test_unknown_names_are_refused(step):
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=1, parameters=PARAMETERS)
     with pytest.raises(InputError, match=r"'hight'.*height, drive, spin"):
         run.quantity("hight")

@@ -117,8 +117,8 @@ def test_forms_of_a_chain(links):
     assert structure.is_worthwhile
 
 
-def test_factors_of_a_chain_grow_linearly():
-    """Half-bandwidth 7 and no fill: 22 entries and some 60 products for a further body."""
+def test_factors_of_a_chain_grow_linearly_and_text_hardly_at_all():
+    # Half-bandwidth 7 and no fill: 22 entries and some 60 products for a further body.
     entries, products = zip(*(
         (s.elimination.entries, s.elimination.products)
         for s in (Structure(hoist_constants(chain(links))[0]) for links in (3, 4, 5, 8))),
@@ -127,6 +127,13 @@ def test_factors_of_a_chain_grow_linearly():
     assert products[1] - products[0] == products[2] - products[1]
     assert entries[3] - entries[2] == 3 * (entries[1] - entries[0])
     assert products[3] - products[2] == 3 * (products[1] - products[0])
+    # Kernels are the same; only tables of indices grow.
+    lines = {links: [line for line in generate(
+        Spec.from_arguments("G-L", 2), system=beads(links),
+        structured=True).source.source.splitlines()
+                     if not set(line) <= set("0123456789{}, -;")] for links in (3, 5)}
+    kernels = [[line for line in lines[links] if "c->values[" not in line] for links in (3, 5)]
+    assert len(kernels[1]) - len(kernels[0]) < 40
 
 
 @settings(max_examples=20)
@@ -143,16 +150,6 @@ def test_trees_of_bodies_have_no_fill(parents):
             neighbours[row] |= rows - {row}
     pattern = len(neighbours) + sum(map(len, neighbours.values())) // 2
     assert eliminate(neighbours).entries == pattern
-
-
-def test_text_hardly_depends_on_the_number_of_bodies():
-    """Kernels are the same; only tables of indices grow."""
-    lines = {links: [line for line in generate(
-        Spec.from_arguments("G-L", 2), system=beads(links),
-        structured=True).source.source.splitlines()
-                     if not set(line) <= set("0123456789{}, -;")] for links in (3, 5)}
-    kernels = [[line for line in lines[links] if "c->values[" not in line] for links in (3, 5)]
-    assert len(kernels[1]) - len(kernels[0]) < 40
 
 
 graphs = st.integers(1, 12).flatmap(lambda n: st.lists(

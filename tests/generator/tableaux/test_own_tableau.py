@@ -65,15 +65,12 @@ def failed(path: Path) -> list[str]:
 # ---------------------------------------------------------------- the examples
 
 
-def test_examples_are_what_the_script_derives(tmp_path: Path) -> None:
+def test_examples_and_families_are_what_the_script_derives(tmp_path: Path, written: Any) -> None:
+    """Its Gauss-Lobatto and Lobatto IIIA-B are those of the generator, solved another way."""
     make().main(tmp_path)
     assert {path.stem for path in tmp_path.iterdir()} == EXAMPLES.keys()
     for path in tmp_path.iterdir():
         assert (FOLDER / path.name).read_text(encoding="utf-8") == path.read_text(encoding="utf-8")
-
-
-def test_the_script_derives_the_families_too(written: Any) -> None:
-    """Its Gauss-Lobatto and Lobatto IIIA-B are those of the generator, solved another way."""
     script = make()
     for s, family in ((2, gauss_lobatto(2)), (3, gauss_lobatto(3)), (3, lobatto_iiiab(3))):
         stages = script.lobatto_nodes(s) if family.p == s - 1 else script.gauss_nodes(s)

@@ -63,7 +63,7 @@ def failed(tableau: Tableau) -> list[str]:
     return [condition.name for condition in check_tableau(tableau) if not condition.holds]
 
 
-def test_example_is_gauss_lobatto_2() -> None:
+def test_examples_are_gauss_lobatto_2_and_in_the_docstring() -> None:
     tableau = read_tableau(EXAMPLE)
     for key in FIELDS:
         assert getattr(tableau, key) == getattr(gauss_lobatto(2), key)
@@ -71,9 +71,6 @@ def test_example_is_gauss_lobatto_2() -> None:
     assert tableau.claims == {"order": 4, "symmetric": 1}
     assert tableau.order == 4
     assert failed(tableau) == []
-
-
-def test_example_is_in_the_docstring() -> None:
     documented = re.search(r"\{.*?\n    \}", str(tableau_file.__doc__), re.DOTALL)
     assert documented is not None
     assert json.loads(documented.group()) == example()
