@@ -159,7 +159,7 @@ def test_a_missing_folder_is_named(tmp_path):
     """With the way to make it; nothing is made."""
     run = systems.stepper("heavy_top").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
     for write, ending in (*((run.save, end) for end in ("npz", "csv")), (run.plot, "png"),
-                          *((run.show, end) for end in ("html", "png", "glb"))):
+                          *((run.show, end) for end in ("html", "png", "glb", "gif"))):
         with pytest.raises(gs.GyrosparkError, match="mkdir"):
             write(tmp_path / "no" / "such" / f"run.{ending}")
     assert list(tmp_path.iterdir()) == []

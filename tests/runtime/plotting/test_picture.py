@@ -136,6 +136,21 @@ def test_a_top_between_joints_has_its_flywheel_at_its_centre_of_mass():
         assert (flywheel.centre - foot.centre) @ (stem.centre - foot.centre) > 0
 
 
+def test_a_flat_free_body_is_a_t_with_its_moments(gl3):
+    """Of the ratio that two rods can have: I₁ and I₂ about the centre of mass."""
+    free = gs.problems.free_body((1, 2, 3), (0.01, 5, 0.01))
+    scene = scene_of(gl3.integrate(free, dt=0.01, steps=4), 4)
+    assert not scene.gravity
+    assert scene.parts[0].rim is None
+    across, stem = scene.parts[0].shapes
+    a, c = across.size[2], float(across.centre @ stem.axes[:, 2])
+    n, middle = 2 * stem.size[2], float(stem.centre @ stem.axes[:, 2])
+    mass = np.array([2 * a, n])
+    assert abs(mass @ [c, middle]) < 1e-9 * a
+    I1, I2 = mass @ [c**2, n**2 / 12 + middle**2], mass[0] * a**2 / 3
+    assert pytest.approx(0.5, rel=1e-6) == I1 / I2
+
+
 def test_a_picture_has_its_size_and_is_a_file(top, tmp_path):
     made = draw_picture(top, tmp_path / "top.png", **SMALL)
     assert made.pixels.shape == (90, 120, 3)
@@ -179,7 +194,7 @@ def test_a_motion_in_a_plane_is_seen_from_the_front():
     ({"size": (400.5, 300)}, "400.5"), ({"size": (9000, 300)}, "9000"),
     ({"azimuth": "north"}, "azimuth = 'north'"), ({"elevation": 91}, "elevation = 91"),
     ({"time": [1]}, "time = "), ({"time": float("nan")}, "time = nan"),
-    ({"background": "pink"}, "'pink'")])
+    ({"background": "pink"}, "'pink'"), ({"path": "top.svg"}, r"'top.svg'.*\.png")])
 def test_what_is_no_picture(top, options, said):
     with pytest.raises(gs.InputError, match=said):
         draw_picture(top, **options)

@@ -59,11 +59,12 @@ def test_every_type(real, solver, tmp_path):
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     begin, how = gs.Start(q, p, PARAMETERS, 1.5), {"dt": 0.02, "solver": solver}
     run = step.integrate(begin, steps=12, **how)
-    sim = step.start(begin, record=True, **how)
-    sim.advance(5)
-    sim.advance(7)
-    assert_is(sim, run)
-    assert_is(pickle.loads(pickle.dumps(sim)), run)
+    sim, other = (step.start(begin, record=record, **how) for record in (True, False))
+    for one in (sim, other):
+        one.advance(5)
+        one.advance(7)
+        assert_is(one, run)
+        assert_is(pickle.loads(pickle.dumps(one)), run)
     found = sim.trajectory
     assert_same_run(found, run)
     assert_same_run(gs.load(found.save(tmp_path / "run.npz")), run)
