@@ -50,9 +50,6 @@ def prepared(run, dt=None, t_end=1.0, most=60.0):
     return fast_top._prepared(PeerEntry("still", "as it is", lambda: run, dt), t_end, most)
 
 
-# ---------------------------------------------------------------- what is imported
-
-
 #: What has no public name: how derivatives of two extensions of a loss are compared, and what
 #: writes digits into the package.
 INSIDE = {"gradients.py": {"gyrospark.runtime.derivatives.tangent_space"}, "make_digits.py": {
@@ -73,9 +70,6 @@ def test_what_comes_in_is_public(path):
             found.add(node.module)
     inside = {name for name in found if name.startswith("gyrospark.")}
     assert inside - {"gyrospark.references", "gyrospark.errors"} == INSIDE.get(path.name, set())
-
-
-# ---------------------------------------------------------------- timing
 
 
 def test_jobs_take_turns():
@@ -103,9 +97,6 @@ def test_a_job_is_repeated_until_it_takes_long_enough():
     done.clear()
     again()
     assert len(done) == times
-
-
-# ---------------------------------------------------------------- rows
 
 
 def entry(program, setting, cost=1.0, error=0.0, quick=True):
@@ -166,9 +157,6 @@ def test_a_law_is_the_slope_of_the_logarithms():
             for N in (1, 8, 16)]
     law, = scale.laws(some)
     assert law.numbers == pytest.approx({"step (s)": 2.0}, abs=1e-12)
-
-
-# ---------------------------------------------------------------- the fast top
 
 
 def test_reference_knows_its_times():
@@ -245,9 +233,6 @@ def test_quick_peers_arrive(name):
     np.testing.assert_allclose(end.omega, exact.omega, atol=0.2)
 
 
-# ---------------------------------------------------------------- bodies
-
-
 @pytest.mark.parametrize("model", [gs.models.chain(3), gs.models.four_bar()], ids=lambda m: m.name)
 def test_joints_hold_both_bodies(model):
     """A point of two bodies does not move at the start, seen from either: ẋ + ω × r agree."""
@@ -276,9 +261,6 @@ def test_centres_are_those_of_the_system(model):
         assert centre == pytest.approx(np.array(place.subs(values), dtype=float).ravel(), abs=1e-15)
 
 
-# ---------------------------------------------------------------- stores, sweeps, scale
-
-
 def test_the_ensemble_does_what_the_sweep_does():
     """Otherwise shares mean nothing: the same bits."""
     ends = sweeps.ensemble_job(2, 9, 20)()
@@ -287,18 +269,12 @@ def test_the_ensemble_does_what_the_sweep_does():
         assert np.array_equal(mine[:, -1].reshape(9, 9, 4), np.asarray(theirs).swapaxes(0, 1))
 
 
-# ---------------------------------------------------------------- eccentric orbits
-
-
 @pytest.mark.parametrize("e", [0.3, 0.9])
 def test_orbits_are_in_closed_form(e):
     """Half a period leads to the apocentre; a quarter in E, and the law of areas."""
     position = adaptive.kepler(e, 1.0).position
     assert np.abs(position(np.pi) - [-1 - e, 0.0]).max() < 1e-13
     assert np.abs(position(np.pi / 2 - e) - [-e, np.sqrt(1 - e**2)]).max() < 1e-13
-
-
-# ---------------------------------------------------------------- equal error
 
 
 def test_errors_fall_with_the_step():
@@ -360,9 +336,6 @@ def test_the_cheapest_at_equal_error_are_compared():
     assert "| heyoka 7 | 6 ms, 3 ×, b |" in text
 
 
-# ---------------------------------------------------------------- events, gradients
-
-
 @pytest.mark.slow  # compiles derivatives for speed
 def test_gradients_of_ours_and_of_what_is_missing(monkeypatch):
     """Adjoint and tangents agree with long double; each missing program says so in its row."""
@@ -396,9 +369,6 @@ def test_gradients_by_spin_are_those_by_momentum():
     rate = (state(step) - state(-step)) / (2 * step)
     given = found.q @ dq + found.p @ dp + found.parameters[:3] @ dI
     assert given == pytest.approx(by_state @ rate + by_values[:3] @ dI, rel=1e-7)
-
-
-# ---------------------------------------------------------------- the command
 
 
 def test_command_writes_json_and_a_picture(tmp_path, capsys):

@@ -219,8 +219,6 @@ def test_paths_that_are_no_file(bounded, tmp_path):
 @pytest.mark.parametrize(("arguments", "fragments"), [
     (["--gamma", "m"], ["--gamma", "no body"]),
     (["--rep", "gamma"], ["rep 'gamma'", "[body]"]),
-    (["--set", "mm=2"], ["'mm'", "m, g or l", "m?"]),
-    (["--set", "m"], ["--set 'm'", "KEY=VALUE"]),
     (["--set", "m=0"], ["m", "divides"]),
     (["--stages", "2"], ["IMS", "no stages"]),
 ])
@@ -228,11 +226,8 @@ def test_options_that_do_not_fit_a_model(arguments, fragments, bounded):
     refused(bounded("run", PENDULUM, "--scheme", "IMS", *arguments), *fragments)
 
 
-def test_verify_says_what_a_model_file_is_for(bounded):
+def test_what_a_run_lacks_is_said(bounded, tmp_path):
     refused(bounded("verify", PENDULUM), "--model", "--system")
-
-
-def test_run_length_is_somewhere(bounded, tmp_path):
     text = PENDULUM.read_text(encoding="utf-8")
     path = write(tmp_path, text.replace("dt = 0.005\n", ""))
     refused(bounded("run", path, "--scheme", "IMS"), "--dt", "pendulum")
