@@ -229,19 +229,6 @@ def test_events_without_derivatives_are_refused_by_name(event, tmp_path):
         step.integrate(*begin, **arguments, events=ends)
 
 
-def test_a_file_keeps_the_tangents_of_events(tmp_path):
-    run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={"g": 1.0},
-                             events=[gs.Event("y", level=0.25), gs.Event("x", level=0.7)],
-                             tangents=gs.Tangents())
-    read = gs.load(run.save(tmp_path / "run.npz"))
-    assert [*read.tangents.events] == ["y", "x"]
-    assert len(read.tangents.events["y"].t) == len(run.events["y"]) == 1
-    for event, tangents in run.tangents.events.items():
-        for name in ("q", "p", "t", "start"):
-            assert np.array_equal(getattr(read.tangents.events[event], name),
-                                  getattr(tangents, name))
-
-
 @pytest.mark.parametrize("memory", ["256 MB", "none"])
 def test_a_run_that_ends_before_its_times_has_no_row_to_differentiate(memory):
     run = thrown().integrate([0.1, 0.0], [1.0, 1.0], dt=0.03, steps=50, parameters={"g": 1.0},

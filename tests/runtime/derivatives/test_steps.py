@@ -11,7 +11,6 @@ import sympy as sp
 
 import gyrospark as gs
 import systems
-from calls import RUN, TOP, equal
 from derivative_cases import (
     label,
     product,
@@ -124,23 +123,19 @@ def test_multipliers_at_states_before_an_end_between_two_steps(scheme):
 def test_a_file_keeps_tangents(tmp_path, real):
     step, case = systems.differentiable("driven_pendulum", real=real), systems.case(
         "driven_pendulum")
-    run = step.integrate(gs.Start(*systems.start("driven_pendulum", step), t=case.t0), dt=case.dt,
-                         steps=3, parameters=case.parameters,
-                         tangents=gs.Tangents("all", ["m"], multipliers=True))
+    begin = gs.Start(*systems.start("driven_pendulum", step), t=case.t0)
+    level = float(step.integrate(begin, dt=case.dt, steps=2, parameters=case.parameters).q[1, 0])
+    run = step.integrate(begin, dt=case.dt, steps=3, parameters=case.parameters, events=[
+        gs.Event("x", level=level + 1e-3), gs.Event("y", level=9)],
+        tangents=gs.Tangents("all", ["m"], multipliers=True))
     read = gs.load(run.save(tmp_path / "run.npz")).tangents
     assert read.names == run.tangents.names
     for name in ("q", "p", "start", "t", "multipliers"):
         assert (getattr(read, name) == getattr(run.tangents, name)).all()
-
-
-def test_checkpoints_of_many_pieces_have_the_same_bits(top):
-    step, problem, parameters = top
-    run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=3000, every=3000,
-                         parameters=parameters)
-    whole = run.gradient({"q": run.q[-1]})
-    with pytest.raises(gs.InputError, match="1,000"):
-        run.gradient({"q": run.q[-1]}, memory="1 kB")
-    assert (run.gradient({"q": run.q[-1]}, memory="0.8 MB").vector() == whole.vector()).all()
+    assert [len(one.t) for one in read.events.values()] == [1, 0]
+    for event, tangents in run.tangents.events.items():
+        for name in ("q", "p", "t", "start"):
+            assert (getattr(read.events[event], name) == getattr(tangents, name)).all()
 
 
 def test_a_step_has_the_derivatives_of_a_run(top):
@@ -271,18 +266,6 @@ def test_inputs_have_the_same_bits_from_checkpoints():
     assert whole.inputs.shape == rows.shape
     assert np.array_equal(whole.vector(), pieces.vector())
     assert np.array_equal(whole.inputs, pieces.inputs)
-
-
-def test_a_run_has_its_bits_with_tangents():
-    step, given = systems.differentiable("heavy_top"), RUN | {"steps": 600, "every": 250}
-    alone = step.integrate(TOP.q0, TOP.p0, **given)
-    beside = step.integrate(TOP.q0, TOP.p0, **given,
-                            tangents=gs.Tangents(parameters=["I3", "mgl"], dt=True))
-    assert equal(alone, beside)
-    again = step.integrate(TOP.q0, TOP.p0, **given | {"every": 50}, tangents=gs.Tangents(
-        start=beside.tangents.start[:, 3], parameters=["mgl"]))
-    for column, other in ((3, 0), (7, 1)):  # alone, and stored at other states
-        assert np.array_equal(again.tangents.q[-1, :, other], beside.tangents.q[-1, :, column])
 
 
 @pytest.mark.parametrize(("size", "count", "dependent"), [

@@ -128,16 +128,6 @@ def test_gradients_are_those_of_the_row_at_t_end():
     assert slope[0] == pytest.approx(made.gradient({"q": w})[name], rel=1e-12)
 
 
-def test_other_numbers_end_there_too():
-    for real in ("float", "long-double"):
-        step = systems.stepper("heavy_top", real=real)
-        start = gs.Start(*systems.start("heavy_top", step), systems.case("heavy_top").parameters)
-        made = step.integrate(start, dt=DT, t_end=END)
-        there = step.integrate(start, dt=DT, steps=11).at([END])
-        assert np.abs(made.q[-1] - there.q[-1]).max() <= 64 * np.finfo(made.q.dtype).eps
-        assert made.t[-1] == pytest.approx(END, abs=1e-7)
-
-
 def test_what_ends_with_a_whole_step_says_so(tmp_path, gyrospark):
     step, start, _, _ = run()
     for call in (lambda: gs.section(step, start, event=gs.Event("x"), dt=DT,

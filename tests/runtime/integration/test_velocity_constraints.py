@@ -98,18 +98,6 @@ def test_a_resumed_store_has_the_reactions(tmp_path):
     assert (stored.reactions == whole.reactions).all()
 
 
-@pytest.mark.slow  # steppers in other types
-@pytest.mark.parametrize(("real", "bits"), [("long-double", 64), ("float", 24)])
-def test_rows_hold_in_other_types(real, bits):
-    if real == "long-double" and np.finfo(np.longdouble).nmant != 63:
-        pytest.skip("long double is no x87 number here")
-    step = stepper_of(sleigh, 2, real=real)
-    start = step.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
-    run = step.integrate(*start, dt=0.02, steps=50, parameters=SLEIGH)
-    assert run.report.momentum_constraint_max < 32 * 2.0**-bits
-    assert np.abs(run.energies - run.energies[0]).max() < 1e-5
-
-
 def test_integers_of_work_memory_are_checked(tmp_path):
     """History and factors go from step to step, and from a store to a run that is resumed."""
     step = stepper_of(sleigh, 2)
