@@ -318,8 +318,7 @@ def lowest_frequency(model: gs.Model) -> float:
 
 @cache
 def loaded(extension: tuple[float, ...] = (), count: int = 2) -> tuple[gs.Model, gs.Trajectory]:
-    """Return a cantilever in equilibrium under a load, two steps that keep it there, clamped b-a.
-    """
+    """Return a loaded cantilever in equilibrium and two steps that keep it there, clamped b-a."""
     build = builder()
     more = dict(zip(("stretching", "shearing"), extension, strict=False))
     beam = build.beam("rod", count=count, **STRAIGHT | {
@@ -371,7 +370,6 @@ def test_results_of_beams_survive_a_file_and_other_ones_are_refused(tmp_path):
     same = gs.load(tmp_path / "run.npz").beam()
     assert np.array_equal(same.moment(), run.beam().moment())
     assert same.segments == ("rod_1", "rod_2")
-    _, run = loaded()
     for call, words in ((lambda: run.beam("rope"), ("rope", "rod")),
                         (lambda: run.beam().force("body"), ("body", "section"))):
         with pytest.raises(gs.InputError) as refusal:
