@@ -174,7 +174,8 @@ class Hessian:
         The largest entry of the other part, relative to the largest of the matrix: round-off.
     names : tuple of str
         "start[0]" and so on are coordinates y of the tangent space, z0 + B y, of which ``basis`` is
-        B. Parameters that move the constraints move the start too, in the first order.
+        B. Parameters that move the constraints move the start too, in the first order, before it is
+        projected; with a start that stays, second derivatives by them differ (docs/derivatives.md).
     gradient : array, shape (k,)
         The first derivatives by the same.
     value : float or None
