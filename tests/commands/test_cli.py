@@ -588,12 +588,9 @@ def test_verify_model(gyrospark):
     assert max(map(len, text.stdout.splitlines()[:-1])) <= 80
 
 
-def test_verify_model_fails_for_a_broken_tableau(gyrospark, tmp_path):
-    content = json.loads(EXAMPLE.read_text(encoding="utf-8")) | {"name": "bent"}
-    content["A_hat"] = BENT
-    path = tmp_path / "bent.json"
-    path.write_text(json.dumps(content), encoding="utf-8")
-    answer = gyrospark("verify", "--model", "fast-top", "--tableau", path, "--steps", "100")
+def test_verify_model_fails_for_a_broken_tableau(gyrospark):
+    answer = gyrospark("verify", "--model", "fast-top", "--tableau",
+                       perturbed(A_hat=BENT, name="bent"), "--steps", "100")
     assert answer.code == 1
     assert "FAILS: " in answer.stdout
 

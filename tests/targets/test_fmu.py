@@ -524,8 +524,6 @@ def midpoint(q, p, t, h, steps):
 
 def test_what_cannot_be_an_fmu(tmp_path):
     chosen = {"scheme": "IMS", "dt": 0.01, "out": tmp_path / "no.fmu"}
-    with pytest.raises(gs.InputError, match=r"float.*double"):
-        gs.build("fmu2", SATELLITE, **chosen, real="float")
     with pytest.raises(gs.InputError, match=r"dt = -0\.01.*positive"):
         gs.build("fmu3", SATELLITE, **chosen | {"dt": -0.01})
     for name in ("dt", "energy", "time", "GUID", "stdin"):
