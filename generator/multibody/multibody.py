@@ -1138,8 +1138,9 @@ class Multibody:
         self, name: str, joint: Connection | str, *, stiffness: float | None = None,
         damping: float | None = None, rest: float | tuple[float, float] | None = None,
     ) -> JointSpring:
-        """Add V = ½ k (c − rest)² of a joint's coordinate c, its angle or travel, and a damper.
+        """Add V = ½ k (c − rest)² of a joint's coordinate c, and a damper.
 
+        c is the travel of a joint that slides, as a cylindrical one does, and the angle of others.
         One of ``stiffness`` k and ``damping`` ≥ 0 is given, or both, in N m/rad and N m s/rad about
         an axis, N/m and N s/m along one; ``rest``, by default 0, goes with a stiffness. Where it
         is an interval, (lower, upper), the spring is slack in it and pushes back from beyond:
@@ -1269,7 +1270,8 @@ class Multibody:
     ) -> tuple[Impact, ...]:
         """End the range of a joint, whose angle (rad) or travel (m) rebounds, as in ``contact``.
 
-        With both ends the gaps are ``NAME_lower`` and ``NAME_upper``.
+        A joint that slides has its travel. With both ends the gaps are ``NAME_lower`` and
+        ``NAME_upper``.
         """
         link = self._components.joint(joint, f"Stop {name!r}")
         coordinate = self._measure(link, _coordinate(link))
