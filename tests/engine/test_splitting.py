@@ -203,7 +203,6 @@ def test_what_a_splitting_does_not_have_is_refused():
         lambda: gs.stepper("G-L", stages=2, order=4),
         lambda: gs.stepper("splitting", order=6, composition="G4"),
         lambda: gs.stepper("splitting", composition="SABAG6"),  # I2 may differ from I1
-        lambda: gs.stepper("splitting", order=4, frame="symmetries"),
         lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
         lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
                                solver="newton"),
