@@ -27,7 +27,6 @@ from gyrospark.generator.spec import Spec
 from gyrospark.generator.systems.system_digest import system_digest
 from gyrospark.runtime.devices.ensemble import DeviceEnsemble
 from gyrospark.runtime.steppers.run_defaults import RunDefaults
-from processes import python
 from result_classes import RESULT_CLASSES, result_class
 from stores import record
 
@@ -118,15 +117,6 @@ def test_every_object_is_pickled_and_copied(shown):
         for other in (copy.copy(thing), pickle.loads(pickle.dumps(thing))):
             assert type(other) is type(thing)
             assert repr(other) == repr(thing)
-
-
-@pytest.mark.slow  # it imports all that is plotted, solved and stored
-def test_a_spawned_process_gets_every_object(shown, tmp_path):
-    (tmp_path / "objects").write_bytes(pickle.dumps(shown))
-    read = python("import pathlib, pickle\n"
-                  "for thing in pickle.loads(pathlib.Path('objects').read_bytes()):\n"
-                  "    print(type(thing).__name__)", cwd=tmp_path)
-    assert read.split() == [type(thing).__name__ for thing in shown]
 
 
 def test_every_attribute_is_there_or_absent(shown):

@@ -3,7 +3,7 @@
 ``case(name)`` has the numbers, ``stepper(name, scheme, stages)`` the compiled stepper, once a
 session (the cache folder serves both workers, and derivation and compilation count for no case of
 the budget), ``start(name, step)`` a state on the constraints, ``run(name, step, steps)`` a
-trajectory. ``names("time", "-inputs")`` selects by feature; features are read off the system.
+trajectory. Features are read off the system.
 
 Take G-L with 2 stages, or EMS, unless the test is about stages: each other stepper costs a second.
 """
@@ -32,8 +32,7 @@ from processes import ROOT
 
 Array = NDArray[Any]
 
-__all__ = ["SCHEMES", "Case", "case", "differentiable", "names", "run", "start",
-           "stepper"]
+__all__ = ["SCHEMES", "Case", "case", "differentiable", "run", "start", "stepper"]
 
 #: The steps of a quick test: two stages, and the discrete gradient.
 SCHEMES = [("G-L", 2), ("EMS", None)]
@@ -481,13 +480,6 @@ def _beads() -> Case:
                 structured_systems.BEADS, 0.02, 0.4)
 
 
-#: Of these ``names`` returns none: single tests take them by name.
-_OTHERS: dict[str, Callable[[], Case]] = {
-    "arm": _arm, "ball": _ball, "beads": _beads, "beam": _beam, "logarithm": _logarithm,
-    "eccentric_satellite": _eccentric_satellite, "swing": _swing, "tied": _tied,
-    "tilted": _tilted, "very_eccentric": _very_eccentric}
-
-
 _CASES: dict[str, Callable[[], Case]] = {
     "heavy_top": _heavy_top,
     "heavy_top_alpha": lambda: _heavy_top("alpha"),
@@ -521,6 +513,10 @@ _CASES: dict[str, Callable[[], Case]] = {
     "eccentric": _eccentric,
     "scaled_pendulum": _scaled_pendulum,
     "tethered_pair": _tethered_pair,
+    # which single tests take
+    "arm": _arm, "ball": _ball, "beads": _beads, "beam": _beam, "logarithm": _logarithm,
+    "eccentric_satellite": _eccentric_satellite, "swing": _swing, "tied": _tied,
+    "tilted": _tilted, "very_eccentric": _very_eccentric,
 }
 
 
@@ -528,14 +524,7 @@ _CASES: dict[str, Callable[[], Case]] = {
 def case(name: str) -> Case:
     """Return a case by its name."""
     with budget.shared():
-        return (_CASES | _OTHERS)[name]()
-
-
-def names(*features: str) -> list[str]:
-    """Return the cases that have these features, and none of those after a minus sign."""
-    return [name for name in _CASES if all(
-        (feature.removeprefix("-") in case(name).features) != feature.startswith("-")
-        for feature in features)]
+        return _CASES[name]()
 
 
 @cache

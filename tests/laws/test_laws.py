@@ -10,10 +10,9 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
-import systems
 from calls import jacobian_by_differences
 from python_newton import newton_in_python
-from systems import case, differentiable, names, run, start, stepper
+from systems import case, differentiable, run, start, stepper
 
 EPS = np.finfo(float).eps
 CLOSED = ["free_body", "oscillator", "driven_oscillator", "kepler", "pendulum", "eccentric"]
@@ -160,16 +159,3 @@ def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
     J = np.block([[np.zeros((n, n)), np.eye(n)], [-np.eye(n), np.zeros((n, n))]])
     area, mapped = basis.T @ J @ basis, M.T @ J @ M
     assert np.abs(mapped - area).max() <= 500 * EPS * np.abs(M).max() ** 2
-
-
-@pytest.mark.parametrize("name", CLOSED)
-def test_the_catalogue_has_the_start_of_its_closed_forms(name):
-    entry = case(name)
-    assert np.allclose(entry.exact(entry.t0), entry.q, rtol=0, atol=8 * EPS)
-
-
-def test_features_select():
-    assert [name for name in names() if case(name).exact] == CLOSED
-    assert names("velocity_constraints") == ROLLING
-    assert set(systems.names("inputs")) == {"driven_pendulum", "pushed_pendulum"}
-    assert "pendulum" in systems.names("constraints", "-forces")

@@ -268,7 +268,7 @@ def test_a_scheme_that_does_not_keep_the_momentum_constraint():
     assert found.residuals[-1] < 1e-13
 
 
-@pytest.mark.slow  # three seconds in float128; test_lyapunov.py has its tangents
+@pytest.mark.slow  # three seconds in float128
 def test_many_digits():
     """In float128 iterations go on to where the orbits of the discrete family differ."""
     found = orbit(pendulum(stages=3, real="float128"))
