@@ -6,8 +6,6 @@ import os
 import shutil
 from pathlib import Path
 
-import numpy as np
-
 from calls import PARAMETERS, TOP, by_names
 from gyrospark.core.event import as_events
 from gyrospark.runtime.bindings.real_numbers import as_bytes
@@ -104,8 +102,3 @@ def as_files(store: Path) -> dict[str, bytes]:
     """Return every file of a store by its name."""
     return {str(path.relative_to(store)): path.read_bytes()
             for path in sorted(store.rglob("*")) if path.is_file()}
-
-
-def unlike(array):
-    """Return how many entries of an array are NaN."""
-    return int(np.isnan(array).sum())
