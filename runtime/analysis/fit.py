@@ -66,7 +66,7 @@ _TOLERANCE = 1e-8
 #: How far a time may be from a whole number of steps, in steps.
 _OFF_GRID = 1e-3
 #: A user's derivatives are wrong if differences of values are off by this share of them.
-_WRONG = 0.05
+_WRONG = 0.15
 
 
 @explain_arguments
@@ -509,7 +509,9 @@ def _refuse_wrong_derivatives(fitting: Fitting, point: Point) -> None:
     A step h y changes all unknowns by a part h of their units: (r(h y) − r(−h y))/2 is J h y. The
     median of the samples counts, because an angle may jump by 2π at one of them.
     """
-    linear, h = fitting.linearise(point), np.cbrt(fitting.step.binding.epsilon)
+    # above the round-off of residuals, which are doubles, and a part of a period of a long motion
+    h = max(fitting.step.binding.epsilon, float(np.finfo(float).eps)) ** 0.4
+    linear = fitting.linearise(point)
     y = linear.units * h
     after, before = (fitting.residuals(fitting.apply_step(point, x)) for x in (y, -y))
     differences, predicted = (after - before) / 2, (linear.J @ y).reshape(after.shape)
