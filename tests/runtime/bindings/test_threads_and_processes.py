@@ -12,7 +12,7 @@ import pytest
 
 import gyrospark as gs
 from fuzz.steppers import NAMES, case
-from processes import FAST_TOP, python
+from processes import FAST_TOP, ROOT, python
 
 THREADS = 16
 
@@ -198,3 +198,12 @@ def test_no_leak_in_a_million_calls(monkeypatch):
     monkeypatch.setattr("processes.PATIENCE", 3600)
     before, after = map(int, python(LEAKS).split())
     assert after - before < ALLOWED
+
+
+def test_nothing_of_runs_is_behind_a_lock_of_a_class():
+    """``cached_property`` has one for all instances in Python 3.11: a forked child may have it
+    locked for ever."""
+    sources = [path for folder in ("runtime", "sweeps", "storage")
+               for path in sorted((ROOT / folder).rglob("*.py"))]
+    assert len(sources) > 50
+    assert not [path.name for path in sources if "cached_property" in path.read_text("utf-8")]
