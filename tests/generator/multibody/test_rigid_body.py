@@ -96,6 +96,23 @@ def test_the_prover_itself_rejects_what_is_false():
     assert on_manifold(q[0] * UNIT + 3 * ORTHOGONAL / moments[0])
 
 
+def test_9_10_11_L_is_antisymmetric_in_its_vectors_and_has_L_LT_and_LT_L_for_unit_q():
+    assert vanishes(L * Q)
+    assert vanishes(L * V + left_matrix(v) * Q)
+    for product, expected in ((L * L.T, ONE3), (L.T * L, sp.eye(4) - Q * Q.T)):
+        assert vanishes_on([UNIT], product - expected)
+        assert not vanishes(product - expected)  # erratum 2: the printed forms need |q| = 1
+
+
+def test_3_R_is_the_rotation_x_to_q_x_conjugate_q_with_determinant_one_for_unit_q():
+    assert vanishes(R * R.T - Q.dot(Q) ** 2 * ONE3)
+    assert vanishes(R.det(method="berkowitz") - Q.dot(Q) ** 3)
+    x = sp.symbols("x1:4")
+    turned = sp.Quaternion(*q) * sp.Quaternion(0, *x) * sp.Quaternion(*q).conjugate()
+    assert vanishes(turned.a)
+    assert vanishes(sp.Matrix([turned.b, turned.c, turned.d]) - R * sp.Matrix(x))
+
+
 def test_5_to_8_Rdot_is_R_Omega_hat_with_Omega_2_L_qdot_so_R_maps_body_to_space():
     omega = 2 * L * V
     rate = along(R, v)
@@ -122,6 +139,26 @@ def test_19_20_l_and_the_legendre_transform_of_14():
     hamiltonian = sum(x**2 / Ii for x, Ii in zip(w, moments, strict=True)) / 8
     assert sp.expand(hamiltonian - square**2 * 2 * (u.T * J * u)[0]) == 0  # |q|⁴ T
     assert vanishes(kinetic_energy("original") - (P.T * L.T * J_INVERSE * L * P)[0] / 8)
+
+
+FORMS = {
+    "original": (J_INVERSE, sp.zeros(4), sp.zeros(4), sp.zeros(4)),
+    "alpha": (J_INVERSE, Q * Q.T / alpha, P * P.T / alpha, sp.zeros(4)),
+    "gamma": (J_INVERSE - ONE3 / gamma, sp.zeros(4), sp.zeros(4), sp.eye(4) / gamma),
+}
+
+
+@pytest.mark.parametrize("rep", FORMS)
+def test_21_23_27_hamiltons_equations_are_the_derivatives_of_H(rep):
+    (D, q_qT, p_pT, square), top = FORMS[rep], heavy_top(rep)
+    for ours, typed in (
+            (top.H_p, (L.T * D * L * P + q_qT * P + square * P) / 4),
+            (top.H_q, (LP.T * D * LP * Q + p_pT * Q) / 4 + 2 * mgl * K * Q),
+            (top.H_pp, (L.T * D * L + q_qT + square) / 4),
+            (top.H_qq, (LP.T * D * LP + p_pT) / 4 + 2 * mgl * K)):
+        assert vanishes(sp.Matrix(ours) - typed)
+    assert vanishes(sp.Matrix(top.H_pq).T - sp.Matrix(top.H_q).jacobian(p))
+    assert [[2 * x for x in q]] == top.G  # the force −2λq
 
 
 def test_22_26_28_types_equal_20_on_the_manifold_and_differ_by_a_multiple_of_the_constraint():
