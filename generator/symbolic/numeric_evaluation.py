@@ -48,10 +48,6 @@ class Evaluator:
             value = self._values[e] = self._compute(e)
         return value
 
-    def define(self, symbol: sp.Symbol, value: Any) -> None:
-        """Define the value of one more symbol."""
-        self._values[symbol] = value
-
     def _compute(self, e: sp.Expr) -> Any:
         """Return the value of an expression from the values of its arguments, each computed once.
         """

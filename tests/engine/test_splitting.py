@@ -9,6 +9,7 @@ import pytest
 import sympy as sp
 
 import gyrospark as gs
+import splitting_systems
 from c_programs import Program
 from gyrospark.core.errors import InputError, StepFailed
 from gyrospark.generator.pipeline import generate
@@ -209,6 +210,13 @@ def test_what_a_splitting_does_not_have_is_refused():
     ):
         with pytest.raises(InputError):
             call()
+
+
+@pytest.mark.parametrize(("system", "choice", "words"), [
+    ("driven", {"order": 4}, "order = 4.*drag"), ("drag", {"composition": "G4"}, "G4.*'drag'")])
+def test_forces_bound_the_order(system, choice, words):
+    with pytest.raises(InputError, match=words):
+        gs.stepper("splitting", system=splitting_systems.SYSTEMS[system][0], **choice)
 
 
 def with_drag(turntable, **moments):

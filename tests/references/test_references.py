@@ -14,6 +14,7 @@ import pytest
 import gyrospark as gs
 from benchmarks import loops, make_digits
 from benchmarks.references import measure_peers
+from gyrospark.commands.reference import _print
 from gyrospark.generator.systems.numeric_system import NumericSystem
 from gyrospark.references.problem import Attempt, largest_error
 from gyrospark.references.problem_registry import REFERENCES
@@ -228,6 +229,12 @@ def test_a_run_with_wrong_digits_is_a_miss(gyrospark, monkeypatch):
     assert answer.code == 1
     assert "spherical-pendulum" in answer.stderr
     assert min(row["error"] for row in answer.document) > 1e-13
+
+
+def test_the_command_prints_the_largest_deviation_of_published_digits(capsys):
+    problem = REFERENCES["andrews"]
+    _print(problem, [])
+    assert f"{max(problem.deviations.values()):.0e}" in capsys.readouterr().out
 
 
 def test_the_command(gyrospark, tmp_path):

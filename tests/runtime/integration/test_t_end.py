@@ -192,7 +192,7 @@ def test_a_killed_run_ends_there_with_the_same_bytes(every, place, tmp_path, mon
 
 
 @pytest.mark.parametrize(("time", "terminal"), in_pairs(
-    [0.052, 0.1013, 0.1065, 0.1], [False, True]))
+    [0.1065, 0.052, 0.1, 0.1013], [False, True]))
 def test_events_in_the_last_part_of_a_step(time, terminal, tmp_path):
     """Of a run, a stored one, and an ensemble."""
     step, start, whole, _ = run()
