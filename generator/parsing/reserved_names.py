@@ -45,11 +45,10 @@ _MACRO = re.compile(
     re.VERBOSE,
 )
 
-#: Macros of <errno.h> whose number has another name in ``errno.errorcode``, or none.
-_SYNONYMS = frozenset(["EWOULDBLOCK", "EDEADLOCK", "ENOTSUP", "EHWPOISON"])
+#: Macros of <errno.h>, of which Python knows all but one; ``errno.errorcode`` has one a number.
+_ERRORS = frozenset(["EHWPOISON", *(name for name in vars(errno) if name.startswith("E"))])
 
 
 def is_taken(name: str) -> bool:
     """Whether a name is a keyword of C or a macro that the generated C sees."""
-    return (name in KEYWORDS or _MACRO.fullmatch(name) is not None
-            or name in errno.errorcode.values() or name in _SYNONYMS)
+    return name in KEYWORDS or name in _ERRORS or _MACRO.fullmatch(name) is not None

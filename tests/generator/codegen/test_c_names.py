@@ -159,7 +159,7 @@ def test_every_refused_name_breaks_the_c(suspicious, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["NAN", "M_PI", "M_PI_4f", "DBL_MAX", "bool", "PENDULUM_GL2_H",
-                                  "errno", "EOF", "EIO"])
+                                  "errno", "EOF", "EIO", "EDEADLK", "EOPNOTSUPP"])
 def test_refused_name_is_named_with_the_cure(name):
     x, px, odd = sp.symbols(f"x px {name}", real=True)
     with pytest.raises(InputError, match=f"'pendulum'.*'{name}'.*keyword"):
