@@ -446,7 +446,7 @@ def test_another_row_is_noticed(monkeypatch):
 @pytest.mark.parametrize(("change", "said"), [
     ({}, "mirror"), ({"force": True}, "not reversible"), ({"affine": True}, "not reversible")])
 def test_energy_is_near_or_drifts(change, said):
-    """What is said follows from H, F and a; a motion without a mirror drifts all the same."""
+    """The guarantee follows from H, F and a; a motion without a mirror drifts all the same."""
     system = transmission()
     if "force" in change:
         system = replace(system, forces=(-system.p[0], sp.Integer(0), sp.Integer(0)))

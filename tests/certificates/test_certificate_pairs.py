@@ -28,7 +28,7 @@ from gyrospark.generator.tableaux.conditions import check_tableau
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 
 SIZES = (1e-6, 1e-9, 1e-12)
-HOLDS, FAILS, TOLD, ABSENT = True, False, None, "absent"
+HOLDS, FAILS, SHOWN, ABSENT = True, False, None, "absent"
 
 x, y, z, px, py, pz = sp.symbols("x y z px py pz", real=True)
 k, s, f, h, d, tilt, r = sp.symbols("k s f h d tilt r", real=True)
@@ -68,41 +68,41 @@ LOOP, ENERGY, TURN, VERTICAL = "loop", "energy", "angular momentum", "angular mo
 PUSHED, LEVEL = RIGHT["plane"], RIGHT["sphere"]
 MODELS = {
     "a linear oscillator keeps its energy with IMS":
-        Pair(PLANE, "IMS", ENERGY, ROUND, "s", (HOLDS, TOLD)),
+        Pair(PLANE, "IMS", ENERGY, ROUND, "s", (HOLDS, SHOWN)),
     "a linear oscillator keeps its energy with G-L":
-        Pair(PLANE, "G-L", ENERGY, ROUND, "s", (HOLDS, TOLD)),
+        Pair(PLANE, "G-L", ENERGY, ROUND, "s", (HOLDS, SHOWN)),
     "a linear oscillator or not, EMS keeps its energy":
         Pair(PLANE, "EMS", ENERGY, ROUND, "s", (HOLDS, HOLDS)),
     "EMS is the midpoint rule on a linear oscillator, and so symplectic":
-        Pair(PLANE, "EMS", LOOP, ROUND, "s", (HOLDS, TOLD)),
+        Pair(PLANE, "EMS", LOOP, ROUND, "s", (HOLDS, SHOWN)),
     "G-L is symplectic on any oscillator":
         Pair(PLANE, "G-L", LOOP, ROUND, "s", (HOLDS, HOLDS)),
     "a round oscillator keeps its angular momentum":
-        Pair(PLANE, "G-L", TURN, ROUND, "k", (HOLDS, TOLD)),
+        Pair(PLANE, "G-L", TURN, ROUND, "k", (HOLDS, SHOWN)),
     "a round oscillator keeps its angular momentum with EMS":
-        Pair(PLANE, "EMS", TURN, ROUND, "k", (HOLDS, TOLD)),
+        Pair(PLANE, "EMS", TURN, ROUND, "k", (HOLDS, SHOWN)),
     "IMS is symplectic without constraints":
         Pair(PLANE, "IMS", LOOP, ROUND, "s", (HOLDS, HOLDS)),
     "a push that is a gradient is symplectic":
-        Pair(PLANE, "G-L", LOOP, PUSHED, "f", (HOLDS, TOLD)),
+        Pair(PLANE, "G-L", LOOP, PUSHED, "f", (HOLDS, SHOWN)),
     "a push that is a gradient is symplectic with IMS":
-        Pair(PLANE, "IMS", LOOP, PUSHED, "h", (HOLDS, TOLD)),
+        Pair(PLANE, "IMS", LOOP, PUSHED, "h", (HOLDS, SHOWN)),
     "damping is no gradient":
-        Pair(PLANE, "G-L", LOOP, ROUND, "d", (HOLDS, TOLD)),
+        Pair(PLANE, "G-L", LOOP, ROUND, "d", (HOLDS, SHOWN)),
     "a damped run is still in balance with EMS":
         Pair(PLANE, "EMS", ENERGY, ROUND, "d", (HOLDS, HOLDS)),
     "a round sphere keeps the angular momentum about the vertical":
-        Pair(SPHERE, "G-L", VERTICAL, LEVEL, "k", (HOLDS, TOLD)),
+        Pair(SPHERE, "G-L", VERTICAL, LEVEL, "k", (HOLDS, SHOWN)),
     "upright gravity keeps the angular momentum about e3":
         Pair(SPHERE, "G-L", VERTICAL, LEVEL, "tilt", (HOLDS, ABSENT)),
     "gravity of any direction keeps the angular momentum about that":
         Pair(SPHERE, "G-L", TURN, LEVEL, "tilt", (HOLDS, HOLDS)),
     "a quadratic constraint does no work in IMS":
-        Pair(SPHERE, "IMS", ENERGY, LEVEL, "r", (HOLDS, TOLD)),
+        Pair(SPHERE, "IMS", ENERGY, LEVEL, "r", (HOLDS, SHOWN)),
     "a constraint of any kind keeps G-L symplectic":
         Pair(SPHERE, "G-L", LOOP, LEVEL, "r", (HOLDS, HOLDS)),
     "a constraint that is not round takes IMS's angular momentum":
-        Pair(SPHERE, "IMS", VERTICAL, LEVEL, "r", (HOLDS, TOLD)),
+        Pair(SPHERE, "IMS", VERTICAL, LEVEL, "r", (HOLDS, SHOWN)),
 }
 
 
@@ -127,7 +127,7 @@ def promised(pair: Pair, values: dict[str, float]) -> Any:
     else:
         guarantee = {LOOP: promises.loop, ENERGY: promises.energy}[pair.quantity]()
     assert not guarantee.refuted
-    return HOLDS if guarantee.guaranteed else TOLD
+    return HOLDS if guarantee.guaranteed else SHOWN
 
 
 @pytest.mark.parametrize("name", MODELS)
@@ -171,7 +171,7 @@ def test_nearly_symmetric_tops() -> None:
     assert verdict(found, VERTICAL) is HOLDS
     assert found.line(VERTICAL).why == "{J, H} = 0 (expanded)"
     figure = next(line for line in found.lines if "body's axis 3" in line.quantity)
-    assert figure.holds is TOLD  # as far as it is near
+    assert figure.holds is SHOWN  # as far as it is near
     assert "a near symmetry" in figure.why
 
 
@@ -349,7 +349,7 @@ def test_a_compiled_tableau(tmp_path: Path) -> None:
                        tableau=path, allow_invalid=True)
     loop = found.line(LOOP)
     assert found.holds is loop.holds is found.line(TURN).holds is False
-    assert found.line(ENERGY).holds is found.line("reversal").holds is TOLD
+    assert found.line(ENERGY).holds is found.line("reversal").holds is SHOWN
     assert "exact" in loop.why
     assert "b_i â_ij" in loop.why
     assert loop.value <= loop.bound

@@ -187,7 +187,7 @@ def test_needs_nothing_but_the_maths_library(tmp_path):
 
 @pytest.mark.parametrize("most", [1, 2, 12])
 def test_a_step_takes_no_more_sweeps_than_allowed(most, small):
-    """Too few are told; the step is done all the same, about as far off as the status's size."""
+    """After too few sweeps the state is off by about the last change, and a status says so."""
     eps = float(np.finfo(np.float32).eps)
     exact, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(1)
     small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, max_iterations=most)

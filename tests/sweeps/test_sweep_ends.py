@@ -63,7 +63,7 @@ def test_ctrl_c_keeps_every_finished_cell(gyrospark, monkeypatch, tmp_path):
 
 
 def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
-    """The sweep is complete, and is told so, with its report."""
+    """The message says that the sweep is complete, with its report."""
     study_file(tmp_path, STUDY.replace("count = 40", "count = 4"))
     sweep = import_module("gyrospark.commands.sweep")  # the package has the command by that name
     summary = sweep._result

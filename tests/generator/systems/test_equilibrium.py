@@ -30,7 +30,7 @@ def hanging_points(count: int, side: float = 1.0) -> gs.Model:
 
 
 def test_a_hanging_chain_of_rods_and_a_rope_that_is_slack_at_the_start():
-    # The force in rod i is (side, Σ weights below): its direction is that of the rod.
+    # The force (side, Σ weights below) in rod i points along the rod.
     x = hanging_points(5).equilibrium().q0.reshape(-1, 3)
     rods = np.diff(x, axis=0, prepend=np.zeros((1, 3)))
     forces = np.stack([np.ones(5), np.zeros(5), -9.81 * np.arange(5, 0, -1)], axis=1)

@@ -238,7 +238,7 @@ def test_cotangents_of_sums_over_elements_are_transposed(scheme, dt):
 
 
 def test_cotangents_are_transposed_over_two_thousand_steps():
-    """The same of a run whose cotangents enter at all its stored states."""
+    """Sums of cotangents times tangents are the gradient, over all rows of a run."""
     name, labels = "driven_pendulum", ["m", "l", "push"]
     step, case = systems.differentiable(name), systems.case(name)
     (q, p), rng = systems.start(name, step), np.random.default_rng(4)

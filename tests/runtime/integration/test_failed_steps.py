@@ -94,7 +94,7 @@ def test_a_parameter_beyond_the_range_is_named(gl3):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failed_step_carries_everything_before_it(failures):
-    """Bit for bit what a shorter run returns; step, time and reason are told."""
+    """The error has the bits of a shorter run, with step, time and reason."""
     for step, options, failure in failures:
         before = failure.step - 1
         shorter = step.integrate(*LATE, steps=before, **options)

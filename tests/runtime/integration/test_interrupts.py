@@ -241,7 +241,7 @@ def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
 @pytest.mark.parametrize("out", [(), ("--out", "x.csv"), ("--out", "x.zarr")])
 @pytest.mark.parametrize("signals", [1, 2])
 def test_signals_after_the_last_step(signals, out, gyrospark, monkeypatch, tmp_path):
-    """The run is complete, and is told so, with its report; a second one ends the report."""
+    """The message says that the run is complete; a second signal ends the report."""
     run = importlib.import_module("gyrospark.commands.run.command")
     report = run.result_of
     monkeypatch.setattr(run, "result_of", lambda *given: (
