@@ -51,6 +51,7 @@ WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_run_arguments
                   "commands/test_cli.py"],
          "generator": ["golden/test_generated.py", "engine/test_control_profile.py",
                        "laws/test_laws.py", "runtime/results/test_body_motion.py"],
+         "commands": ["commands/test_cli.py"],
          "runtime": ["laws/test_laws.py", "matrix/test_features_by_consumers.py"]}
 #: Tests that look at text, pages and packaging, and see no behaviour, and hostile input at random.
 UNRELATED = re.compile(r"/(docs|fuzz|project)/")
@@ -149,7 +150,8 @@ class Copy:
 def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
     """Return the test files named after a mutant's module, those that import it, its folder's.
 
-    Of the latter the ``most`` shortest are returned; at last those of ``WHOLE``.
+    Of the latter, or of the folder above where tests have none of that name, the ``most`` shortest
+    are returned; at last those of ``WHOLE``.
     """
     path = Path(mutant.file)
     module = ".".join(path.with_suffix("").parts)
@@ -159,7 +161,8 @@ def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
     importing = sorted((file for file, text in texts.items()
                         if re.search(rf"gyrospark\.{re.escape(module)}\b", text)),
                        key=lambda file: len(texts[file]))[:most]
-    folder = sorted((file for file in texts if file.parent == ROOT / "tests" / path.parent),
+    level = next(parent for parent in path.parents if (ROOT / "tests" / parent).is_dir())
+    folder = sorted((file for file in texts if file.parent == ROOT / "tests" / level),
                     key=lambda file: len(texts[file]))[:most]
     files = dict.fromkeys([*named, *importing, *folder, *(
         ROOT / "tests" / name for name in WHOLE.get(mutant.package, ()))])
