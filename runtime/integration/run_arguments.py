@@ -727,15 +727,18 @@ def warn_of_late_start(binding: Binding, t0: Any, dt: Any, steps: int) -> None:
 
     The rounding of times is then no small part of a step. ``t0`` and ``dt`` are numbers, or arrays
     with an entry for each of many runs. A start is late if it is ``_LATE`` durations of the run
-    after t = 0.
+    from t = 0, on either side.
     """
     if not steps or not depends_on_time(binding):
         return
-    late, step = np.abs(np.asarray(t0, float)), np.abs(np.asarray(dt, float))
+    starts, sizes = np.broadcast_arrays(np.asarray(t0, float), np.abs(np.asarray(dt, float)))
+    distances = np.abs(starts)
     with np.errstate(over="ignore"):  # a duration beyond all numbers makes no start late
-        rounding = binding.epsilon * np.where(late > _LATE * steps * step, late, 0) / step
-    if (ratio := float(np.max(rounding))) > np.sqrt(binding.epsilon):
-        warn(f"t = {float(np.max(late)):.6g} s of the start rounds times to {ratio:.1g} of a step. "
+        is_late = distances > _LATE * steps * sizes
+        ratios = binding.epsilon * np.where(is_late, distances, 0) / sizes
+    worst = int(np.argmax(ratios))
+    if (ratio := float(ratios.flat[worst])) > np.sqrt(binding.epsilon):
+        warn(f"t = {starts.flat[worst]:.6g} s of the start rounds times to {ratio:.1g} of a step. "
              "Sines, cosines and tangents of a t + b in H, g and F keep their digits; what else "
              "depends on t, quantities, and states between steps have errors of that size. Start "
              "at t = 0 to avoid them.")

@@ -82,6 +82,13 @@ def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, sai
             for one in caught] == [True] * 3 * said
 
 
+def test_the_latest_start_of_an_ensemble_is_named_with_its_sign() -> None:
+    """The later of two starts has ten times the step, and rounds to a smaller part of it."""
+    binding = systems.stepper("driven_oscillator").binding
+    with pytest.warns(gs.errors.InputWarning, match=r"t = -1e\+09 s .* to 0\.0002 of a step"):
+        warn_of_late_start(binding, np.array([-1e9, 2e9]), np.array([1e-3, 1e-2]), 20)
+
+
 @pytest.mark.filterwarnings("ignore:t = .* rounds times")
 @pytest.mark.parametrize("t0", [0.0, *LATE, 1e9 + 0.3])
 @pytest.mark.parametrize(("stages", "dt", "steps", "bound"), [
