@@ -1,15 +1,16 @@
 """Mutation: change one place of the code, run the tests that execute it, see whether one fails.
 
     python mutation.py run                 300 mutants of Python at random, 40 of the engine
-    python mutation.py run --again         the survivors of the log, after a test was added
+    python mutation.py run --again         the survivors of the log, with tests that execute them
     python mutation.py table               share caught by package, and the survivors
 
 ``mutants.py`` has the changes and the places without any. A mutant meets the tests that are named
 after its module or import it, those of its folder, and whole runs. It is caught when a test fails
 that passes without it, or that runs too long. One of C that does not compile without a warning is
 not counted. Everything happens in copies of the project under ``--work``, with the lowest priority;
-``run`` goes on where it was stopped. Before the first mutant comes one that must be caught, so that
-tests of an unchanged package are noticed. The seed is the week's by default.
+``run`` goes on where it was stopped. With ``--again``, survivors meet the tests that execute them,
+which one run of the quick tests notes. Before the first mutant comes one that must be caught, so
+that tests of an unchanged package are noticed. The seed is the week's by default.
 """
 
 from __future__ import annotations
@@ -29,6 +30,7 @@ from collections import Counter, defaultdict
 from collections.abc import Iterable
 from dataclasses import asdict
 from datetime import date
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
@@ -61,7 +63,19 @@ UNRELATED = re.compile(r"/(docs|fuzz|project)/")
 
 MEMORY = 1 << 21  # pages, of 4 KiB, that a mutant may take
 COMPILE, CONFTEST, CRASH = "the compiler", "import of conftest", "a crash"
-LIMIT, FAILED = (f"GYROSPARK_MUTATION_{word}" for word in ("LIMIT", "FAILED"))
+LIMIT, FAILED, NOTES = (f"GYROSPARK_MUTATION_{word}" for word in ("LIMIT", "FAILED", "NOTES"))
+#: A module whose function a statement calls, so that the test that executes it is written down.
+NOTING = f"""import os
+seen = set()
+
+
+def note(key):
+    test = os.environ.get("PYTEST_CURRENT_TEST", "").rpartition(" ")[0]
+    if test and (key, test) not in seen:
+        seen.add((key, test))
+        with open(os.environ["{NOTES}"], "a") as file:
+            file.write(f"{{key}}\\t{{test}}\\n")
+"""
 
 
 def pytest_configure() -> None:
@@ -169,6 +183,47 @@ def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
     return [[(20.0, str(file.relative_to(ROOT)))] for file in files]
 
 
+def with_notes(source: str, mutants: Iterable[Mutant]) -> str:
+    """Return a file whose mutants' statements note the tests; none that an import executes."""
+    lines = source.splitlines(keepends=True)
+    for mutant in sorted(mutants, key=lambda mutant: -mutant.first):
+        row = mutant.first - 1
+        indent = lines[row][: len(lines[row]) - len(lines[row].lstrip())]
+        if lines[row].startswith(f"{indent}elif"):  # nothing stands before it but its if
+            row = max(i for i in range(row) if lines[i].startswith(f"{indent}if "))
+        if indent and not re.match(r"\s*(@|(async )?def |class )", lines[row]):
+            lines.insert(row, f'{indent}__import__("noting").note("{mutant.key}")\n')
+    return "".join(lines)
+
+
+def executing(copy: Copy, mutants: list[Mutant], limit: int = 60) -> dict[str, list[str]]:
+    """Return up to ``limit`` quick tests, of many files, that execute each mutant's statement."""
+    notes = copy.folder.parent / "notes.txt"
+    notes.write_text("")
+    (copy.folder.parent / "noting.py").write_text(NOTING)
+    by_file = defaultdict(list)
+    for mutant in mutants:
+        by_file[mutant.file].append(mutant)
+    for file, of_file in by_file.items():
+        path = copy.folder / file
+        path.write_text(with_notes(path.read_text(encoding="utf-8"), of_file), encoding="utf-8")
+    here = os.pathsep.join([str(copy.folder.parent), str(copy.folder / "tests" / "helpers")])
+    subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-n", "2", "--dist", "loadfile", "-p",
+         "no:cacheprovider", *(f"--ignore=tests/{name}" for name in ("docs", "project", "fuzz"))],
+        cwd=copy.folder, check=False, env={**os.environ, "PYTHONPATH": here, NOTES: str(notes),
+                                           "GYROSPARK_OPTIMISE": "0"})
+    for file in by_file:
+        shutil.copy2(ROOT / file, copy.folder / file)
+    tests: dict[str, dict[str, list[str]]] = defaultdict(lambda: defaultdict(list))
+    for key, _, name in (line.partition("\t") for line in notes.read_text().splitlines()):
+        if name not in tests[key][name.split("::")[0]]:
+            tests[key][name.split("::")[0]].append(name)
+    # one of each file, then another of each
+    return {key: [name for row in zip_longest(*files.values()) for name in row if name][:limit]
+            for key, files in tests.items()}
+
+
 def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) -> str | None:
     """Return the first test that fails, "" if none does, None after too long a time."""
     code, said = copy.run(tests, cost, skipped=failed)
@@ -247,8 +302,8 @@ def pick(places: dict[str, list[list[Mutant]]], count: int, seed: int,
 
 
 def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds: float, *,
-        changed: bool) -> None:
-    """Try mutants out and log each."""
+        changed: bool, executed: dict[str, list[str]]) -> None:
+    """Try mutants out and log each; ``executed``: tests by key, in place of those near it."""
     failed: set[str] = set()  # tests that fail without a change
     sound = {COMPILE, CONFTEST, CRASH}  # tests that pass without a change
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, text=True,
@@ -260,7 +315,10 @@ def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds
         raise SystemExit(f"The tests pass although {file} raises: they import another package.")
     copy.write(first, changed=False)
     for mutant in mutants:
-        parts = [[(seconds, name) for name in tests]] if tests else near(mutant)
+        names = executed.get(mutant.key, [])
+        parts = ([[(seconds, name) for name in tests]] if tests else
+                 [[(6.0, name) for name in names[k : k + 6]] for k in range(0, len(names), 6)]
+                 or near(mutant))
         found = try_out(copy, parts, sound, failed, mutant, changed=changed)
         record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
@@ -311,7 +369,8 @@ def main() -> None:
                         help="of CPU for a file of --tests")
     parser.add_argument("--tests", nargs="+", default=[],
                         help="tests in place of those near the module")
-    parser.add_argument("--again", action="store_true", help="only the survivors of the log")
+    parser.add_argument("--again", action="store_true",
+                        help="the survivors of the log, with the tests that execute them")
     parser.add_argument("--files", type=re.compile, default="", metavar="PATTERN",
                         help="only mutants of files whose path has this regular expression")
     parser.add_argument("--unchanged", action="store_true",
@@ -337,7 +396,9 @@ def main() -> None:
         mutants = [*pick(places, given.mutants, given.seed, done),
                    *pick(engine, given.engine, given.seed, done)]
     mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged)
+    executed = executing(copy, mutants) if given.again and not given.tests else {}
+    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged,
+               executed=executed)
 
 
 if __name__ == "__main__":
