@@ -36,7 +36,7 @@ def _cpu() -> float:
 
 @contextmanager
 def shared() -> Iterator[None]:
-    """Do what other cases use too: its cost belongs to the session."""
+    """Run a block whose result other cases use too: the session bears its cost."""
     began, before = _cpu(), _spent["shared"]
     try:
         yield
@@ -54,7 +54,7 @@ def _count_builds(compile_module: Any) -> Any:
 
 
 def pytest_configure() -> None:
-    """Count what is compiled from here on."""
+    """Count the modules that are compiled from here on."""
     verified_build.compile_module = _count_builds(verified_build.compile_module)
 
 
@@ -113,12 +113,12 @@ def pytest_testnodedown(node: Any) -> None:
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
-    """Print what the run cost."""
+    """Print the cost of the run."""
     # Children of the process that prints are the workers, which have counted themselves.
-    own = _spent["total"] + sum(os.times()[:2]) if _spent["total"] else _cpu()
+    cpu_seconds = _spent["total"] + sum(os.times()[:2]) if _spent["total"] else _cpu()
     steppers = sum(kind == "runs" for kind, _ in _compiled)
     terminalreporter.write_line(
-        f"{own:.0f} CPU s, of which the catalogue {_spent['shared']:.0f}; "
+        f"{cpu_seconds:.0f} CPU s, of which the catalogue {_spent['shared']:.0f}; "
         f"{steppers} steppers and {len(_compiled) - steppers} parts compiled")
     for seconds, name in sorted(_beyond, reverse=True)[:40]:
         terminalreporter.write_line(f"  {seconds:.1f} CPU s, {BUDGET:g} budgeted: {name}")

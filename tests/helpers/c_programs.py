@@ -58,7 +58,7 @@ class Program:
         return self.ffi.new(f"{self.name}_options *", values)
 
     def new_work(self):
-        """Return work memory, the last of which is kept."""
+        """Return work memory; only the last one stays alive."""
         self.memory = self.ffi.new("char[]", self.work_size())
         return self.ffi.cast(f"{self.name}_work *", self.memory)
 

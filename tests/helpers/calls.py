@@ -1,4 +1,4 @@
-"""What the tests of the Python calls share: a top to call them with, and what to expect."""
+"""A top with which the tests of the Python calls call, and the results that they expect."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def equal(a, b):
 def by_names(function, *first, q, p=None, t0=None, **arguments):
     """Call a function that has a start by a table of arguments.
 
-    Its keys may be q (or a start), p, t0, and those of ``gs.Solver``.
+    The keys of the table may be q (or a start), p, t0, and the arguments of ``gs.Solver``.
     """
     limits = {name: arguments.pop(name) for name in ("tolerance", "max_iterations")
               if name in arguments}
@@ -54,7 +54,7 @@ LATE = np.array([np.cos(0.15), np.sin(0.15), 0.0, 0.0]), np.zeros(4)
 
 def late_failures():
     """Find runs from ``LATE`` that fail in the middle, by large steps and few iterations."""
-    found = []
+    failures = []
     for scheme in SCHEMES:
         step = gs.stepper(*scheme)
         for dt in (0.12, 0.1, *np.arange(0.09, 0.2, 0.004).tolist()):  # 0.12 or 0.1 as a rule
@@ -66,9 +66,9 @@ def late_failures():
                     step.integrate(*LATE, steps=200, **options)
             except gs.StepFailed as failure:
                 if 4 < failure.step < 40:
-                    found.append((step, options, failure))
+                    failures.append((step, options, failure))
                     break
-    return found
+    return failures
 
 
 def jacobian_by_differences(step, x, q, p, **how):

@@ -17,13 +17,13 @@ ALL_ERRORS = {"gcc": ["-fmax-errors=0", "-ftrack-macro-expansion=0"], "clang": [
 
 def found(names):
     """Return gcc and clang by their kind, as far as one of these programs is one of them."""
-    made = {}
+    commands = {}
     for name in names:
         path = shutil.which(name)
         if path is not None:
             macros = call([path, "-dM", "-E", "-x", "c", os.devnull]).stdout
-            made.setdefault("clang" if "__clang__" in macros else "gcc", [path])
-    return made
+            commands.setdefault("clang" if "__clang__" in macros else "gcc", [path])
+    return commands
 
 
 COMPILERS = found(["gcc", "clang", "cc"])

@@ -37,9 +37,9 @@ def product() -> list[Any]:
     return [(name, scheme) for name in NAMES for scheme in SCHEMES]
 
 
-def label(given: Any) -> str:
+def label(parameter: Any) -> str:
     """Return a test's id."""
-    return given if isinstance(given, str) else identify(given)
+    return parameter if isinstance(parameter, str) else identify(parameter)
 
 
 def stepper_for(name: str, scheme: tuple[str, int | None], real: str = "double") -> gs.Stepper:
@@ -54,22 +54,22 @@ def moved_step(
     case, (q, p) = case_of(name), start_of(name, step)
     if dz is not None:
         q, p = q + shift * dz[: step.n], p + shift * dz[step.n :]
-    one = q[0] - q[0] + 1  # of the stepper's numbers
-    values = {k: one * value + shift * direction.get(k, 0.0) for k, value in
+    unit = q[0] - q[0] + 1  # of the stepper's numbers
+    values = {k: unit * value + shift * direction.get(k, 0.0) for k, value in
               case.parameters.items()}
-    t0 = one * case.t0 + shift * direction.get("t0", 0.0)
+    t0 = unit * case.t0 + shift * direction.get("t0", 0.0)
     if step.m:
-        found = step.consistent(q, p, parameters=values, t=t0)
-        q, p = found.q, found.p if step.manifest.scheme.keeps_momentum_constraint else p
-    dt = one * case.dt + shift * direction.get("dt", 0.0)
+        state = step.consistent(q, p, parameters=values, t=t0)
+        q, p = state.q, state.p if step.manifest.scheme.keeps_momentum_constraint else p
+    dt = unit * case.dt + shift * direction.get("dt", 0.0)
     run = step.integrate(gs.Start(q, p, t=t0), dt=dt, steps=1, parameters=values)
     return np.concatenate([run.q[-1], run.p[-1], run.multipliers[-1].ravel()])
 
 
 def difference(function: Any, size: float = 2.0**-36) -> np.ndarray:
     """Return the derivative at 0 by central differences of order 4."""
-    near, far = (function(e) - function(-e) for e in (size, 2 * size))
-    return (8 * near - far) / (12 * size)
+    change, wide_change = (function(e) - function(-e) for e in (size, 2 * size))
+    return (8 * change - wide_change) / (12 * size)
 
 
 def tangents_of_step(

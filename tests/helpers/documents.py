@@ -15,11 +15,11 @@ DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 def recipe(target: str) -> str:
-    """Return what ``make`` does for a target in its environment."""
+    """Return the command of ``make`` for a target in its environment."""
     makefile = re.sub(r"\s*\\\n\s*", " ", (ROOT / "Makefile").read_text(encoding="utf-8"))
-    found = re.search(rf"^{target}:.*\n\t\$\(BIN\)/(.*)$", makefile, flags=re.MULTILINE)
-    assert found
-    return found[1]
+    rule = re.search(rf"^{target}:.*\n\t\$\(BIN\)/(.*)$", makefile, flags=re.MULTILINE)
+    assert rule
+    return rule[1]
 
 
 #: What would take long, or what a machine may not have: pattern, replacement, reason.
@@ -105,23 +105,23 @@ def quick(code: str) -> str:
 def blocks(path: Path, language: str) -> list[Typed]:
     """Return the fenced blocks of a document in a language ("" for none)."""
     text = path.read_text(encoding="utf-8")
-    return [_typed(path, text, found.start(2), found[2]) for found in FENCE.finditer(text)
-            if found[1] == language]
+    return [_typed(path, text, block.start(2), block[2]) for block in FENCE.finditer(text)
+            if block[1] == language]
 
 
 def commands(path: Path) -> list[Typed]:
     """Return the commands of a document in their order: lines of blocks, and between backticks."""
     text = path.read_text(encoding="utf-8")
-    found = [(block.start(2) + place, line) for block in FENCE.finditer(text) if not block[1]
-             for place, line in _lines(block[2])]
+    texts = [(block.start(2) + offset, line) for block in FENCE.finditer(text) if not block[1]
+             for offset, line in _lines(block[2])]
     prose = FENCE.sub(lambda block: re.sub(r"[^\n]", " ", block[0]), text)  # at the same places
-    found += [(span.start(1), span[1]) for span in re.finditer(r"`([^`\n]+)`", prose)]
-    return [_typed(path, text, place, line) for place, line in sorted(found)
+    texts += [(span.start(1), span[1]) for span in re.finditer(r"`([^`\n]+)`", prose)]
+    return [_typed(path, text, offset, line) for offset, line in sorted(texts)
             if COMMAND.match(line) and not FORM.search(line)]
 
 
 def headings(text: str) -> set[str]:
-    """Return the names under which headings of a page are found."""
+    """Return the anchors that lead to the headings of a page."""
     return {re.sub(r"[^\w -]", "", heading.lower()).strip().replace(" ", "-")
             for heading in re.findall(r"^#+ (.*)$", text, flags=re.MULTILINE)}
 
@@ -135,9 +135,9 @@ def _lines(block: str) -> Iterator[tuple[int, str]]:
             yield line.start(), plain.removeprefix("$ ")
 
 
-def _typed(path: Path, text: str, place: int, what: str) -> Typed:
-    heading: Callable[[int], int] = lambda at: text.rfind("\n## ", 0, at)  # noqa: E731
-    end = text.find("\n## ", place)
-    section = text[max(heading(place), 0): end if end > 0 else len(text)]
-    line = text.count("\n", 0, place) + 1
-    return Typed(f"{path.relative_to(ROOT)}:{line}", what, section)
+def _typed(path: Path, text: str, offset: int, command: str) -> Typed:
+    heading: Callable[[int], int] = lambda limit: text.rfind("\n## ", 0, limit)  # noqa: E731
+    end = text.find("\n## ", offset)
+    section = text[max(heading(offset), 0): end if end > 0 else len(text)]
+    line = text.count("\n", 0, offset) + 1
+    return Typed(f"{path.relative_to(ROOT)}:{line}", command, section)

@@ -18,9 +18,9 @@ HALF = sp.Rational(1, 2)
 
 def stand_ins(moving: Sequence[sp.Symbol],
               still: Sequence[sp.Symbol] = ()) -> dict[sp.Symbol, sp.Symbol]:
-    """Return what stands for symbols that move, and for parameters."""
-    return {s: placeholder(at, side is moving, frozenset(s.assumptions0.items()))
-            for side in (moving, still) for at, s in enumerate(side)}
+    """Return the placeholders of symbols that move, and of parameters."""
+    return {s: placeholder(index, side is moving, frozenset(s.assumptions0.items()))
+            for side in (moving, still) for index, s in enumerate(side)}
 
 
 def links(count: int, *, equal: bool = True) -> System:
@@ -30,12 +30,12 @@ def links(count: int, *, equal: bool = True) -> System:
     """
     q, p = sp.symbols(f"x0:{3 * count}", real=True), sp.symbols(f"p0:{3 * count}", real=True)
     grav = sp.Symbol("g", real=True)
-    own = [sp.symbols("m k l" if equal else f"m{i} k{i} l{i}", positive=True)
-           for i in range(count)]
+    constants = [sp.symbols("m k l" if equal else f"m{i} k{i} l{i}", positive=True)
+                 for i in range(count)]
     X, P = ([side[3 * i : 3 * i + 3] for i in range(count)] for side in (q, p))
     H: sp.Expr = sp.Integer(0)
     g, above = [], (0, 0, 0)
-    for (m, k, length), x, y in zip(own, X, P, strict=True):
+    for (m, k, length), x, y in zip(constants, X, P, strict=True):
         square = sum((a - b) ** 2 for a, b in zip(x, above, strict=True))
         H += sum(e**2 for e in y) / (2 * m) + m * grav * x[2]
         if len(g) * 2 <= X.index(x):
@@ -44,7 +44,7 @@ def links(count: int, *, equal: bool = True) -> System:
             H += k * (sp.sqrt(square) - length) ** 2 / 2
         above = x
     used = H.free_symbols.union(*(e.free_symbols for e in g))
-    parameters = dict.fromkeys(s for symbols in own for s in symbols if s in used)
+    parameters = dict.fromkeys(s for symbols in constants for s in symbols if s in used)
     return System(q, p, (*parameters, grav), H, g, name="links")
 
 
@@ -62,7 +62,7 @@ def lattice(count: int, potential: Callable[[sp.Expr], sp.Expr], *more: sp.Symbo
 
 
 def everywhere(change: Callable[[sp.Expr], sp.Expr]) -> Callable[[System], System]:
-    """Return what writes H, g and F of a system in another way."""
+    """Return a function that rewrites H, g and F of a system by one change."""
     return lambda system: replace(
         system, H=change(system.H), constraints=tuple(map(change, system.constraints)),
         forces=tuple(map(change, system.forces)))
@@ -93,19 +93,19 @@ def nested(e: sp.Expr) -> sp.Expr:
     """Return sums by halves, each times 2 and over 2."""
     if not e.is_Add or len(e.args) < 2:
         return e
-    at = len(e.args) // 2
-    parts = (nested(sp.Add(*e.args[:at])), nested(sp.Add(*e.args[at:])))
-    return sp.Add(*(sp.Mul(2, sp.Mul(HALF, part, evaluate=False), evaluate=False)
-                    for part in parts), evaluate=False)
+    middle = len(e.args) // 2
+    halves = (nested(sp.Add(*e.args[:middle])), nested(sp.Add(*e.args[middle:])))
+    return sp.Add(*(sp.Mul(2, sp.Mul(HALF, half, evaluate=False), evaluate=False)
+                    for half in halves), evaluate=False)
 
 
 def by_sum(e: sp.Expr) -> sp.Expr:
-    """Return a sum made by ``sp.Sum(...).doit()``."""
+    """Return a sum as the result of ``sp.Sum(...).doit()``."""
     i = sp.Symbol("i", integer=True)
-    parts = sp.Add.make_args(e)
+    terms = sp.Add.make_args(e)
     indexed = sp.IndexedBase("part")
-    total = sp.Sum(indexed[i], (i, 0, len(parts) - 1)).doit()
-    return total.xreplace({indexed[at]: part for at, part in enumerate(parts)})
+    total = sp.Sum(indexed[i], (i, 0, len(terms) - 1)).doit()
+    return total.xreplace({indexed[index]: term for index, term in enumerate(terms)})
 
 
 def in_decimals(e: sp.Expr) -> sp.Expr:

@@ -57,11 +57,11 @@ def period(angle: float = 1.0):
 
 
 def assert_same_events(stored, computed):
-    """Check that two runs found the same, to the bit."""
+    """Check that the events of two runs agree to the bit."""
     assert stored.keys() == computed.keys()
-    for name, found in computed.items():
-        for part in ("t", "q", "p", "steps", "rising", "elapsed"):
-            assert bits(getattr(stored[name], part)) == bits(getattr(found, part)), (name, part)
+    for name, events in computed.items():
+        for field in ("t", "q", "p", "steps", "rising", "elapsed"):
+            assert bits(getattr(stored[name], field)) == bits(getattr(events, field)), (name, field)
 
 
 def in_pieces(step, out, calls, **run):

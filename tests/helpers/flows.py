@@ -58,7 +58,7 @@ def directions(x, count, seed=0):
     return rng.normal(size=(1, count, x.size)) * np.maximum(np.abs(x), 0.1)
 
 
-def close(found, wanted, tolerance=1e-12):
+def close(values, expected, tolerance=1e-12):
     """Whether two arrays agree, relative to the largest entry."""
-    found, wanted = np.asarray(found), np.asarray(wanted)
-    return np.abs(found - wanted).max() <= tolerance * np.abs(wanted).max()
+    values, expected = np.asarray(values), np.asarray(expected)
+    return np.abs(values - expected).max() <= tolerance * np.abs(expected).max()

@@ -113,5 +113,5 @@ EXAMPLES = {make.__name__: make() for make in (pendulum, runner, oscillator)}
 
 
 def stepper_for(name, scheme, stages):
-    known = {"pendulum": "two_rods", "runner": "relativistic", "oscillator": "henon_heiles"}
-    return systems.stepper(known[name], scheme, stages)
+    catalogue = {"pendulum": "two_rods", "runner": "relativistic", "oscillator": "henon_heiles"}
+    return systems.stepper(catalogue[name], scheme, stages)

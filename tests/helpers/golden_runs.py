@@ -85,9 +85,9 @@ def of_system(scheme: str, stages: int | None, system: Callable[[], gs.System], 
             from gyrospark.generator.pipeline import generate
             from gyrospark.generator.spec import Spec
 
-            made = generate(Spec.from_arguments(scheme, stages), system=system(),
-                            structured=structured)
-            step = gs.Stepper(made.source.name, made.source.files())
+            generated = generate(Spec.from_arguments(scheme, stages), system=system(),
+                                 structured=structured)
+            step = gs.Stepper(generated.source.name, generated.source.files())
         return Golden(step, np.array(q, float), np.array(p, float), dt, values)
 
     return make
@@ -160,41 +160,42 @@ def add_cases() -> None:
                 case(f"{s or ''}{scheme} {rep} {real}", named(scheme, s, rep, real), quick=quick)
     for scheme, s in (("IMS", None), ("EMS", None), ("G-L", 2), ("LIIIA-B", 3)):
         quick = scheme in ("EMS", "G-L")
-        own = f"{s or ''}{scheme}"
-        case(f"{own} free body", named(scheme, s, "gamma", "double", "free_body"))
+        prefix = f"{s or ''}{scheme}"
+        case(f"{prefix} free body", named(scheme, s, "gamma", "double", "free_body"))
         for file in ("bungee", "double_pendulum", "double_top", "dragged_top", "pendulum",
                      "satellite", "sprung_body"):
-            case(f"{own} {file}.toml", of_model(scheme, s, model_file(file)),
+            case(f"{prefix} {file}.toml", of_model(scheme, s, model_file(file)),
                  quick=quick and file in ("dragged_top", "sprung_body"))
         for model in ("gimbal", "four_bar", "chain"):
-            case(f"{own} {model}", of_model(scheme, s, getattr(gs.models, model)),
+            case(f"{prefix} {model}", of_model(scheme, s, getattr(gs.models, model)),
                  quick=quick and model == "chain")
         for structured in (None, True):
             kind = " in forms" if structured else ""
             few = {"structured": structured}
-            case(f"{own} oscillator{kind}",
+            case(f"{prefix} oscillator{kind}",
                  of_system(scheme, s, oscillator, [1, .5], [0, .3], k=2.0, **few), quick=quick)
-            case(f"{own} kepler{kind}",
+            case(f"{prefix} kepler{kind}",
                  of_system(scheme, s, coupled, [1, .5], [.1, 1.1], k=1.0, **few),
                  quick=quick and not structured)
-            case(f"{own} driven{kind}",
+            case(f"{prefix} driven{kind}",
                  of_system(scheme, s, lambda: driven(False), [1, 0], [0, 1], k=1.0, **few),
                  quick=quick)
-            case(f"{own} driven on a circle{kind}",
+            case(f"{prefix} driven on a circle{kind}",
                  of_system(scheme, s, lambda: driven(True), [1, 0], [0, 1], k=1.0, **few),
                  quick=quick)
-            case(f"{own} ellipse{kind}",
+            case(f"{prefix} ellipse{kind}",
                  of_system(scheme, s, ellipse, [1, 0], [0, 1], k=1.0, **few), quick=quick)
-            case(f"{own} curved{kind}",
+            case(f"{prefix} curved{kind}",
                  of_system(scheme, s, curved, [1, 0], [0, 1], k=1.0, **few),
                  quick=quick and not structured)
-            case(f"{own} parallelogram{kind}",
+            case(f"{prefix} parallelogram{kind}",
                  of_system(scheme, s, parallelogram, [.6, .8, 1.6, .8], [-.4, .3, -.4, .3], g=9.81,
                            **few), quick=quick and not structured)
     for name in ("gauss_3_2", "gauss_lobatto_2", "lobatto_iiid_3", "radau_iia_2",
                  "radau_plain_2"):
-        for system, at in ((ellipse, ([1, 0], [0, 1])), (oscillator, ([1, .5], [0, .3]))):
-            case(f"{name} {system.__name__}", of_system("G-L", 1, system, *at, k=2.0, tableau=name),
+        for system, start in ((ellipse, ([1, 0], [0, 1])), (oscillator, ([1, .5], [0, .3]))):
+            case(f"{name} {system.__name__}",
+                 of_system("G-L", 1, system, *start, k=2.0, tableau=name),
                  quick=name in ("lobatto_iiid_3", "radau_plain_2") and system is ellipse)
 
 
@@ -208,7 +209,7 @@ def digits(array: Any) -> bytes:
 
 
 def runs(golden: Golden) -> Iterator[tuple[str, Callable[[], list[Any]]]]:
-    """Yield name and arrays of what a stepper can be asked for."""
+    """Yield the name and the arrays of each run of a stepper."""
     step, q, p, dt = golden.step, golden.q, golden.p, golden.dt
     with_values = {"parameters": golden.parameters}
 
@@ -232,9 +233,9 @@ def runs(golden: Golden) -> Iterator[tuple[str, Callable[[], list[Any]]]]:
     def ensemble(**options: Any) -> list[Any]:
         count = 7
         steps = dt*np.array([1, 2, .5, 20, 1, 80, 3])
-        found = step.integrate_ensemble(np.array([q]*count), np.array([p]*count), dt=steps,
-                                        steps=40, workers=1, **with_values, **options)
-        return [found.q, found.p, found.multipliers, found.iterations]
+        members = step.integrate_ensemble(np.array([q]*count), np.array([p]*count), dt=steps,
+                                          steps=40, workers=1, **with_values, **options)
+        return [members.q, members.p, members.multipliers, members.iterations]
 
     yield "ensemble", lambda: ensemble(every=2)
     yield "ensemble of sweeps", lambda: ensemble(solver="fixed-point")
@@ -248,24 +249,24 @@ def runs(golden: Golden) -> Iterator[tuple[str, Callable[[], list[Any]]]]:
     if step.m:
         def projected() -> list[Any]:
             rng = np.random.default_rng(1)
-            found = step.project(q + 1e-3*rng.standard_normal(len(q)),
+            state = step.project(q + 1e-3*rng.standard_normal(len(q)),
                                  p + 1e-3*rng.standard_normal(len(p)), **with_values)
-            return [*found]
+            return [*state]
 
         yield "project", projected
 
 
 def bits_of(name: str) -> dict[str, str]:
-    """Return a hash for each thing that a case is asked for."""
-    golden, found = CASES[name](), {}
-    for what, make in runs(golden):
+    """Return the hash of each run of a case."""
+    golden, hashes = CASES[name](), {}
+    for run_name, make in runs(golden):
         try:
             got = make()
         except (gs.GyrosparkError, KeyError) as error:
             got = [f"{type(error).__name__}: {error}".encode()]
         parts = [a if isinstance(a, bytes) else digits(a) for a in got]
-        found[what] = hashlib.blake2b(b"|".join(parts), digest_size=8).hexdigest()
-    return found
+        hashes[run_name] = hashlib.blake2b(b"|".join(parts), digest_size=8).hexdigest()
+    return hashes
 
 
 def line_of(name: str) -> tuple[str, dict[str, str]]:
@@ -276,7 +277,7 @@ def line_of(name: str) -> tuple[str, dict[str, str]]:
 
 
 def all_bits(names: list[str], jobs: int) -> dict[str, dict[str, str]]:
-    """Return the hashes of the cases of those names, made by so many processes."""
+    """Return the hashes of the cases with these names, computed by so many processes."""
     if jobs == 1:
         return dict(map(line_of, names))
     with ProcessPoolExecutor(jobs) as pool:
@@ -284,20 +285,20 @@ def all_bits(names: list[str], jobs: int) -> dict[str, dict[str, str]]:
 
 
 def of_checkout(folder: Path, names: list[str], jobs: int) -> dict[str, dict[str, str]]:
-    """Return the same of another checkout, run by this script with that package."""
-    with tempfile.TemporaryDirectory() as made:
-        (Path(made) / "gyrospark").symlink_to(folder.resolve(), target_is_directory=True)
+    """Return the hashes of another checkout, run by this script with that package."""
+    with tempfile.TemporaryDirectory() as parent:
+        (Path(parent) / "gyrospark").symlink_to(folder.resolve(), target_is_directory=True)
         done = subprocess.run(
             [sys.executable, __file__, "--json", "--jobs", str(jobs), "--only", *names],
-            env={**os.environ, "PYTHONPATH": made}, cwd=made, check=True, text=True,
+            env={**os.environ, "PYTHONPATH": parent}, cwd=parent, check=True, text=True,
             stdout=subprocess.PIPE)
     return json.loads(done.stdout)
 
 
-def differences(found: dict[str, Any], base: dict[str, Any]) -> list[str]:
-    """Say in which cases, and of what, the bits are not the same."""
-    return [f"{name}: {what}" for name in found for what in found[name]
-            if base.get(name, {}).get(what) != found[name][what] or what == "error"]
+def differences(hashes: dict[str, Any], base: dict[str, Any]) -> list[str]:
+    """Return the cases and runs whose bits are not the same."""
+    return [f"{name}: {run_name}" for name in hashes for run_name in hashes[name]
+            if base.get(name, {}).get(run_name) != hashes[name][run_name] or run_name == "error"]
 
 
 add_cases()
@@ -310,21 +311,21 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", help="cases of these names, or with this in the name")
     parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--jobs", type=int, default=2)
-    given = parser.parse_args()
-    names = list(CASES) if given.all else QUICK
-    if given.only:
-        names = [n for n in CASES if n in given.only] or \
-            [n for n in CASES if any(o in n for o in given.only)]
-    found = all_bits(names, given.jobs)
-    if given.json:
-        print(json.dumps(found))
+    options = parser.parse_args()
+    names = list(CASES) if options.all else QUICK
+    if options.only:
+        names = [n for n in CASES if n in options.only] or \
+            [n for n in CASES if any(o in n for o in options.only)]
+    hashes = all_bits(names, options.jobs)
+    if options.json:
+        print(json.dumps(hashes))
         return 0
-    if given.base is None:
-        for name, bits in found.items():
-            print(f"{name:40s}", *(f"{what}={bits[what]}" for what in bits))
+    if options.base is None:
+        for name, bits in hashes.items():
+            print(f"{name:40s}", *(f"{run_name}={bits[run_name]}" for run_name in bits))
         return 0
-    changed = differences(found, of_checkout(given.base, names, given.jobs))
-    print("\n".join(changed) or f"{len(found)} steppers, {sum(map(len, found.values()))} runs: "
+    changed = differences(hashes, of_checkout(options.base, names, options.jobs))
+    print("\n".join(changed) or f"{len(hashes)} steppers, {sum(map(len, hashes.values()))} runs: "
           "the same bits")
     return bool(changed)
 

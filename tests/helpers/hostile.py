@@ -40,9 +40,9 @@ class Later:
         return Later(lambda: self._make()(*map(resolve, arguments)))
 
 
-def resolve(thing: Any) -> Any:
+def resolve(value: Any) -> Any:
     """Return an object, built now if it was to be built later."""
-    return thing._make() if isinstance(thing, Later) else thing
+    return value._make() if isinstance(value, Later) else value
 
 
 WRONG: dict[str, Any] = {
@@ -63,7 +63,7 @@ WRONG: dict[str, Any] = {
 
 @dataclass(frozen=True)
 class Call:
-    """A call that works: ``make()`` returns what is called and its arguments."""
+    """A call that works: ``make()`` returns a function and its arguments."""
 
     name: str
     make: Callable[[], tuple[Callable[..., Any], dict[str, Any]]]
@@ -97,16 +97,16 @@ class Call:
 
 
 def call(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
-    """Call a function with arguments by names, also those that have none by place."""
+    """Call a function with arguments by names, and with positional-only ones by position."""
     first: list[Any] = []
-    left = dict(arguments)
+    remaining = dict(arguments)
     for name, of in inspect.signature(function).parameters.items():
         if of.kind is of.POSITIONAL_ONLY:
-            first.append(left.pop(name))
-        elif of.kind is of.VAR_POSITIONAL and name in left:
-            several = left.pop(name)
+            first.append(remaining.pop(name))
+        elif of.kind is of.VAR_POSITIONAL and name in remaining:
+            several = remaining.pop(name)
             first += several if isinstance(several, tuple) else [several]
-    return function(*first, **left)
+    return function(*first, **remaining)
 
 
 def value_and_gradient(step: gs.Stepper) -> Callable[..., Any]:
@@ -123,15 +123,15 @@ def value_and_gradient(step: gs.Stepper) -> Callable[..., Any]:
 
 
 def calls(tmp_path: Path) -> list[Call]:
-    """Return a call for everything public; nothing is compiled before one is made."""
+    """Return a call for everything public; nothing is compiled before a call begins."""
     step = Later(lambda: systems.stepper("heavy_top"))
     q, p = TOP.q0, TOP.p0
     run = {"dt": 1e-3, "parameters": PARAMETERS}
     either = run | {"dtau": None}
     state = {"start": q, "p": p}
-    made = Later(lambda: resolve(step).integrate(q, p, steps=3, **run))
-    many = Later(lambda: resolve(step).integrate_ensemble([q, q], [p, p], steps=3, workers=1,
-                                                          **run))
+    trajectory = Later(lambda: resolve(step).integrate(q, p, steps=3, **run))
+    ensemble = Later(lambda: resolve(step).integrate_ensemble([q, q], [p, p], steps=3, workers=1,
+                                                              **run))
     x, y = sp.symbols("x y", real=True)
     m = sp.Symbol("m", positive=True)
 
@@ -142,7 +142,7 @@ def calls(tmp_path: Path) -> list[Call]:
     robot = {"base": "fixed", "angles": None, "rates": None, "ignore": (), "gravity": (0, 0, -9.81),
              "position": (0, 0, 0), "quaternion": None, "velocity": None,
              "angular_velocity": None, "loops": None, "limits": None}
-    found = [
+    table = [
         plain("stepper", gs.stepper, scheme="G-L", stages=3, rep="gamma", system="heavy_top",
               tableau=None, real="double", frame=None, allow_invalid=False, energy=False,
               order=None, composition=None, progress=None),
@@ -191,19 +191,19 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("jvp", step.jvp, start=q, direction=(p, [0, 1, 0, 0], np.zeros(4)), **run,
               d={"I1": 1.0}, inputs=None, project=True),
         plain("vjp", step.vjp, **state, **run, wrt=["start", "I1"], inputs=None),
-        plain("gradient", step.gradient, run=made, cotangents={"q": q}, loss=None, wrt=None,
+        plain("gradient", step.gradient, run=trajectory, cotangents={"q": q}, loss=None, wrt=None,
               memory="1 MB", solver="auto"),
-        plain("Trajectory.gradient", made.gradient, cotangents={"q": q}, stepper=step),
+        plain("Trajectory.gradient", trajectory.gradient, cotangents={"q": q}, stepper=step),
         plain("hvp", step.hvp, start=q, directions=(p, [0, 1, 0, 0], np.zeros(4), q, q), **run,
               d={"I1": 1.0}, inputs=None, project=True),
-        plain("hessian", step.hessian, run=made, cotangents={"q": q}, loss=None, slopes=None,
+        plain("hessian", step.hessian, run=trajectory, cotangents={"q": q}, loss=None, slopes=None,
               wrt=["I1"], memory="1 MB", solver="auto"),
-        plain("Trajectory.hessian", made.hessian, cotangents={"q": q}, stepper=step),
+        plain("Trajectory.hessian", trajectory.hessian, cotangents={"q": q}, stepper=step),
         Call("value_and_gradient", lambda: (value_and_gradient(resolve(step)), {
             "loss": x, **state, **run, "wrt": ["I1"], "steps": 3, "t_end": None, "inputs": None,
             "every": 1, "t_eval": None, "events": (), "solver": "auto", "memory": "1 MB"}),
             kept=("loss", "t_eval")),  # the loss asks for the last row
-        plain("fit", gs.fit, stepper=step, start=TOP, t=made.t, data=made.q,
+        plain("fit", gs.fit, stepper=step, start=TOP, t=trajectory.t, data=trajectory.q,
               parameters=PARAMETERS, observe="attitude", dt=1e-3, dtau=None, free=["I1"],
               fixed=["I2"], sigma=1e-3, horizons=None, inputs=None, max_iterations=3,
               progress=None),
@@ -215,8 +215,8 @@ def calls(tmp_path: Path) -> list[Call]:
               steps=3, t_end=None, every=1, solver=gs.Solver(), workers=1,
               events=gs.Event("q1"), inputs=None, tangents=gs.Tangents(), device="cpu",
               progress=None),
-        plain("at", made.at, times=[0.0015], stepper=step),
-        plain("Trajectory.at", made.at, times=[0.0015], stepper=step),
+        plain("at", trajectory.at, times=[0.0015], stepper=step),
+        plain("Trajectory.at", trajectory.at, times=[0.0015], stepper=step),
         plain("start", step.start, **state, **either, solver="auto", record=False),
         plain("advance", Later(lambda: resolve(step).start(q, p, **run)).advance, steps=2,
               inputs=None),
@@ -249,38 +249,39 @@ def calls(tmp_path: Path) -> list[Call]:
         plain("defects", step.defects, **state, parameters=PARAMETERS, t=0.0),
         plain("project", step.project, **state, parameters=PARAMETERS, t=0.0),
         plain("Stepper.consistent", step.consistent, **state, parameters=PARAMETERS, t=0.0),
-        plain("quantity", made.quantity, name="none"),
-        plain("axis", made.axis, body=None),
-        plain("rotation", made.rotation, body=None),
-        plain("angular_velocity", made.angular_velocity, body=None),
-        plain("save", made.save, path=tmp_path / "a.csv", columns="q", euler="zyx",
+        plain("quantity", trajectory.quantity, name="none"),
+        plain("axis", trajectory.axis, body=None),
+        plain("rotation", trajectory.rotation, body=None),
+        plain("angular_velocity", trajectory.angular_velocity, body=None),
+        plain("save", trajectory.save, path=tmp_path / "a.csv", columns="q", euler="zyx",
               degrees=False, angular_velocity="body"),
         plain("load", gs.load, path=tmp_path / "none.npz"),
-        plain("plot", made.plot, names=("energy",), path=tmp_path / "a.png"),
-        plain("body", made.body, name=None),
-        plain("joint", made.joint, name=None),
-        plain("euler", made.body().euler, sequence="zyx", degrees=False),
-        plain("Body.angular_velocity", made.body().angular_velocity, frame="body"),
-        plain("Body.angular_momentum", made.body().angular_momentum, frame="space"),
-        plain("Body.position", made.body().position, on_body=(0.0, 0.0, 1.0)),
-        plain("Body.velocity", made.body().velocity, on_body=(0.0, 0.0, 1.0)),
-        plain("Body.plot", made.body().plot, path=tmp_path / "b.png", euler="zyx", degrees=True),
-        plain("plot_phase", made.plot_phase, path=tmp_path / "c.png"),
-        plain("table", made.table, euler="zyx", degrees=False, angular_velocity="body",
+        plain("plot", trajectory.plot, names=("energy",), path=tmp_path / "a.png"),
+        plain("body", trajectory.body, name=None),
+        plain("joint", trajectory.joint, name=None),
+        plain("euler", trajectory.body().euler, sequence="zyx", degrees=False),
+        plain("Body.angular_velocity", trajectory.body().angular_velocity, frame="body"),
+        plain("Body.angular_momentum", trajectory.body().angular_momentum, frame="space"),
+        plain("Body.position", trajectory.body().position, on_body=(0.0, 0.0, 1.0)),
+        plain("Body.velocity", trajectory.body().velocity, on_body=(0.0, 0.0, 1.0)),
+        plain("Body.plot", trajectory.body().plot, path=tmp_path / "b.png", euler="zyx",
+              degrees=True),
+        plain("plot_phase", trajectory.plot_phase, path=tmp_path / "c.png"),
+        plain("table", trajectory.table, euler="zyx", degrees=False, angular_velocity="body",
               columns="q"),
-        plain("dataset", made.dataset, euler="zyx", degrees=False, angular_velocity="body"),
-        plain("Ensemble.dataset", many.dataset),
-        plain("Ensemble.table", many.table, columns="q"),
-        plain("Ensemble.show", many.show, path=tmp_path / "many.html", member=1, shape="box"),
-        plain("Ensemble.save", many.save, path=tmp_path / "many.csv", columns="q"),
-        plain("Ensemble.plot", many.plot, path=tmp_path / "many.png", names=("q1",)),
-        plain("show", made.show, path=tmp_path / "a.html", shape="box", meshes="none"),
-        plain("show", made.show, path=tmp_path / "a.glb", meshes="none"),
+        plain("dataset", trajectory.dataset, euler="zyx", degrees=False, angular_velocity="body"),
+        plain("Ensemble.dataset", ensemble.dataset),
+        plain("Ensemble.table", ensemble.table, columns="q"),
+        plain("Ensemble.show", ensemble.show, path=tmp_path / "many.html", member=1, shape="box"),
+        plain("Ensemble.save", ensemble.save, path=tmp_path / "many.csv", columns="q"),
+        plain("Ensemble.plot", ensemble.plot, path=tmp_path / "many.png", names=("q1",)),
+        plain("show", trajectory.show, path=tmp_path / "a.html", shape="box", meshes="none"),
+        plain("show", trajectory.show, path=tmp_path / "a.glb", meshes="none"),
         plain("Shape", gs.Shape, kind="box", size=(1.0, 1.0, 1.0), centre=(0, 0, 0),
               axes=np.eye(3), colour="#4c78a8", file=""),
-        plain("show", made.show, path=tmp_path / "d.png", size=(32, 24), time=0.01, azimuth=10.0,
-              elevation=20.0, background="dark", traces=True),
-        plain("show", made.show, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
+        plain("show", trajectory.show, path=tmp_path / "d.png", size=(32, 24), time=0.01,
+              azimuth=10.0, elevation=20.0, background="dark", traces=True),
+        plain("show", trajectory.show, path=tmp_path / "a.gif", seconds=0.2, fps=10, shape="box"),
         plain("System", gs.System, q=(x,), p=(y,), parameters=(m,), H=y**2 / (2 * m) + x**2,
               constraints=(), name="a", constraint_names=(), forces=(), time=None,
               quantities={"z": x}, rigid_body=False, bodies=(), inputs=(), joints=(),
@@ -309,11 +310,11 @@ def calls(tmp_path: Path) -> list[Call]:
             "keep": None, "out": None, "resume": False, "workers": 1, "dask": None,
             "progress": None, "events": gs.Event("q1")})),
     ]
-    return [*found, *recording_calls(tmp_path), *model_calls(), *multibody_calls()]
+    return [*table, *recording_calls(tmp_path), *model_calls(), *multibody_calls()]
 
 
 def recording_calls(tmp_path: Path) -> Iterator[Call]:
-    """Yield calls of what a stored run offers."""
+    """Yield calls of the methods of a stored run."""
     @cache
     def stored():
         return record(systems.stepper("heavy_top"), TOP.q0, TOP.p0, dt=1e-3, steps=3,
@@ -357,19 +358,19 @@ def multibody_calls() -> Iterator[Call]:
             build = gs.Multibody("b")
             top = build.top("t", mass=1, inertia=inertia, centre=(0, 0, 1))
             body = build.body("u", mass=1, inertia=inertia)
-            known = {"top": top, "body": body, "ground": build.ground}
+            components = {"top": top, "body": body, "ground": build.ground}
             named = {*map(str, (*arguments.values(), *arguments.get("joints", ())))}
             if {"hinge", "other", "slide"} & named:
                 for joint in ("hinge", "other"):
                     wheel = build.body(f"{joint}_wheel", mass=1, inertia=inertia)
-                    known[joint] = build.revolute(joint, build.ground, wheel, axis=(0, 0, 1),
-                                                  at=(0, 0, 0))
+                    components[joint] = build.revolute(joint, build.ground, wheel, axis=(0, 0, 1),
+                                                       at=(0, 0, 0))
                 cart = build.body("cart", mass=1, inertia=inertia)
-                known["slide"] = build.prismatic("slide", build.ground, cart, axis=(1, 0, 0),
-                                                 at=(0, 0, 0))
-            given = {key: known.get(value, value) if isinstance(value, str) else value
-                     for key, value in arguments.items()}
-            return getattr(build, method), given
+                components["slide"] = build.prismatic("slide", build.ground, cart, axis=(1, 0, 0),
+                                                      at=(0, 0, 0))
+            resolved = {key: components.get(value, value) if isinstance(value, str) else value
+                        for key, value in arguments.items()}
+            return getattr(build, method), resolved
 
         return Call(f"Multibody.{method}", make)
 

@@ -18,6 +18,6 @@ def stepper(make, scheme="G-L", stages=2, real="double"):
 
 
 def oscillator():
-    """Return one that one input pushes."""
+    """Return an oscillator that one input pushes."""
     return gs.System((x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, forces=[push], inputs=(push,),
                      name="pushed_oscillator")

@@ -78,27 +78,27 @@ def look(store: Path) -> None:
             array[:1].load()
 
 
-def differences(one: Path, other: Path) -> list[str]:
+def differences(folder: Path, other_folder: Path) -> list[str]:
     """Return the files that are not the same in two folders."""
-    names = {str(p.relative_to(root)) for root in (one, other) for p in root.rglob("*")
+    names = {str(p.relative_to(root)) for root in (folder, other_folder) for p in root.rglob("*")
              if p.is_file()}
     return sorted(name for name in names
-                  if not ((one / name).is_file() and (other / name).is_file()
-                          and filecmp.cmp(one / name, other / name, shallow=False)))
+                  if not ((folder / name).is_file() and (other_folder / name).is_file()
+                          and filecmp.cmp(folder / name, other_folder / name, shallow=False)))
 
 
 def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> dict[str, object]:
-    """Return what happened."""
-    whole, store = folder / "whole.zarr", folder / "killed.zarr"
+    """Return counts of kills and of runs that ended, and the files that differ."""
+    uninterrupted, store = folder / "whole.zarr", folder / "killed.zarr"
 
     def arguments(path: Path) -> list[str]:
-        return [part.replace("{store}", str(path)) for part in command]
+        return [word.replace("{store}", str(path)) for word in command]
 
     began = time.perf_counter()
-    finish(lambda: run(arguments(whole)))
+    finish(lambda: run(arguments(uninterrupted)))
     seconds = time.perf_counter() - began
     instants = random.Random(seed)
-    killed = readable = completed = same = 0
+    killed = readable = completed = equal = 0
     wrong: list[str] = []
     while killed < kills or store.exists() or not completed:
         number, code = start(lambda: run([*arguments(store), "--resume"])), None
@@ -120,11 +120,11 @@ def kill_at_random(folder: Path, kills: int, seed: int, command: list[str]) -> d
         if code != 0:
             raise SystemExit(f"a run that was gone on with ended with exit code {code}")
         completed += 1
-        found = differences(whole, store)
-        same += not found
-        wrong += found
+        differing = differences(uninterrupted, store)
+        equal += not differing
+        wrong += differing
         shutil.rmtree(store)
-    return {"kills": killed, "readable": readable, "completed": completed, "same": same,
+    return {"kills": killed, "readable": readable, "completed": completed, "same": equal,
             "differing": wrong, "seconds": seconds}
 
 

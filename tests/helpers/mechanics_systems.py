@@ -42,12 +42,12 @@ def joints(count, lift=None):
 
 def sides(system, values, q, v, t=0.0):
     """Return M and L_q + F − (L_v)_q v − (L_v)_t of a system in numbers."""
-    at = {s: values[str(s)] for s in system.parameters}
-    at |= dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {T: t}
-    entries = evaluate(system.mass_entries, at)
+    point = {s: values[str(s)] for s in system.parameters}
+    point |= dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {T: t}
+    entries = evaluate(system.mass_entries, point)
     M = np.zeros((system.n, system.n))
-    for place, slot in system.elimination.slot_of.items():
-        M[place] = entries[slot]
+    for position, slot in system.elimination.slot_of.items():
+        M[position] = entries[slot]
     time = [] if system.clock is None else [system.clock]
     moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
-    return M, evaluate(system.generalised_force, at) - evaluate(moved, at)
+    return M, evaluate(system.generalised_force, point) - evaluate(moved, point)

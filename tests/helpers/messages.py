@@ -1,4 +1,4 @@
-"""What tests look for in messages of errors, warnings and commands, read from their text."""
+"""Patterns that tests look for in messages of errors, warnings and commands."""
 
 from __future__ import annotations
 
@@ -17,18 +17,19 @@ NAMES = re.compile(
 
 
 def plain_words(text: str) -> list[str]:
-    """Return the words of prose in what a test looks for; of alternatives those of the longest."""
-    rest = re.sub(r"\.\*|[\\()]", " ", NAMES.sub(" ", text))
-    return max(([word for word in part.split() if re.fullmatch(r"[A-Za-z]{2,}[.,;:?!]*", word)]
-                for part in rest.split("|")), key=len)
+    """Return the words of prose in a pattern; of alternatives, the words of the longest."""
+    prose = re.sub(r"\.\*|[\\()]", " ", NAMES.sub(" ", text))
+    return max(([word for word in alternative.split()
+                 if re.fullmatch(r"[A-Za-z]{2,}[.,;:?!]*", word)]
+                for alternative in prose.split("|")), key=len)
 
 
 def text_of(node: ast.AST) -> str | None:
-    """Return the text of a literal, {} for what is put in."""
+    """Return the text of a literal, with {} for each inserted value."""
     if isinstance(node, ast.Constant):
         return node.value if isinstance(node.value, str) else None
     if isinstance(node, ast.JoinedStr):
-        return "".join(text_of(part) or "{}" for part in node.values)
+        return "".join(text_of(value) or "{}" for value in node.values)
     return None
 
 
@@ -83,7 +84,7 @@ class Sought(ast.NodeVisitor):
                 self.look(child)
 
     def values(self, name: str) -> Iterator[ast.AST]:
-        """Yield what a name stands for: of loops, of parametrize, and of the module."""
+        """Yield the values of a name: in loops, in parametrize, and in the module."""
         for scope in reversed(self.scopes):
             if isinstance(scope, ast.FunctionDef):
                 for call in scope.decorator_list:

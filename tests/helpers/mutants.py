@@ -41,9 +41,9 @@ class Mutant:
 
     @property
     def key(self) -> str:
-        """Return what names it in the log, also after its file was moved."""
-        told = "|".join([self.function, self.text, self.before, self.after, self.kind])
-        return hashlib.sha256(told.encode()).hexdigest()[:16]
+        """Return the name of the mutant in the log, which outlasts a move of its file."""
+        identity = "|".join([self.function, self.text, self.before, self.after, self.kind])
+        return hashlib.sha256(identity.encode()).hexdigest()[:16]
 
 
 Edit = tuple[int, int, str, str]  # start, end, replacement, kind
@@ -86,19 +86,20 @@ class Places:
             if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef, ast.ClassDef)):
                 inner = f"{name}.{node.name}".strip(".")
                 if not isinstance(node, ast.ClassDef):
-                    found = [*self.inside(node.args.defaults), *self.inside(node.args.kw_defaults)]
-                    yield node.lineno, inner, found
+                    defaults = [*self.inside(node.args.defaults),
+                                *self.inside(node.args.kw_defaults)]
+                    yield node.lineno, inner, defaults
                 yield from self.statements(node.body, inner)
             elif not (isinstance(node, ast.If) and re.search("TYPE_CHECKING|__name__",
                                                              ast.dump(node.test))):
                 yield node.lineno, name, [*self.dropped(node), *self.inside([node])]
                 for field in ("body", "orelse", "finalbody"):
                     yield from self.statements(getattr(node, field, None) or [], name)
-                for part in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
-                    yield from self.statements(part.body, name)
+                for clause in (*getattr(node, "handlers", ()), *getattr(node, "cases", ())):
+                    yield from self.statements(clause.body, name)
 
     def dropped(self, node: ast.stmt) -> Iterator[Edit]:
-        """Yield what becomes of the whole statement."""
+        """Yield the edits that replace or negate a statement."""
         start, end = self.at(node)
         if isinstance(node, ast.Return) and node.value is not None and not (
                 isinstance(node.value, ast.Constant) and not node.value.value):
@@ -127,8 +128,8 @@ class Places:
             parts = [node.value] if isinstance(node, ast.AnnAssign) else (
                 [node.test] if isinstance(node, ast.Assert) else ast.iter_child_nodes(node))
             yield from self.inside(
-                part for part in parts
-                if not isinstance(part, (ast.stmt, ast.excepthandler, ast.match_case)))
+                child for child in parts
+                if not isinstance(child, (ast.stmt, ast.excepthandler, ast.match_case)))
 
     def of_expression(self, node: ast.AST) -> Iterator[Edit]:
         """Yield the edits of one node."""
@@ -166,8 +167,8 @@ class Places:
         first, last = self.at(left)[1], self.at(right)[0]
         gap = re.sub(rb"#[^\n]*", lambda m: b" " * len(m[0]), self.source[first:last])
         pattern = rb"\s+".join(re.escape(word.encode()) for word in pair[0].split())
-        if found := re.search(pattern, gap):
-            yield first + found.start(), first + found.end(), pair[1], "operator"
+        if operator := re.search(pattern, gap):
+            yield first + operator.start(), first + operator.end(), pair[1], "operator"
 
 
 def python_places(source: bytes) -> Iterator[Place]:
@@ -222,11 +223,11 @@ def c_places(source: bytes) -> Iterator[Place]:
         if before[1] in (b";", b"{", b"}", b")", b"else") and not round_ and kind == "word" and (
                 source[start - 6:start] != b"(void)" and not C_TYPES.match(text)) and (
                 tokens[i + 1][0] != "word" and tokens[i + 1][1] != b":"):
-            last = next(at for _, mark, at in tokens[i:] if mark == b";")
+            last = next(position for _, mark, position in tokens[i:] if mark == b";")
             if b"{" not in source[start:last]:
                 edits[line].append((start, last, "(void)0", "dropped statement"))
-    for line, found in sorted(edits.items()):
-        yield line, functions[line], found
+    for line, line_edits in sorted(edits.items()):
+        yield line, functions[line], line_edits
 
 
 def declares(tokens: list[tuple[str | None, bytes, int]], i: int) -> bool:
@@ -238,19 +239,19 @@ def declares(tokens: list[tuple[str | None, bytes, int]], i: int) -> bool:
 
 def mutants_of(root: Path, package: str) -> list[list[Mutant]]:
     """Return the mutants of each statement of a package, or of one file."""
-    found = []
-    whole = root / package
-    for path in sorted(whole.rglob("*")) if whole.is_dir() else [whole]:
+    statements = []
+    folder = root / package
+    for path in sorted(folder.rglob("*")) if folder.is_dir() else [folder]:
         source = path.read_bytes() if path.suffix in (".py", ".h") else b""
         lines = source.decode().split("\n")
         places = python_places if path.suffix == ".py" else c_places
         for first, function, edits in places(source) if source else ():
-            made = []
+            mutants = []
             for start, end, after, kind in edits:
                 line = source.count(b"\n", 0, start) + 1
-                made.append(Mutant(
+                mutants.append(Mutant(
                     str(path.relative_to(root)), line, function, start, end,
                     source[start:end].decode(), after, kind, lines[line - 1].strip(), first))
-            if made:
-                found.append(made)
-    return found
+            if mutants:
+                statements.append(mutants)
+    return statements

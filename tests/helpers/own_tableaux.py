@@ -1,4 +1,4 @@
-"""Tableau files that are made from nodes."""
+"""Tableau files computed from nodes."""
 
 from __future__ import annotations
 
@@ -33,4 +33,4 @@ def in_decimals(table: dict[str, Any], digits: int) -> dict[str, Any]:
         return [text(x) for x in e] if isinstance(e, (list, tuple)) else str(
             sp.N(e, digits + 10).round(digits))
 
-    return {key: text(part) if key in FIELDS else part for key, part in table.items()}
+    return {key: text(value) if key in FIELDS else value for key, value in table.items()}

@@ -25,12 +25,12 @@ def files_of(folder: Path) -> list[Path]:
 @cache
 def packages() -> dict[str, list[Path]]:
     """Return the modules of each package; those beside inner packages have the outer one's name."""
-    found = {API: [ROOT / "api.py", ROOT / "errors.py"]}
+    modules = {API: [ROOT / "api.py", ROOT / "errors.py"]}
     for outer in OUTER:
         inner = sorted(path.parent for path in (ROOT / outer).glob("*/__init__.py"))
-        found |= {f"{outer}/{folder.name}": files_of(folder) for folder in inner}
-        found[outer] = files_of(ROOT / outer)
-    return found | {flat: files_of(ROOT / flat) for flat in FLAT} | {
+        modules |= {f"{outer}/{folder.name}": files_of(folder) for folder in inner}
+        modules[outer] = files_of(ROOT / outer)
+    return modules | {flat: files_of(ROOT / flat) for flat in FLAT} | {
         "commands": [*files_of(ROOT / "commands"), *files_of(ROOT / "commands" / "run")]}
 
 
@@ -38,33 +38,33 @@ def packages() -> dict[str, list[Path]]:
 def imports() -> dict[str, dict[str, set[str]]]:
     """Return package → package it imports from → the pairs "module -> module" that do so.
 
-    What only type checkers import is left out.
+    Imports of type checkers alone are left out.
     """
     home = {".".join(path.relative_to(ROOT).with_suffix("").parts): name
             for name, paths in packages().items() for path in paths}
-    found: dict[str, dict[str, set[str]]] = {name: {} for name in packages()}
+    graph: dict[str, dict[str, set[str]]] = {name: {} for name in packages()}
     for module, name in home.items():
         path = ROOT / f"{module.replace('.', '/')}.py"
         for target in _imported(path, module, home):
             if home[target] != name:
-                found[name].setdefault(home[target], set()).add(f"{module} -> {target}")
-    return found
+                graph[name].setdefault(home[target], set()).add(f"{module} -> {target}")
+    return graph
 
 
 @cache
 def statements(path: Path) -> list[ast.stmt]:
     """Return every statement of a file but those that only type checkers read."""
-    found: list[ast.stmt] = []
+    visited: list[ast.stmt] = []
     waiting: list[ast.AST] = [ast.parse(path.read_text(encoding="utf-8"))]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.stmt):
-            found.append(node)
+            visited.append(node)
         inner = [child for name in ("body", "orelse", "finalbody", "handlers", "cases")
                  for child in getattr(node, name, None) or [] if isinstance(child, ast.AST)]
         if not (isinstance(node, ast.If) and getattr(node.test, "id", "") == "TYPE_CHECKING"):
             waiting += inner
-    return found
+    return visited
 
 
 def _imported(path: Path, module: str, home: Mapping[str, str]) -> Iterator[str]:
@@ -72,26 +72,26 @@ def _imported(path: Path, module: str, home: Mapping[str, str]) -> Iterator[str]
     for node in statements(path):
         if isinstance(node, ast.ImportFrom) and node.level:
             base = package[: len(package) - node.level + 1]
-            whole = ".".join([*base, *([node.module] if node.module else [])])
+            source = ".".join([*base, *([node.module] if node.module else [])])
             for alias in node.names:
-                inner = f"{whole}.{alias.name}" if whole else alias.name
-                if inner in home or whole in home:
-                    yield inner if inner in home else whole
+                inner = f"{source}.{alias.name}" if source else alias.name
+                if inner in home or source in home:
+                    yield inner if inner in home else source
 
 
 def reachable(graph: Mapping[str, set[str]], start: str) -> set[str]:
-    """Return all that can be reached from a node."""
-    seen: set[str] = set()
+    """Return the nodes that can be reached from a node."""
+    reached: set[str] = set()
     waiting = [start]
     while waiting:
-        for other in graph.get(waiting.pop(), set()) - seen:
-            seen.add(other)
-            waiting.append(other)
-    return seen
+        for successor in graph.get(waiting.pop(), set()) - reached:
+            reached.add(successor)
+            waiting.append(successor)
+    return reached
 
 
 def reduced(graph: Mapping[str, set[str]]) -> dict[str, list[str]]:
     """Return a graph without circles with the fewest arrows that reach the same."""
-    return {node: sorted(other for other in others if not any(
-        other in reachable(graph, between) for between in others - {other}))
-        for node, others in graph.items()}
+    return {node: sorted(target for target in targets if not any(
+        target in reachable(graph, between) for between in targets - {target}))
+        for node, targets in graph.items()}

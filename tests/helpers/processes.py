@@ -35,7 +35,7 @@ def call(
 ) -> subprocess.CompletedProcess[str]:
     """Run a command to its end, its output captured."""
     return subprocess.run(
-        [str(part) for part in command], cwd=cwd, env=environment(**changes), text=True,
+        [str(word) for word in command], cwd=cwd, env=environment(**changes), text=True,
         capture_output=True, timeout=PATIENCE, check=False, stdin=subprocess.DEVNULL,
         encoding="utf-8", errors="surrogateescape",
     )
@@ -83,15 +83,15 @@ def catches(process: subprocess.Popen[str], number: int) -> bool:
     return bool(int(caught, 16) >> (number - 1) & 1)
 
 
-def wait_for(process: subprocess.Popen[str], seen: Callable[[], object]) -> None:
+def wait_for(process: subprocess.Popen[str], has_happened: Callable[[], object]) -> None:
     """Wait until a process that runs has brought something about."""
     give_up = time.monotonic() + PATIENCE
-    while not seen():
+    while not has_happened():
         assert process.poll() is None
         assert time.monotonic() < give_up
         time.sleep(0.01)
 
 
 def installed(names: Mapping[str, str] | Sequence[str]) -> list[str]:
-    """Return those programs that are on PATH."""
+    """Return the programs that are on PATH."""
     return [name for name in names if shutil.which(name)]

@@ -1,8 +1,8 @@
 """The second way to a step: Newton's method in Python over the compiled residual and Jacobian.
 
-The rules are those of ``engine/gyrospark/newton/newton.h``, the linear solver and the record of a
-run are others. ``integrate(step, …, solver="python")`` runs a whole trajectory so: events, stored
-states and signals are those of compiled runs.
+The rules are the same as in ``engine/gyrospark/newton/newton.h``; the linear solver and the record
+of a run are others. ``integrate(step, …, solver="python")`` runs a trajectory in this way: events,
+stored states and signals are the same as in compiled runs.
 """
 
 from __future__ import annotations
@@ -75,37 +75,37 @@ def advance(binding, constants, steps, every, state, rows):
     """Advance as ``Compiled.integrate`` does, with ``newton_step`` for each step."""
     run, parameters, q, p, report = constants.run, constants.parameters, state.q, state.p, \
         state.record
-    most = 0
+    iterations_max = 0
     for k in range(1, steps + 1):
         binding.set_time(parameters, run.t0, int(report.steps), run.dt)
         if run.inputs is not None:
             binding.feed(parameters, run.inputs.at(int(report.steps)))
-        status, q[:], p[:], multipliers, taken, done = newton_step(
+        status, q[:], p[:], multipliers, iterations, work = newton_step(
             binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, state.work)
         if status:
             return status
         binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
-        most = max(most, taken)
+        iterations_max = max(iterations_max, iterations)
         if binding.has_forces:
-            add_work(binding, report, done)
-        observe(binding, parameters, q, p, taken, report)
+            add_work(binding, report, work)
+        observe(binding, parameters, q, p, iterations, report)
         if k % every == 0:
             total = recorded(binding, report, "work") if binding.has_forces else 0
             row = rows[k // every - 1]
             row.q[:], row.p[:], row.multipliers[:] = q, p, multipliers
-            rows.iterations[k // every - 1], rows.work[k // every - 1] = most, total
-            most = 0
+            rows.iterations[k // every - 1], rows.work[k // every - 1] = iterations_max, total
+            iterations_max = 0
     return 0
 
 
 # ---------------------------------------------------------------- the record of a run
 
 
-def observe(binding, parameters, q, p, taken, report):
+def observe(binding, parameters, q, p, iterations, report):
     """Add a state to the running record, as the compiled ``observe`` does."""
     report.steps += 1
-    report.iterations += taken
-    report.iterations_max = max(report.iterations_max, taken)
+    report.iterations += iterations
+    report.iterations_max = max(report.iterations_max, iterations)
     error = number(binding, binding.hamiltonian(parameters, q[None], p[None])[0]) - recorded(
         binding, report, "energy_start")
     if binding.has_forces:
@@ -129,16 +129,16 @@ def recorded(binding, report, name):
     return np.frombuffer(binding.ffi.buffer(report), dtype=binding.report_type)[name][0]
 
 
-def add_work(binding, report, done):
+def add_work(binding, report, step_work):
     """Add the work of a step to a running record, in a compensated sum."""
     before = recorded(binding, report, "work")
-    share = number(binding, done) + recorded(binding, report, "work_low")
+    share = number(binding, step_work) + recorded(binding, report, "work_low")
     total = before + share
-    part = total - before
+    added = total - before
     passed = getattr(binding, "_cffi_value", lambda x: x) if binding.dtype is not object else (
         lambda x: x)
     report.work = passed(total)
-    report.work_low = passed((before - (total - part)) + (share - part))
+    report.work_low = passed((before - (total - added)) + (share - added))
 
 
 # ---------------------------------------------------------------- a step
@@ -146,15 +146,16 @@ def add_work(binding, report, done):
 
 def newton_step(binding, parameters, tolerance, max_iterations, dt, q, p, work):
     """Return status, q1, p1, multipliers, the number of iterations and the work of one step."""
-    status, x, taken = solve_stages(binding, parameters, tolerance, max_iterations, dt, q, p, work)
+    status, x, iterations = solve_stages(binding, parameters, tolerance, max_iterations, dt, q, p,
+                                         work)
     if status != 0:
-        return status, q, p, binding.new(binding.multipliers), taken, 0
+        return status, q, p, binding.new(binding.multipliers), iterations, 0
     status, q1, p1, multipliers = binding.finish(parameters, dt, q, p, x, work)
-    done = binding.new(1)
+    work_done = binding.new(1)
     if binding.has_forces:
         binding.function("step_work")(
-            parameters, dt, *map(binding.pointer, (q, p, x, done)), work)
-    return status, q1, p1, multipliers, taken, done[0]
+            parameters, dt, *map(binding.pointer, (q, p, x, work_done)), work)
+    return status, q1, p1, multipliers, iterations, work_done[0]
 
 
 def solve_stages(binding, parameters, tolerance, max_iterations, dt, q, p, work):
@@ -163,45 +164,46 @@ def solve_stages(binding, parameters, tolerance, max_iterations, dt, q, p, work)
     From the rates at the start of the step, and where that fails, from a momentum that stays.
     """
     x = binding.guess(parameters, dt, q, p, work)
-    what = binding, parameters, tolerance
-    status, found, taken = iterate(*what, max_iterations, dt, q, p, x, work)
-    if status == 0 or taken == max_iterations:
-        return status, found, taken
+    equations = binding, parameters, tolerance
+    status, solution, iterations = iterate(*equations, max_iterations, dt, q, p, x, work)
+    if status == 0 or iterations == max_iterations:
+        return status, solution, iterations
     x[binding.kicks] = 0
-    again, found, more = iterate(*what, max_iterations - taken, dt, q, p, x, work)
-    return again and status, found, taken + more
+    restart_status, solution, restart_iterations = iterate(*equations, max_iterations - iterations,
+                                                           dt, q, p, x, work)
+    return restart_status and status, solution, iterations + restart_iterations
 
 
 def iterate(binding, parameters, tolerance, max_iterations, dt, q, p, x, work):
     """Return status, the unknowns from a guess x and the number of iterations."""
     epsilon = binding.epsilon
     size, ratio = 0.0, 0.0
-    for taken in range(1, max_iterations + 1):
+    for iterations in range(1, max_iterations + 1):
         r = binding.residual(parameters, dt, q, p, x, work)
         J = binding.jacobian(parameters, dt, q, p, x, work)
         if not (all_finite(r) and all_finite(J)):
-            return 3, x, taken
+            return 3, x, iterations
         scale = np.abs(J).max(axis=1)
         if not scale.all():
-            return 2, x, taken
+            return 2, x, iterations
         try:
-            with np.errstate(all="ignore"):  # dx is judged below
+            with np.errstate(all="ignore"):  # dx is checked below
                 dx = solve(binding, (J.T / scale).T, r / scale)
         except np.linalg.LinAlgError:
-            return 2, x, taken
+            return 2, x, iterations
         previous, size = size, increment_size(binding, dt, q, p, x, dx, work)
         x = x - dx
         if not np.isfinite(size):
-            return 3, x, taken
-        shrinks, ratio = ratio < 0.5, size / previous if taken > 1 else 0.0
+            return 3, x, iterations
+        shrinks, ratio = ratio < 0.5, size / previous if iterations > 1 else 0.0
         if size <= (tolerance or 0.0):
-            return checked(binding, dt, q, x, work), x, taken
-        if taken == 1:
+            return checked(binding, dt, q, x, work), x, iterations
+        if iterations == 1:
             continue
         stops = ratio >= 0.5 and is_rounding(binding, parameters, dt, q, p, dx, size, work)
         quadratic = not tolerance and shrinks and size < 1e-3 and ratio < 0.1
         if stops or (quadratic and size * ratio**2 < epsilon / 64):
-            return checked(binding, dt, q, x, work), x, taken
+            return checked(binding, dt, q, x, work), x, iterations
     return (1 if ratio < 0.5 else 4 if size < 1e-3 else 5), x, max_iterations
 
 

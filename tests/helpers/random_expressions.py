@@ -40,7 +40,7 @@ ALLOWED = {*ANYWHERE, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh, sp.atan2, Ma
 
 
 def grow(inner: Any) -> Any:
-    """Expressions one level deeper; half of those with a domain are kept within it."""
+    """Expressions one level deeper; half of those with a domain stay inside it."""
     pairs = st.tuples(inner, inner)
     positive = st.one_of(inner, inner.map(lambda e: 1 + e**2), inner.map(sp.exp))
     below_one = st.one_of(inner, inner.map(sp.tanh), inner.map(lambda e: e / (1 + e**2)))
@@ -66,9 +66,9 @@ def grow(inner: Any) -> Any:
 def is_usable(e: sp.Expr) -> bool:
     """Whether e depends on X and SymPy made nothing else of it, such as |x| of √x²."""
     return not e.free_symbols.isdisjoint(X) and all(
-        part.is_Symbol or part.is_Add or part.is_Mul or part.is_Pow or part.func in ALLOWED
-        or (part.is_number and part.is_real and part.is_finite and not part.args)
-        for part in parts_of([e]))
+        node.is_Symbol or node.is_Add or node.is_Mul or node.is_Pow or node.func in ALLOWED
+        or (node.is_number and node.is_real and node.is_finite and not node.args)
+        for node in parts_of([e]))
 
 
 EXPRESSIONS = st.recursive(LEAVES, grow, max_leaves=8).filter(is_usable)
@@ -92,15 +92,15 @@ _IN_DOUBLES = {name: getattr(math, name) for name in (
 
 
 def in_doubles(expressions: Any, values: dict[sp.Basic, float]) -> list[float]:
-    """Evaluate in double precision, each part once; NaN for what has no value, as in C."""
-    known: dict[sp.Basic, float] = dict(values)
+    """Evaluate in double precision, each part once; NaN where there is no value, as in C."""
+    evaluated: dict[sp.Basic, float] = dict(values)
     for e in parts_of(expressions):
-        if e not in known:
+        if e not in evaluated:
             try:
-                known[e] = _in_doubles(e, [known[a] for a in e.args])
+                evaluated[e] = _in_doubles(e, [evaluated[a] for a in e.args])
             except (ValueError, ZeroDivisionError):
-                known[e] = math.nan
-    return [known[e] for e in expressions]
+                evaluated[e] = math.nan
+    return [evaluated[e] for e in expressions]
 
 
 def _in_doubles(e: sp.Basic, arguments: list[float]) -> float:
@@ -156,17 +156,17 @@ def largest_term(e: sp.Expr, ends: list[dict[sp.Basic, Any]], sizes: dict[sp.Bas
         if not part.args:
             size.setdefault(part, mp.mpf(0))
             continue
-        both = [partials(part, [end[a] for a in part.args], end[part]) for end in ends]
-        slopes[part] = both
+        end_slopes = [partials(part, [end[a] for a in part.args], end[part]) for end in ends]
+        slopes[part] = end_slopes
         (low, high) = (end[part] for end in ends)
         changes = [ends[1][a] - ends[0][a] for a in part.args]
         if len(part.args) == 1 or (part.is_Pow and not size[part.args[1]]):
-            factor = (high - low) / changes[0] if changes[0] else both[0][0]
+            factor = (high - low) / changes[0] if changes[0] else end_slopes[0][0]
             size[part] = abs(factor) * size[part.args[0]]
         else:
             # the change itself where the ends do not show it: vectors that pass by the origin
             size[part] = max(abs(high - low), mp.fsum(max(abs(w0), abs(w1)) * size[a]
-                             for a, w0, w1 in zip(part.args, *both, strict=True)))
+                             for a, w0, w1 in zip(part.args, *end_slopes, strict=True)))
     weights: list[dict[sp.Basic, Any]] = [dict.fromkeys(parts, mp.mpf(0)) for _ in ends]
     for k, weight in enumerate(weights):
         weight[e] = mp.mpf(1)
@@ -217,7 +217,7 @@ def keeps_off_edges(e: sp.Expr, ends: list[dict[sp.Basic, Any]], tolerance: floa
             return False
         slopes = zip(*(partials(part, v, end[part]) for v, end in zip(values, ends, strict=True)),
                      strict=True)
-        carried = mp.fsum(max(map(abs, both)) * sizes[a]
-                          for a, both in zip(part.args, slopes, strict=True))
+        carried = mp.fsum(max(map(abs, end_slopes)) * sizes[a]
+                          for a, end_slopes in zip(part.args, slopes, strict=True))
         sizes[part] = max(sizes[part], carried)
     return True

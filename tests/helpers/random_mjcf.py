@@ -49,8 +49,8 @@ class Writer:
             '<damper kv="0.4" ctrlrange="0 1"/>' if self.chance(0.2) else "",
             '<general dyntype="integrator" actrange="-1 1"/>' if self.chance(0.1) else "")
             for _ in range(3)]
-        joints = [f'<joint damping="{self.numbers(1, 0, 1)}" {self.spring()} {more}/>'
-                  for more in ("", f'armature="{self.numbers(1, 0.05, 0.3)}"', 'axis="0 1 0"')]
+        joints = [f'<joint damping="{self.numbers(1, 0, 1)}" {self.spring()} {attribute}/>'
+                  for attribute in ("", f'armature="{self.numbers(1, 0.05, 0.3)}"', 'axis="0 1 0"')]
         geoms = ('<geom contype="0" conaffinity="0" density="700"/>',
                  '<geom type="capsule" size="0.05 0.2"/>',
                  f'<geom density="{self.numbers(1, 100, 3000)}"/>')
@@ -69,14 +69,14 @@ class Writer:
         touch = 'contype="1"' if self.chance(0.02) else ""
         if kind != "sphere" and self.chance(0.3):
             size = self.numbers(self.pick(1, 2) if kind in ("box", "ellipsoid") else 1, 0.05, 0.2)
-            place = f'fromto="{self.numbers(6)}"'
+            pose = f'fromto="{self.numbers(6)}"'
         else:
-            place = f'pos="{self.numbers(3)}" {self.attitude()}'
+            pose = f'pos="{self.numbers(3)}" {self.attitude()}'
         shell = ' shellinertia="true"' if kind != "ellipsoid" and self.chance(0.1) else ""
         group = f'group="{self.rng.integers(6)}"' if self.chance(0.3) else ""
-        return f'<geom type="{kind}" size="{size}" {place} {mass} {touch} {group}{shell}/>'
+        return f'<geom type="{kind}" size="{size}" {pose} {mass} {touch} {group}{shell}/>'
 
-    def joint(self, kind, more=""):
+    def joint(self, kind, extra=""):
         """Return a joint; now and then one with a force that no model has."""
         name = f"j{len(self.joints)}"
         self.joints.append((name, kind))
@@ -90,12 +90,12 @@ class Writer:
         strange = "" if not self.chance(0.04) else self.pick(
             'frictionloss="0.1"', 'range="-1 1"', 'stiffness="1 2"', 'damping="0.1 0 0.2"',
             'actuatorfrcrange="-1 1"', 'stiffness="1" springyield="0.4"')
-        place = f'pos="{self.numbers(3, -0.3, 0.3)}" axis="{self.numbers(3)}"'
+        pose = f'pos="{self.numbers(3, -0.3, 0.3)}" axis="{self.numbers(3)}"'
         ref = f'ref="{self.angle(-0.5, 0.5)}"' if self.chance(0.4) else ""
-        own = self.pick("", "", 'class="middle"', 'class="high"')
+        defaults = self.pick("", "", 'class="middle"', 'class="high"')
         if "stiffness" in strange or "damping" in strange:
-            own = ""
-        return f'<joint name="{name}" type="{kind}" {own} {place} {ref} {strange} {more}/>'
+            defaults = ""
+        return f'<joint name="{name}" type="{kind}" {defaults} {pose} {ref} {strange} {extra}/>'
 
     def row(self, first):
         """Return the joints of a body."""
@@ -116,12 +116,12 @@ class Writer:
             J = self.rng.normal(size=(3, 3))
             J = J @ J.T + 0.1 * np.eye(3)
             J = 0.1 * (np.trace(J) * np.eye(3) - J)
-            told = self.pick(
+            inertia_text = self.pick(
                 f'diaginertia="{self.numbers(3, 0.2, 0.3)}" {self.attitude()}',
                 'fullinertia="{}"'.format(" ".join(
                     f"{J[k]:.4f}" for k in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2)))))
             inertia += (f'<inertial pos="{self.numbers(3, -0.3, 0.3)}" '
-                        f'mass="{self.numbers(1, 0.3, 3)}" {told}/>')
+                        f'mass="{self.numbers(1, 0.3, 3)}" {inertia_text}/>')
         if self.chance(0.2):
             inertia = f'<frame pos="{self.numbers(3)}" {self.attitude()}>{inertia}</frame>'
             inertia = inertia if "<inertial" not in inertia else ""
@@ -131,46 +131,49 @@ class Writer:
         inertia += f'<site name="{site}" pos="{self.numbers(3, -0.3, 0.3)}" {self.attitude()}/>'
         below = "".join(self.body(depth - 1) for _ in range(self.rng.integers(0, 3))
                         if depth and len(self.bodies) < (4 if self.loops else 3))
-        more = self.pick("", "", 'childclass="middle"', 'childclass="high"')
+        defaults = self.pick("", "", 'childclass="middle"', 'childclass="high"')
         gravcomp = f'gravcomp="{self.numbers(1, -1, 1.5)}"' if self.chance(0.2) else ""
-        return (f'<body name="{name}" pos="{self.numbers(3)}" {self.attitude()} {more} {gravcomp}>'
+        return (f'<body name="{name}" pos="{self.numbers(3)}" {self.attitude()} {defaults} '
+                f'{gravcomp}>'
                 f"{joints}{inertia}{below}</body>")
 
     def tendons(self, single):
         if len(single) < 1 or not self.chance(0.4):
             return "", []
-        made = []
+        elements = []
         for k in range(self.rng.integers(1, 3)):
             parts = "".join(f'<joint joint="{name}" coef="{self.numbers(1, 0.3, 1)}"/>'
                             for name in self.rng.choice(single, min(2, len(single)), False))
-            rest = self.pick("", f'springlength="{self.numbers(1, 0, 1)}"',
-                             'springlength="-0.2 0.3"' if self.chance(0.2) else "")
+            spring_length = self.pick("", f'springlength="{self.numbers(1, 0, 1)}"',
+                                      'springlength="-0.2 0.3"' if self.chance(0.2) else "")
             strange = 'armature="0.2"' if self.chance(0.05) else ""
-            made.append(f'<fixed name="t{k}" stiffness="{self.numbers(1, 0, 3)}" '
-                        f'damping="{self.numbers(1, 0, 1)}" {rest} {strange}>{parts}</fixed>')
-        return f"<tendon>{''.join(made)}</tendon>", [f"t{k}" for k in range(len(made))]
+            elements.append(f'<fixed name="t{k}" stiffness="{self.numbers(1, 0, 3)}" '
+                            f'damping="{self.numbers(1, 0, 1)}" {spring_length} '
+                            f'{strange}>{parts}</fixed>')
+        return f"<tendon>{''.join(elements)}</tendon>", [f"t{k}" for k in range(len(elements))]
 
     def actuators(self, single, tendons):
-        made = []
+        elements = []
         for k in range(self.rng.integers(0, 4) if single else 0):
-            kind, more = self.pick(
+            kind, extra = self.pick(
                 ("motor", ""), ("position", 'kp="3"'), ("position", 'kp="4" dampratio="0.6"'),
                 ("velocity", ""), ("general", 'gaintype="affine" gainprm="1 0 -0.3"'),
                 ("general", 'biastype="affine" biasprm="0.5 -2 -0.1"'), ("motor", 'gear="-2"'),
                 ("general", ""))
             if self.chance(0.06):
-                kind, more = self.pick(
+                kind, extra = self.pick(
                     ("motor", 'armature="0.2"'), ("motor", 'damping="0.3"'), ("intvelocity", ""),
                     ("motor", 'delay="0.01" nsample="10"'), ("position", 'timeconst="0.1"'),
                     ("motor", 'ctrlrange="-0.1 0.1"'), ("motor", 'forcerange="-0.1 0.1"'))
             acts = f'tendon="{self.pick(*tendons)}"' if tendons and self.chance(0.3) else (
                 f'{self.pick("joint", "jointinparent")}="{self.pick(*single)}"')
-            own = self.pick("", "", 'class="middle"', 'class="high"')
-            made.append(f'<{kind} name="a{k}" {acts} {own} group="{self.rng.integers(4)}" {more}/>')
-        return f"<actuator>{''.join(made)}</actuator>", len(made)
+            defaults = self.pick("", "", 'class="middle"', 'class="high"')
+            elements.append(f'<{kind} name="a{k}" {acts} {defaults} group="{self.rng.integers(4)}" '
+                            f'{extra}/>')
+        return f"<actuator>{''.join(elements)}</actuator>", len(elements)
 
     def equalities(self, single, tendons):
-        made = []
+        elements = []
         for _ in range(self.rng.integers(1, 3) if self.loops else int(self.chance(0.05))):
             ends = self.rng.permutation(["world", *self.bodies])[:2]
             kinds = ["connect", "connect", "sites", "weld", "weld"]
@@ -179,25 +182,26 @@ class Writer:
             kind = self.pick(*kinds)
             off = 'active="false"' if self.chance(0.1) else ""
             if kind == "connect":
-                made.append(f'<connect body1="{ends[0]}" body2="{ends[1]}" '
-                            f'anchor="{self.numbers(3)}" {off}/>')
+                elements.append(f'<connect body1="{ends[0]}" body2="{ends[1]}" '
+                                f'anchor="{self.numbers(3)}" {off}/>')
             elif kind == "sites" and len(self.sites) > 1:
-                one, two = self.rng.choice(self.sites, 2, False)
-                made.append(f'<connect site1="{one}" site2="{two}" {off}/>')
+                first_end, second_end = self.rng.choice(self.sites, 2, False)
+                elements.append(f'<connect site1="{first_end}" site2="{second_end}" {off}/>')
             elif kind == "weld":
-                more = self.pick("", f'anchor="{self.numbers(3)}"', "relpose")
-                if more == "relpose":
-                    more = (f'anchor="{self.numbers(3, -.2, .2)}" '
+                pose = self.pick("", f'anchor="{self.numbers(3)}"', "relpose")
+                if pose == "relpose":
+                    pose = (f'anchor="{self.numbers(3, -.2, .2)}" '
                             f'relpose="{self.numbers(3)} {self.numbers(4)}"')
-                made.append(f'<weld body1="{ends[0]}" body2="{ends[1]}" {more} {off}/>')
+                elements.append(f'<weld body1="{ends[0]}" body2="{ends[1]}" {pose} {off}/>')
             elif kind == "joint":
-                one, two = self.rng.choice(single, 2, False)
-                made.append(f'<joint joint1="{one}" joint2="{two}" '
-                            f'polycoef="{self.numbers(self.rng.integers(1, 6), -.5, .5)}" {off}/>')
+                first_end, second_end = self.rng.choice(single, 2, False)
+                elements.append(f'<joint joint1="{first_end}" joint2="{second_end}" '
+                                f'polycoef="{self.numbers(self.rng.integers(1, 6), -.5, .5)}" '
+                                f'{off}/>')
             elif kind == "tendon":
-                made.append('<tendon tendon1="t0" tendon2="t1" '
-                            f'polycoef="{self.numbers(2, 0.2, .8)}" {off}/>')
-        return f"<equality>{''.join(made)}</equality>"
+                elements.append('<tendon tendon1="t0" tendon2="t1" '
+                                f'polycoef="{self.numbers(2, 0.2, .8)}" {off}/>')
+        return f"<equality>{''.join(elements)}</equality>"
 
     def robot(self):
         """Return the text of a robot with one keyframe for its qpos, qvel and ctrl to come."""
@@ -241,9 +245,9 @@ def random_robot(seed, loops=False):
         mujoco.mj_integratePos(m, d.qpos, rng.uniform(-1, 1, m.nv), 1.0)
     state = {"qpos": d.qpos, "qvel": rng.uniform(-1, 1, m.nv) * (0.1 if loops else 1),
              "ctrl": rng.uniform(-1, 1, m.nu)}
-    told = " ".join(f'{key}="{" ".join(map(repr, map(float, x)))}"' for key, x in state.items()
-                    if len(x))
-    return text.replace("</mujoco>", f'<keyframe><key name="k" {told}/></keyframe></mujoco>')
+    values = " ".join(f'{key}="{" ".join(map(repr, map(float, x)))}"' for key, x in state.items()
+                      if len(x))
+    return text.replace("</mujoco>", f'<keyframe><key name="k" {values}/></keyframe></mujoco>')
 
 
 def exact_acceleration(m, d):
@@ -257,11 +261,11 @@ def exact_acceleration(m, d):
         return np.linalg.solve(M, f)
     rate, h = np.zeros(len(J)), 1e-3
     for step, weight in ((1, 8 / 12), (-1, -8 / 12), (2, -1 / 12), (-2, 1 / 12)):
-        there = mujoco.MjData(m)
-        there.qpos[:], there.qvel[:] = d.qpos, d.qvel
-        mujoco.mj_integratePos(m, there.qpos, d.qvel, step * h)
-        mujoco.mj_forward(m, there)
-        rate += weight / h * jacobian(m, there) @ d.qvel
+        displaced = mujoco.MjData(m)
+        displaced.qpos[:], displaced.qvel[:] = d.qpos, d.qvel
+        mujoco.mj_integratePos(m, displaced.qpos, d.qvel, step * h)
+        mujoco.mj_forward(m, displaced)
+        rate += weight / h * jacobian(m, displaced) @ d.qvel
     W = J @ np.linalg.solve(M, J.T)
     forces = np.linalg.lstsq(W, -rate - J @ np.linalg.solve(M, f), rcond=1e-10)[0]
     return np.linalg.solve(M, f + J.T @ forces)
@@ -280,8 +284,8 @@ def jacobian(m, d):
 def compare(path, m=None, qpos=None, qvel=None, **options):
     """Return the largest difference of accelerations, over the largest of them or 1.
 
-    At keyframe k, or at positions and velocities in a model of MuJoCo that does without some parts.
-    Where loops move the start, MuJoCo's state is that of the model.
+    They are compared at keyframe k, or at positions and velocities in a model of MuJoCo that lacks
+    some parts. Where loops move the start, MuJoCo takes the state of the model.
     """
     robot = read_mjcf_robot(path.read_text(), path)
     if m is None:
@@ -292,11 +296,11 @@ def compare(path, m=None, qpos=None, qvel=None, **options):
         d.qpos[:], d.qvel[:], d.ctrl[:] = m.key_qpos[0], m.key_qvel[0], m.key_ctrl[0]
     else:
         d.qpos[:], d.qvel[:] = qpos, qvel
-        options |= {what: {joint.name: x[at:at + n] if n > 1 else float(x[at])
-                           for k, joint in enumerate(robot.joints.values())
-                           for at, n in [(start[k], getattr(joint, count))]}
-                    for what, x, start, count in (("angles", qpos, m.jnt_qposadr, "count"),
-                                                  ("rates", qvel, m.jnt_dofadr, "freedoms"))}
+        options |= {argument: {joint.name: x[index:index + n] if n > 1 else float(x[index])
+                               for k, joint in enumerate(robot.joints.values())
+                               for index, n in [(start[k], getattr(joint, count))]}
+                    for argument, x, start, count in (("angles", qpos, m.jnt_qposadr, "count"),
+                                                      ("rates", qvel, m.jnt_dofadr, "freedoms"))}
     build = gs.Multibody.from_file(path, **options)
     names = {body.name: body for body in build._components.bodies}
     rows, arms = {}, {}  # from the origin of axes to the centre of mass
@@ -304,14 +308,15 @@ def compare(path, m=None, qpos=None, qvel=None, **options):
         v = m.jnt_dofadr[k]
         if joint.count == 1:
             suffix = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
-            rows[v] = [f"{plain_name(joint.name)}_{what}" for what in suffix], m.jnt_qposadr[k]
+            rows[v] = [f"{plain_name(joint.name)}_{quantity}"
+                       for quantity in suffix], m.jnt_qposadr[k]
             continue
         body = names[plain_name(robot.bodies[joint.body].name)]
         above = robot.limb(robot.bodies[joint.body].above)
         turning = body.direction(body.angular_velocity)
         if above >= 0:
-            other = names[plain_name(robot.bodies[above].name)]
-            turning = [x - y for x, y in zip(turning, other.direction(other.angular_velocity),
+            parent = names[plain_name(robot.bodies[above].name)]
+            turning = [x - y for x, y in zip(turning, parent.direction(parent.angular_velocity),
                                              strict=True)]
         for i in range(3):
             build.quantity(f"w{k}_{i}", dot(body.rotation.col(i), turning))
@@ -333,26 +338,26 @@ def compare(path, m=None, qpos=None, qvel=None, **options):
             take_free(m, d, k, motion, robot.bodies[joint.body].name, arms[k])
         elif loops and joint.kind == "ball":
             raise gs.InputError("a ball in a loop is not compared here")
-    wanted = exact_acceleration(m, d)
+    expected = exact_acceleration(m, d)
     for k, arm in arms.items():
         v, q = m.jnt_dofadr[k], m.jnt_qposadr[k]
-        w, spin = d.qvel[v + 3:v + 6], wanted[v + 3:v + 6]
-        wanted[v:v + 3] += turned(d.qpos[q + 3:q + 7]) @ (
+        w, spin = d.qvel[v + 3:v + 6], expected[v + 3:v + 6]
+        expected[v:v + 3] += turned(d.qpos[q + 3:q + 7]) @ (
             np.cross(spin, arm) + np.cross(w, np.cross(w, arm)))
-    found = np.zeros(m.nv)
+    accelerations = np.zeros(m.nv)
     for v, (quantities, _) in rows.items():
-        found[v] = motion.acceleration(quantities[-1])
-    return np.abs(found - wanted).max() / max(np.abs(wanted).max(), 1.0)
+        accelerations[v] = motion.acceleration(quantities[-1])
+    return np.abs(accelerations - expected).max() / max(np.abs(expected).max(), 1.0)
 
 
 def take_free(m, d, k, motion, name, arm):
     """Set qpos and qvel of a free joint to those of a body of the model, ``arm`` its centre."""
-    at = dict(zip(map(str, motion.system.q), motion.q, strict=True))
+    coordinates = dict(zip(map(str, motion.system.q), motion.q, strict=True))
     q, v = m.jnt_qposadr[k], m.jnt_dofadr[k]
-    d.qpos[q + 3:q + 7] = [at[f"{name}_q{i}"] for i in range(4)]
+    d.qpos[q + 3:q + 7] = [coordinates[f"{name}_q{i}"] for i in range(4)]
     d.qvel[v + 3:v + 6] = w = [motion.value(f"w{k}_{i}") for i in range(3)]
     R = turned(d.qpos[q + 3:q + 7])
-    d.qpos[q:q + 3] = np.array([at[f"{name}_{axis}"] for axis in "xyz"]) - R @ arm
+    d.qpos[q:q + 3] = np.array([coordinates[f"{name}_{axis}"] for axis in "xyz"]) - R @ arm
     d.qvel[v:v + 3] = [motion.value(f"v{k}_{i}") for i in range(3)] - R @ np.cross(w, arm)
 
 

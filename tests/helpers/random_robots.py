@@ -40,7 +40,7 @@ def random_tree(rng: np.random.Generator, count: int, *, mimic: bool = True) -> 
     links: list[Link] = []
     for k in range(count):
         angles = tuple(rng.uniform(-3, 3, 3).round(3).tolist())
-        place = Placement(rng.uniform(-1, 1, 3).round(3), roll_pitch_yaw(angles))
+        placement = Placement(rng.uniform(-1, 1, 3).round(3), roll_pitch_yaw(angles))
         a, b, c = rng.uniform(0.05, 0.5, 3).round(3)
         moving = [link.name for link in links if link.kind != "fixed" and not link.follows]
         kind = str(rng.choice(KINDS[:3] if k == 0 else KINDS))
@@ -48,8 +48,8 @@ def random_tree(rng: np.random.Generator, count: int, *, mimic: bool = True) -> 
         if mimic and moving and kind != "fixed" and rng.random() < 0.3:
             follows = f"{rng.choice(moving)}_joint", *rng.uniform(-2, 2, 2).round(2).tolist()
         links.append(Link(
-            f"l{k}", str(rng.choice(["base", *(link.name for link in links)])), kind, place, angles,
-            rng.normal(size=3).round(3), round(rng.uniform(0.2, 3), 3),
+            f"l{k}", str(rng.choice(["base", *(link.name for link in links)])), kind, placement,
+            angles, rng.normal(size=3).round(3), round(rng.uniform(0.2, 3), 3),
             rng.uniform(-0.5, 0.5, 3).round(3), tuple(rng.uniform(-3, 3, 3).round(3).tolist()),
             np.array([b + c, a + c, a + b]), float(rng.choice([0, 0.3])), follows))
     return links
@@ -108,30 +108,31 @@ def sdf_text(links: list[Link], rng: np.random.Generator) -> str:
         space, axis = places[link.name], link.axis / np.linalg.norm(link.axis)
         above = str(rng.choice(["", "__model__", link.above, f"{link.name}_frame"]))
         frame = Placement(rng.uniform(-1, 1, 3), roll_pitch_yaw(rng.uniform(-3, 3, 3)))
-        known = {"": IDENTITY, "__model__": IDENTITY, f"{link.name}_frame": frame, **places}
+        frames = {"": IDENTITY, "__model__": IDENTITY, f"{link.name}_frame": frame, **places}
         # a hinge may be anywhere on its axis; a slide anywhere at all
         shift = rng.normal() * axis if link.kind in KINDS[:2] else rng.normal(size=3)
         joint = Placement(np.zeros(3) if link.kind == "fixed" else shift,
                           roll_pitch_yaw(rng.uniform(-3, 3, 3)))
-        there = str(rng.choice(["", "__model__", link.above, link.name, f"{link.name}_frame"]))
+        axis_frame = str(rng.choice(["", "__model__", link.above, link.name, f"{link.name}_frame"]))
         joint_space = space.then(joint)
-        seen = {**known, "": joint_space, link.name: space}
+        axis_frames = {**frames, "": joint_space, link.name: space}
         mimic = ""
         if link.follows:
             leader, ratio, offset = link.follows
             mimic = (f'<mimic joint="{leader}"><multiplier>{ratio!r}</multiplier>'
                      f"<offset>{offset + 0.5 * ratio!r}</offset><reference>0.5</reference></mimic>")
         a, b, c = link.inertia.tolist()
-        expressed = f' expressed_in="{there}"' if there else ""
+        expressed = f' expressed_in="{axis_frame}"' if axis_frame else ""
         parts.append(
             f'<frame name="{link.name}_frame">{_pose("", frame, rng)}</frame>'
-            f'<link name="{link.name}">{_pose(above, inside(known[above], space), rng)}'
+            f'<link name="{link.name}">{_pose(above, inside(frames[above], space), rng)}'
             f"<inertial>{_pose('', Placement(link.centre, roll_pitch_yaw(link.turned)), rng)}"
             f"<mass>{link.mass!r}</mass><inertia><ixx>{a!r}</ixx><iyy>{b!r}</iyy><izz>{c!r}</izz>"
             "</inertia></inertial></link>"
             f'<joint name="{link.name}_joint" type="{link.kind}">'
             f"{_pose(link.name, joint, rng)}<parent>{link.above}</parent><child>{link.name}</child>"
-            f"<axis><xyz{expressed}>{words(seen[there].R.T @ space.R @ axis)}</xyz>{mimic}"
+            f"<axis>"
+            f"<xyz{expressed}>{words(axis_frames[axis_frame].R.T @ space.R @ axis)}</xyz>{mimic}"
             f"<dynamics><damping>{link.damping!r}</damping></dynamics></axis></joint>")
     order = rng.permutation(len(parts))
     inner = "".join(parts[k] for k in order)
@@ -144,15 +145,16 @@ def inside(outer: Placement, inner: Placement) -> Placement:
     return Placement(outer.R.T @ (inner.x - outer.x), outer.R.T @ inner.R)
 
 
-def _pose(above: str, place: Placement, rng: np.random.Generator) -> str:
-    told = f' relative_to="{above}"' if above else ""
-    pitch = math.asin(min(max(-place.R[2, 0], -1), 1))
-    angles = (math.atan2(place.R[2, 1], place.R[2, 2]), pitch,
-              math.atan2(place.R[1, 0], place.R[0, 0]))
+def _pose(above: str, placement: Placement, rng: np.random.Generator) -> str:
+    relative_to = f' relative_to="{above}"' if above else ""
+    pitch = math.asin(min(max(-placement.R[2, 0], -1), 1))
+    angles = (math.atan2(placement.R[2, 1], placement.R[2, 2]), pitch,
+              math.atan2(placement.R[1, 0], placement.R[0, 0]))
     form = rng.integers(3)
     if form == 0:
-        return f"<pose{told}>{words([*place.x, *angles])}</pose>"
+        return f"<pose{relative_to}>{words([*placement.x, *angles])}</pose>"
     if form == 1:
-        return (f'<pose{told} degrees="true">{words([*place.x, *np.degrees(angles)])}</pose>')
-    return (f'<pose{told} rotation_format="quat_xyzw">'
-            f"{words([*place.x, *quaternion_xyzw(angles)])}</pose>")
+        return (f'<pose{relative_to} '
+                f'degrees="true">{words([*placement.x, *np.degrees(angles)])}</pose>')
+    return (f'<pose{relative_to} rotation_format="quat_xyzw">'
+            f"{words([*placement.x, *quaternion_xyzw(angles)])}</pose>")

@@ -266,8 +266,8 @@ class Method:
 
         def hidden(number: Number) -> Callable[[Array], Array]:
             e = self.system(number)
-            at, on, normal = (a if number is mp.mpf else doubles(a) for a in (q1, P, G))
-            return lambda mu: normal @ e.H_p(at, on - normal.T @ mu)
+            position, momentum, normal = (a if number is mp.mpf else doubles(a) for a in (q1, P, G))
+            return lambda mu: normal @ e.H_p(position, momentum - normal.T @ mu)
 
         return solve(hidden(float), hidden(mp.mpf), np.zeros(self.m))
 

@@ -1,4 +1,4 @@
-"""Public classes that are no name of ``gyrospark``: methods and functions return their objects."""
+"""Public classes without a name in ``gyrospark``: methods and functions return their objects."""
 
 from __future__ import annotations
 

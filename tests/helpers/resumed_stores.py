@@ -1,4 +1,4 @@
-"""Runs that are stored in pieces, and end with the same bytes."""
+"""Runs that are stored in pieces: their stores end with the same bytes."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def in_pieces(step, out, calls, **arguments):
 
 
 def check(step, folder, calls, chunk=None, **arguments):
-    """Check that an interrupted run ends with the bytes of one that was not.
+    """Check that an interrupted run ends with the bytes of an uninterrupted one.
 
     ``chunk`` is how many steps a call of compiled code does in the interrupted one.
     """

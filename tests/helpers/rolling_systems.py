@@ -1,4 +1,4 @@
-"""Systems with velocity constraints, and what is known of their motion in another way."""
+"""Systems with velocity constraints, and their motions computed in another way."""
 
 from functools import cache
 
@@ -11,7 +11,7 @@ from gyrospark.generator.systems.system import System
 
 @cache
 def stepper_of(make, stages, scheme="G-L", real="double"):
-    """Return a stepper of one of these systems, made once."""
+    """Return a stepper of one of these systems, built once."""
     return gs.stepper(scheme, stages, system=make(), real=real)
 
 
@@ -67,7 +67,7 @@ def _R(q):
                       [2*(b*d - a*c), 2*(c*d + a*b), a*a - b*b - c*c + d*d]])
 
 
-def _rolling(name, contact, more=()) -> System:
+def _rolling(name, contact, extra_parameters=()) -> System:
     """Return a body that rolls on the plane z = 0: its contact is a function of R(q)ᵀe_z."""
     x, q = sp.symbols("x y z", real=True), sp.symbols("q0:4", real=True)
     px, pq = sp.symbols("px py pz", real=True), sp.symbols("p0:4", real=True)
@@ -80,7 +80,7 @@ def _rolling(name, contact, more=()) -> System:
     arm = contact(R.T * sp.Matrix([0, 0, 1]))
     omega = 2 * _L(q) * sp.Matrix(v[3:])
     slip = sp.Matrix(v[:3]) + R * omega.cross(arm)
-    return System((*x, *q), (*px, *pq), (m, I1, I2, I3, gravity, gamma, *more),
+    return System((*x, *q), (*px, *pq), (m, I1, I2, I3, gravity, gamma, *extra_parameters),
                   sum(e**2 for e in px) / (2 * m) + spin + m * gravity * x[2],
                   (sum(e**2 for e in q) - 1,), name=name, velocities=v,
                   velocity_constraints=tuple(slip))

@@ -108,8 +108,8 @@ def _pendulum() -> Any:
     equation = (L.diff(speed).diff(t) - L.diff(angle)
                 - F[0] * x.diff(angle) - F[1] * y.diff(angle))
     equation = equation.subs(angle.diff(t, 2), slope).subs(speed, rate).subs(angle, a)
-    rest = equation.subs(slope, 0)
-    acceleration = sp.lambdify([t, a, rate], -rest / (equation.diff(slope)), "mpmath")
+    remainder = equation.subs(slope, 0)
+    acceleration = sp.lambdify([t, a, rate], -remainder / (equation.diff(slope)), "mpmath")
     state = [e.subs(speed, rate).subs(angle, a) for e in (x, y, m * x.diff(t), m * y.diff(t))]
     return (lambda time, z: [z[1], acceleration(time, *z)], [mp.mpf("0.8"), mp.mpf("-0.3")],
             sp.lambdify([t, (a, rate)], state, "mpmath"))

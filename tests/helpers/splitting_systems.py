@@ -66,16 +66,15 @@ SYSTEMS = {
 
 
 def molecules(count, inertia, *, neighbours=3):
-    """Return a model of rigid molecules with a softened Coulomb force between two of their sites.
-    """
+    """Return rigid molecules; a softened Coulomb force acts between sites of each two."""
     build, rng = gs.Multibody("molecules", gravity=(0, 0, 0)), np.random.default_rng(1)
     strength = build.parameter("k", 1.3)
     bodies = [build.body(f"w{i}", mass=1 + 0.1 * i, inertia=inertia,
                          position=2 * rng.random(3) + 2 * i, velocity=0.2 * rng.random(3),
                          angular_velocity=rng.random(3)) for i in range(count)]
     for i, body in enumerate(bodies):
-        for other in bodies[max(0, i - neighbours) : i]:
-            sites = zip(body.point((0.3, 0.1, -0.2)), other.point((0, 0, 0.3)), strict=True)
+        for neighbour in bodies[max(0, i - neighbours) : i]:
+            sites = zip(body.point((0.3, 0.1, -0.2)), neighbour.point((0, 0, 0.3)), strict=True)
             build.potential(strength / sp.sqrt(sum((x - y)**2 for x, y in sites)
                                                + sp.Rational(1, 2)))
     return build.model()

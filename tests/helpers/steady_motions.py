@@ -83,18 +83,18 @@ def free_body() -> Steady:
 
 
 def satellite() -> Steady:
-    """Symmetric, its axis along the normal of the orbit: in orbit axes it turns at s − n.
+    """A symmetric satellite whose axis is normal to the orbit: in orbit axes it turns at s − n.
 
-    H of the model is that of inertial axes less n l_y: a satellite at rest in orbit axes stands
-    still without a frame, and what is left to be found is the satellite's own axis.
+    H of the model equals H of inertial axes less n l_y: a satellite at rest in orbit axes stands
+    still without a frame, and only the satellite's own axis remains to be determined.
     """
     model = gs.models.satellite()
     n, I1, I3 = model.parameters["n"], 30.0, 40.0
     q, s = turn(E1, -pi / 2), 10 * model.parameters["n"]  # e3 of the body → e2
-    made = of_model(model, 0.1 / n, spins=(s - n,))
+    steady = of_model(model, 0.1 / n, spins=(s - n,))
     moments = {"a_I1": I1, "a_I2": I1, "a_I3": I3, "a_gamma": gs.gamma((I1, I1, I3))}
-    return Steady(made.system, q, gs.Start.of_body(q, s * E3, (I1, I1, I3)).p,
-                  {**made.parameters, **moments}, made.dt, made.spins)
+    return Steady(steady.system, q, gs.Start.of_body(q, s * E3, (I1, I1, I3)).p,
+                  {**steady.parameters, **moments}, steady.dt, steady.spins)
 
 
 def orbiting() -> Steady:
@@ -140,11 +140,12 @@ def turning_chain() -> Steady:
         omega = np.array([-rate * sin(angle), 0, rate * cos(angle) + s])
         q += [attitude, [x, 0, z]]
         p += [gs.Start.of_body(attitude, omega, moments).p, [0, m * rate * x, 0]]
-    made = of_model(gs.models.chain(rods), 0.02, spins=spins, about=rate * E3, blocks=(4, 3) * rods)
-    numbers = {**made.parameters} | {f"b{i}_I2": I1 for i in range(rods)}
+    steady = of_model(gs.models.chain(rods), 0.02, spins=spins, about=rate * E3,
+                      blocks=(4, 3) * rods)
+    numbers = {**steady.parameters} | {f"b{i}_I2": I1 for i in range(rods)}
     assert max(abs(np.array(angles))) > 0.5
-    return Steady(made.system, np.concatenate(q), np.concatenate(p), numbers, made.dt, made.spins,
-                  made.about, made.blocks)
+    return Steady(steady.system, np.concatenate(q), np.concatenate(p), numbers, steady.dt,
+                  steady.spins, steady.about, steady.blocks)
 
 
 @cache
@@ -166,12 +167,12 @@ def with_wheel(q, omega, rate, body, wheel, dt, **more) -> Steady:
     velocity = rotation_matrix(q) @ np.cross(omega, 0.2 * E3)
     p = [gs.Start.of_body(q, omega, body).p, gs.Start.of_body(q, omega + rate * E3, wheel).p,
          0.5 * velocity]
-    made = of_model(rotor(), dt)
+    steady = of_model(rotor(), dt)
     moments = {f"{name}_I{k}": x for name, J in (("a", body), ("w", wheel))
                for k, x in enumerate(J, 1)}
     gammas = {"a_gamma": gs.gamma(body), "w_gamma": 0.01}
-    return Steady(made.system, np.concatenate([q, q, rotation_matrix(q) @ (0.2 * E3)]),
-                  np.concatenate(p), {**made.parameters} | moments | gammas, dt,
+    return Steady(steady.system, np.concatenate([q, q, rotation_matrix(q) @ (0.2 * E3)]),
+                  np.concatenate(p), {**steady.parameters} | moments | gammas, dt,
                   blocks=(4, 4, 3), **more)
 
 

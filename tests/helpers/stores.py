@@ -1,4 +1,4 @@
-"""What the tests of stored runs share: runs to store, and how stores are compared."""
+"""Runs that the tests of stored runs store, and comparisons of stores."""
 
 from __future__ import annotations
 
@@ -21,51 +21,51 @@ START = {"q": TOP.q0, "p": TOP.p0, "dt": 1e-3, "parameters": PARAMETERS}
 
 
 class Interrupted(Exception):  # noqa: N818 (no error: the end that a test wants)
-    """What a progress callback raises to end a run."""
+    """The exception by which a progress callback ends a run."""
 
 
 def ends_after(calls):
     """Return a progress callback that ends the run at its so-many-th call."""
-    left = iter(range(calls))
+    remaining = iter(range(calls))
 
     def progress(done):
-        if next(left, None) is None:
+        if next(remaining, None) is None:
             raise Interrupted(done)
 
     return progress
 
 
 def bits(array):
-    """Return what two arrays have in common if and only if they agree to the bit."""
+    """Return the type, shape and bytes of an array: equal if and only if two agree to the bit."""
     return array.dtype, array.shape, as_bytes(array).tobytes()
 
 
 def assert_same(stored, computed):
-    """Check that two trajectories agree to the bit in all that they hold."""
+    """Check that every array and entry of two trajectories agrees to the bit."""
     for name in ARRAYS:
         assert bits(getattr(stored, name)) == bits(getattr(computed, name)), name
     for name in ("dt", "every", "parameters", "report", "manifest"):
         assert getattr(stored, name) == getattr(computed, name), name
 
 
-def assert_same_states(part, whole):
+def assert_same_states(beginning, trajectory):
     """Check that a trajectory is the beginning of another one, to the bit."""
     for name in ARRAYS:
-        begun = getattr(part, name)
-        assert bits(begun) == bits(getattr(whole, name)[: len(begun)]), name
+        begun = getattr(beginning, name)
+        assert bits(begun) == bits(getattr(trajectory, name)[: len(begun)]), name
 
 
-def assert_same_bytes(one, other):
+def assert_same_bytes(store, other_store):
     """Check that two stores have the same files with the same bytes."""
-    assert any(one.rglob("*"))
-    assert differences(one, other) == []
+    assert any(store.rglob("*"))
+    assert differences(store, other_store) == []
 
 
 def small_blocks(monkeypatch, rows, seconds=0.0):
     """Let runs write few rows at a time, and commit as often as the writer can.
 
-    What is written is not forced to the disk, which takes most of the time and only counts when
-    the power fails.
+    Writes are not forced to the disk, which would take most of the time and only counts when the
+    power fails.
     """
     monkeypatch.setattr(os, "fsync", lambda handle: None)
     monkeypatch.setattr(array_layout, "_MOST_ROWS", rows)
@@ -88,8 +88,8 @@ def _recorded_by_a_command(stepper, begin, p=None, *, out, resume=False, progres
     run = stepper._resolve(stepper._run_arguments(
         state, dt=step_argument(stepper.binding, dt, dtau), steps=steps, every=every,
         solver=solver, scaled=True))
-    asked = as_events(events, stepper.manifest.system.event_quantities)
-    return recording_of(stepper, run, asked, out, resume=resume, progress=progress)
+    run_events = as_events(events, stepper.manifest.system.event_quantities)
+    return recording_of(stepper, run, run_events, out, resume=resume, progress=progress)
 
 
 def recorded(stepper, out, **arguments):

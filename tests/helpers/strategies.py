@@ -1,7 +1,7 @@
-"""What the numerical tests draw from: bodies, states, steps, steppers.
+"""Bodies, states, steps and steppers from which the numerical tests draw.
 
-Each ingredient is written once as a function of plain numbers and offered twice: to hypothesis as
-a strategy, and to tests that must not change from run to run as ``random_case(rng)``.
+Each ingredient is written once as a function of plain numbers and offered twice: to hypothesis as a
+strategy, and to tests that must not change from run to run as ``random_case(rng)``.
 """
 
 from __future__ import annotations

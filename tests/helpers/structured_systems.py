@@ -41,8 +41,8 @@ def beads(links: int = 2) -> System:
 
 def start_of_beads(step: Stepper, t0: float) -> tuple[np.ndarray, np.ndarray]:
     """Return a state of four beads on the constraints."""
-    place = np.cumsum([[np.cos(a), -np.sin(a)] for a in (0.6, 1.1, 0.3, 0.9)], axis=0).ravel()
-    state = step.consistent(place, np.full(8, 0.3), parameters=BEADS, t=t0)
+    positions = np.cumsum([[np.cos(a), -np.sin(a)] for a in (0.6, 1.1, 0.3, 0.9)], axis=0).ravel()
+    state = step.consistent(positions, np.full(8, 0.3), parameters=BEADS, t=t0)
     return state.q, state.p
 
 

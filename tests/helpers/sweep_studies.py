@@ -1,4 +1,4 @@
-"""What tests of sweeps have in common: a body, axes, a study of 1,280 cells."""
+"""Inputs of the tests of sweeps: a body, axes, a study of 1,280 cells."""
 
 from __future__ import annotations
 

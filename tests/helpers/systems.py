@@ -80,7 +80,7 @@ class Case:
 
     @property
     def features(self) -> frozenset[str]:
-        """What distinguishes the system for those who integrate it."""
+        """Return the features that matter to an integrator of the system."""
         system = self.system
         if isinstance(system, str):
             return frozenset({"constraints", "bodies"} | {*self.options} & {"frame"})
@@ -91,7 +91,7 @@ class Case:
                    "lagrangian": system.velocities and not system.velocity_constraints,
                    "bodies": system is not self.system, "quantities": system.quantities,
                    "scaled": system.time_scale is not None}
-        return frozenset(name for name, part in present.items() if part) | (
+        return frozenset(name for name, entries in present.items() if entries) | (
             {*self.options} & {"frame"})
 
 
@@ -184,8 +184,8 @@ def _polar() -> Case:
 
 
 def _pendulum() -> Case:
-    """That of examples/pendulum.toml, l² = x² + y², released at rest 1 rad from the lowest point.
-    """
+    """The model of examples/pendulum.toml, l² = x² + y², released at rest 1 rad from the lowest
+    point."""
     return Case({"system": gs.load_model(ROOT / "examples" / "pendulum.toml").system},
                 (np.sin(1.0), -np.cos(1.0)), (0.0, 0.0), {"m": 1.0, "g": 1.0, "l": 1.0}, 0.05,
                 exact=_pendulum_motion)
@@ -224,7 +224,7 @@ def _relativistic() -> Case:
 def _driven_pendulum() -> Case:
     """The pivot moves, with drag, a driven force, an input and a spring that time changes.
 
-    Its parameters are any numbers, as those of a model file, which so has the same stepper.
+    The parameters are any numbers, as in a model file, which so has the same stepper.
     """
     m, (g, length, c, a) = sp.Symbol("m", real=True, nonzero=True), sp.symbols("g l c a", real=True)
     return _plane("driven_pendulum", (0.5, -0.8), (0.3, 0.4),
@@ -262,10 +262,11 @@ def _two_rods() -> Case:
     H = sum(e**2 for e in p) / 2 + g * (q[1] + q[3])
     rods = [q[0]**2 + q[1]**2 - 1, (q[2] - q[0])**2 + (q[3] - q[1])**2 - length**2]
     A, B = 1.2, 2.0
-    place = (np.sin(A), -np.cos(A), np.sin(A) + np.sin(B), -np.cos(A) - np.cos(B))
+    positions = (np.sin(A), -np.cos(A), np.sin(A) + np.sin(B), -np.cos(A) - np.cos(B))
     system = gs.System(q, p, (g, length, width), H, rods, name="two_rods", quantities={
         "gap": width - q[2], "held": q[0]**2 + q[1]**2})
-    return Case({"system": system}, place, (0.0,) * 4, {"g": 9.81, "l": 1.0, "width": 0.3}, 5e-3)
+    return Case({"system": system}, positions, (0.0,) * 4, {"g": 9.81, "l": 1.0, "width": 0.3},
+                5e-3)
 
 
 def _slider_crank() -> Case:
@@ -331,7 +332,7 @@ def _skate_chain() -> Case:
 def _eccentric() -> Case:
     """Eccentricity .6, from the pericentre, in steps of equal length in ∫ r^(-3/2) dt.
 
-    Its parameter is any number, as that of a model file, which so has the same stepper.
+    The parameter is any number, as in a model file, which so has the same stepper.
     """
     k = sp.Symbol("k", real=True)
     return _plane("eccentric", (0.4, 0.0), (0.0, 2.0), {"k": 1.0},
@@ -371,13 +372,13 @@ def _ball() -> Case:
 
     5 km away is a point, whose distance has coarse digits.
     """
-    far = sp.exp(sp.sqrt((x + 3000)**2 + 4000**2) - 5000) - sp.Rational(5, 4)
+    distant = sp.exp(sp.sqrt((x + 3000)**2 + 4000**2) - 5000) - sp.Rational(5, 4)
     c, a, omega = sp.symbols("c a omega", real=True)
     return _plane("ball", (1.0,), (0.0,), {"m": 1.0, "g": 9.81, "c": 0.0, "a": 0.0, "omega": 1.0,
                                            "push": 0.0}, u**2 / (2 * m) + m * g * x,
                   order=(m, g, c, a, omega), forces=(push - c * u,), time=t, inputs=(push,),
                   quantities={"floor": x, "wall": x - a * sp.sin(omega * t), "roof": 1 - x,
-                              "speed": u / m, "far": far}, dt=0.01)
+                              "speed": u / m, "far": distant}, dt=0.01)
 
 
 def _swing() -> Case:
@@ -443,7 +444,7 @@ def _tied() -> Case:
 
 def _eccentric_satellite() -> Case:
     """A body of mass 1/100 on an orbit of eccentricity .7, under gravity gradient; |Q| = 1."""
-    place, velocity = sp.symbols("x y z u v w", real=True)[:3], (u, v, w)
+    position, velocity = sp.symbols("x y z u v w", real=True)[:3], (u, v, w)
     Q, P = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
     inertia, mass = (sp.Rational(13, 10), 1, sp.Rational(7, 10)), sp.Rational(1, 100)
     L = sp.Matrix([[-Q[1], -Q[2], -Q[3]], [Q[0], -Q[3], Q[2]], [Q[3], Q[0], -Q[1]],
@@ -454,13 +455,13 @@ def _eccentric_satellite() -> Case:
                     2 * (Q[2]*Q[3] - Q[0]*Q[1])],
                    [2 * (Q[1]*Q[3] - Q[0]*Q[2]), 2 * (Q[2]*Q[3] + Q[0]*Q[1]),
                     1 - 2 * (Q[1]**2 + Q[2]**2)]])
-    r = sp.sqrt(sum(e**2 for e in place))
-    m, n = L.T * sp.Matrix(P) / 2, R.T * sp.Matrix(place)
+    r = sp.sqrt(sum(e**2 for e in position))
+    m, n = L.T * sp.Matrix(P) / 2, R.T * sp.Matrix(position)
     H = (sum(e**2 for e in velocity) / 2 - 1 / r
          + (sum(m[i]**2 / (2 * inertia[i]) for i in range(3))
             + sum(a * b for a, b in zip(Q, P, strict=True))**2 / 8) / mass
          + mass * sp.Rational(3, 2) * sum(inertia[i] * n[i]**2 for i in range(3)) / r**5)
-    system = gs.System([*place, *Q], [*velocity, *P], (), H, [sum(e**2 for e in Q) - 1],
+    system = gs.System([*position, *Q], [*velocity, *P], (), H, [sum(e**2 for e in Q) - 1],
                        name="eccentric_satellite",
                        time_scale=gs.scales.rates(r**sp.Rational(-3, 2), 2))
     start, _ = scaled_motions.states("eccentric_satellite")
@@ -475,8 +476,8 @@ def _very_eccentric() -> Case:
 
 def _beads() -> Case:
     """Four beads on rods: sums over element templates."""
-    place = np.cumsum([[np.cos(a), -np.sin(a)] for a in (0.6, 1.1, 0.3, 0.9)], axis=0).ravel()
-    return Case({"system": structured_systems.beads(4)}, tuple(place), (0.3,) * 8,
+    positions = np.cumsum([[np.cos(a), -np.sin(a)] for a in (0.6, 1.1, 0.3, 0.9)], axis=0).ravel()
+    return Case({"system": structured_systems.beads(4)}, tuple(positions), (0.3,) * 8,
                 structured_systems.BEADS, 0.02, 0.4)
 
 

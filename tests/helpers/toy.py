@@ -43,11 +43,11 @@ def tables(stages: int) -> str:
     return "\n".join([*lines, ""])
 
 
-def braced(part: object) -> str:
+def braced(value: object) -> str:
     """Return numbers in lists as C initialises an array."""
-    if isinstance(part, (list, tuple)):
-        return "{ " + ", ".join(map(braced, part)) + " }"
-    return repr(float(part)) if isinstance(part, Fraction) else mp.nstr(part, 20)
+    if isinstance(value, (list, tuple)):
+        return "{ " + ", ".join(map(braced, value)) + " }"
+    return repr(float(value)) if isinstance(value, Fraction) else mp.nstr(value, 20)
 
 
 def flags_of(header: Path) -> dict[str, str]:
@@ -134,9 +134,9 @@ VARIANTS: dict[str, dict[str, object]] = {
 
 
 def variants(header: Path) -> dict[str, dict[str, object]]:
-    """Return the macros of each variant of a header that its own text tells apart."""
-    text, own = header.read_text(encoding="ascii"), flags_of(header)
-    named = {*own, *re.findall(r"\bGS_\w+", text)}
+    """Return the macros of each variant that the text of a header distinguishes."""
+    text, header_macros = header.read_text(encoding="ascii"), flags_of(header)
+    named = {*header_macros, *re.findall(r"\bGS_\w+", text)}
     if "GS_SPARK" in named:
         named.add("TOY_STAGES")
     if "table_" in text:
@@ -147,16 +147,16 @@ def variants(header: Path) -> dict[str, dict[str, object]]:
         named.add("GYROSPARK_PLAIN")
     if "TYPED(" in text:
         named.add("TOY_LANES")
-    found: dict[frozenset[tuple[str, object]], tuple[str, dict[str, object]]] = {}
+    merged_macros: dict[frozenset[tuple[str, object]], tuple[str, dict[str, object]]] = {}
     for name, macros in VARIANTS.items():
         if not set(macros) <= named or any(
-                str(macros.get(key, value)) != value for key, value in own.items()
+                str(macros.get(key, value)) != value for key, value in header_macros.items()
                 if key != "TOY_SINGLE" and not (key == "TOY_STAGES" and macros.get(key))):
             continue
         # headers of constraints are included where there are some
         if (header.parent.name == "constraints" and macros.get("TOY_CONSTRAINTS") == 0
                 and "GS_VELOCITY_CONSTRAINTS" not in macros):
             continue
-        merged = {**own, **macros}
-        found.setdefault(frozenset(merged.items()), (name, merged))
-    return dict(found.values())
+        merged = {**header_macros, **macros}
+        merged_macros.setdefault(frozenset(merged.items()), (name, merged))
+    return dict(merged_macros.values())

@@ -77,32 +77,32 @@ class WarmPython:
                 [self._python, __file__, self._code], env=self._environment, stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE, text=True, encoding="utf-8", start_new_session=True)
             atexit.register(self.close)
-        asked, answers = self._process.stdin, self._process.stdout
-        assert asked is not None
+        requests, answers = self._process.stdin, self._process.stdout
+        assert requests is not None
         assert answers is not None
         with tempfile.TemporaryDirectory() as folder:
             files = [Path(folder, name) for name in ("stdin", "stdout", "stderr")]
             files[0].write_text(text, encoding="utf-8")
-            asked.write(json.dumps({"words": words, "cwd": str(cwd or Path.cwd()),
-                                    "environment": dict(environment),
-                                    "files": list(map(str, files))}) + "\n")
-            asked.flush()
+            requests.write(json.dumps({"words": words, "cwd": str(cwd or Path.cwd()),
+                                       "environment": dict(environment),
+                                       "files": list(map(str, files))}) + "\n")
+            requests.flush()
             if not select.select([answers], [], [], PATIENCE)[0]:
                 os.killpg(self._process.pid, signal.SIGKILL)  # with the fork
                 raise subprocess.TimeoutExpired(words, PATIENCE)
-            said = answers.readline()
-            return subprocess.CompletedProcess(words, int(said), *(
+            exit_code = answers.readline()
+            return subprocess.CompletedProcess(words, int(exit_code), *(
                 path.read_text(encoding="utf-8", errors="surrogateescape") for path in files[1:]))
 
 
 def _early(variables: Mapping[str, str]) -> dict[str, str]:
-    """Return what Python and its packages read when they begin."""
+    """Return the variables that Python and its packages read when they begin."""
     names = ("PYTHON", "LC_", "LANG", "MPL", "OPENBLAS", "OMP")
     return {name: value for name, value in variables.items() if name.startswith(names)}
 
 
 def _fork_on_request(code: str) -> dict[str, object]:
-    """Return in each fork, with what it is to do."""
+    """Return in each fork, with its request."""
     del sys.path[0]  # the folder of this file
     for name in PACKAGES:
         with contextlib.suppress(ImportError):
@@ -115,14 +115,14 @@ def _fork_on_request(code: str) -> dict[str, object]:
             warnings.simplefilter("ignore", DeprecationWarning)
             number = os.fork()
         if number == 0:
-            found: dict[str, object] = json.loads(line)
-            return found
+            request: dict[str, object] = json.loads(line)
+            return request
         print(os.waitstatus_to_exitcode(os.waitpid(number, 0)[1]), flush=True)
     sys.exit()
 
 
 def _become(words: list[str], cwd: str, environment: dict[str, str], files: list[str]) -> None:
-    """Do in a fork what a new interpreter does."""
+    """Do in a fork the work of a new interpreter."""
     for number, file in enumerate(files):
         opened = os.open(file, os.O_WRONLY | os.O_CREAT if number else os.O_RDONLY)
         os.dup2(opened, number)
@@ -131,14 +131,14 @@ def _become(words: list[str], cwd: str, environment: dict[str, str], files: list
     os.chdir(cwd)
     os.environ.clear()
     os.environ.update(environment)
-    kind, what, *rest = words
+    kind, target, *arguments = words
     if kind == "-m":
-        sys.argv = [what, *rest]
-        runpy.run_module(what, run_name="__main__", alter_sys=True)
+        sys.argv = [target, *arguments]
+        runpy.run_module(target, run_name="__main__", alter_sys=True)
     else:
-        sys.argv = ["-c", *rest]
+        sys.argv = ["-c", *arguments]
         main = sys.modules["__main__"] = types.ModuleType("__main__")
-        exec(compile(what, "<string>", "exec"), vars(main))
+        exec(compile(target, "<string>", "exec"), vars(main))
 
 
 if __name__ == "__main__":
