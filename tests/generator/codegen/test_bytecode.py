@@ -20,17 +20,17 @@ def folder(tmp_path, monkeypatch):
 
 
 def rendered(folder, made_by="test"):
-    """Return what the template gives, and whether it was made Python anew."""
-    made = []
+    """Return the text of the template, and whether its Python was generated anew."""
+    calls = []
 
     class Environment(jinja2.Environment):
-        def _generate(self, *given, **how):
-            made.append(1)
-            return super()._generate(*given, **how)
+        def _generate(self, *args, **options):
+            calls.append(1)
+            return super()._generate(*args, **options)
 
     environment = Environment(loader=jinja2.FileSystemLoader(folder),
                               bytecode_cache=Bytecode(made_by))
-    return environment.get_template("one.c.jinja").render(x=3), bool(made)
+    return environment.get_template("one.c.jinja").render(x=3), bool(calls)
 
 
 def kept(folder):
@@ -54,11 +54,12 @@ def test_another_text_or_environment_is_compiled_anew(folder):
 def test_damaged_bytecode_is_not_loaded(folder):
     rendered(folder)
     (path,) = kept(folder)
-    whole = path.read_bytes()
-    for damaged in (b"", whole[:7], whole[:-1], whole[:-9] + b"\0" + whole[-8:], b"?" + whole[1:]):
+    intact = path.read_bytes()
+    for damaged in (b"", intact[:7], intact[:-1], intact[:-9] + b"\0" + intact[-8:],
+                    b"?" + intact[1:]):
         path.write_bytes(damaged)
         assert rendered(folder) == ("x = 3;", True)
-        assert path.read_bytes() == whole
+        assert path.read_bytes() == intact
 
 
 def test_where_nothing_may_be_written_it_is_compiled_each_time(folder, monkeypatch):

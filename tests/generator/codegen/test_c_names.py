@@ -48,13 +48,13 @@ q, p = sp.symbols("q p", real=True)
 def macros(folder):
     """Return the macros without arguments that each compiler sees after the headers."""
     (folder / "headers.c").write_text(HEADERS, encoding="utf-8")
-    found = set()
+    names = set()
     for command in COMPILERS.values():
         for edition in EDITIONS:
             listed = call([*command, f"-std={edition}", "-dM", "-E", "headers.c"],
                           cwd=folder).stdout
-            found |= set(re.findall(r"^#define ([A-Za-z]\w*) ", listed, re.MULTILINE))
-    return found
+            names |= set(re.findall(r"^#define ([A-Za-z]\w*) ", listed, re.MULTILINE))
+    return names
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +63,8 @@ def suspicious(tmp_path_factory):
     texts = [*(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
     words = {word for path in texts
              for word in re.findall(r"\b[A-Za-z]\w*", path.read_text(encoding="utf-8"))}
-    seen = macros(tmp_path_factory.mktemp("macros"))
-    return sorted({*KEYWORDS, *seen, *COMMON_TYPES, *words, *HANDPICKED, *ENGINE_MACROS})
+    defined = macros(tmp_path_factory.mktemp("macros"))
+    return sorted({*KEYWORDS, *defined, *COMMON_TYPES, *words, *HANDPICKED, *ENGINE_MACROS})
 
 
 def odd_system(names):
@@ -88,9 +88,9 @@ def is_accepted(name):
 
 @pytest.fixture(scope="module")
 def accepted(suspicious):
-    """Return the names picked by hand, and of the others one of thirty."""
-    some = {*HANDPICKED, *suspicious[::30], "size_t"} - {"p", "q"}
-    return [name for name in sorted(some) if is_accepted(name)]
+    """Return the names picked by hand, and one of thirty of the suspicious names."""
+    sample = {*HANDPICKED, *suspicious[::30], "size_t"} - {"p", "q"}
+    return [name for name in sorted(sample) if is_accepted(name)]
 
 
 @pytest.mark.slow  # a system of two thousand parameters takes half a minute to derive
@@ -118,27 +118,28 @@ def compiles_and_runs(scheme, stages, accepted):
 
 
 def test_accepted_names_suit_every_edition_of_c(accepted, tmp_path):
-    made = stepper_of("G-L", 1, tuple(accepted))
-    for name, text in made.files.items():
+    stepper = stepper_of("G-L", 1, tuple(accepted))
+    for name, text in stepper.files.items():
         (tmp_path / name).write_text(text, encoding="utf-8")
     for command, edition in product(COMPILERS.values(), EDITIONS):
-        done = call([*command, f"-std={edition}", "-fsyntax-only", f"{made.name}.c"], cwd=tmp_path)
+        done = call([*command, f"-std={edition}", "-fsyntax-only", f"{stepper.name}.c"],
+                    cwd=tmp_path)
         assert done.returncode == 0, done.stderr
 
 
 def broken(names, folder):
-    """Return which names no member of a struct can have, in one edition of C at least."""
+    """Return the names that no member of a struct can have, in one edition of C at least."""
     members = "".join(f'typedef struct {{\n#line {i} "N"\ndouble {name};\n}} s{i};\n'
                       for i, name in enumerate(names, 1))
     (folder / "members.c").write_text(HEADERS + members, encoding="utf-8")
-    found = {name for name in names if not is_readable(name)}
+    unusable = {name for name in names if not is_readable(name)}
     for kind, command in COMPILERS.items():
         for edition in EDITIONS:
-            said = call([*command, f"-std={edition}", "-fsyntax-only", "-w", *ALL_ERRORS[kind],
-                         "members.c"], cwd=folder).stderr
-            found |= {names[int(line) - 1]
-                      for line in re.findall(r"^N:(\d+):\d+: error", said, re.MULTILINE)}
-    return found
+            errors = call([*command, f"-std={edition}", "-fsyntax-only", "-w", *ALL_ERRORS[kind],
+                           "members.c"], cwd=folder).stderr
+            unusable |= {names[int(line) - 1]
+                         for line in re.findall(r"^N:(\d+):\d+: error", errors, re.MULTILINE)}
+    return unusable
 
 
 def is_readable(name):
@@ -152,7 +153,7 @@ def is_readable(name):
 
 
 def test_every_refused_name_breaks_the_c(suspicious, tmp_path):
-    """But for the keywords that a compiler older than C23 does not know yet."""
+    """The keywords of C23, which older compilers do not know, are the only exceptions."""
     names = [name for name in suspicious if is_taken(name)]
     assert len(names) > 100
     assert set(names) - broken(names, tmp_path) <= KEYWORDS_OF_C23
@@ -167,7 +168,7 @@ def test_refused_name_is_named_with_the_cure(name):
 
 
 def test_include_guard_of_a_header_is_refused_because_it_would_vanish():
-    made = generate(Spec("G-L", 1), system=odd_system(["k"])).source
-    assert f"#define {made.name.upper()}_H" in made.files()[f"{made.name}.h"]
+    source = generate(Spec("G-L", 1), system=odd_system(["k"])).source
+    assert f"#define {source.name.upper()}_H" in source.files()[f"{source.name}.h"]
     with pytest.raises(InputError, match="another name"):
-        odd_system([f"{made.name.upper()}_H"])
+        odd_system([f"{source.name.upper()}_H"])

@@ -21,7 +21,7 @@ def sources_of(model, monkeypatch):
 
 @pytest.mark.slow  # bodies are derived twice
 def test_loops_have_the_constants_of_single_assignments(monkeypatch):
-    """As ``kernels_of`` reads the C of both; steppers of many bodies run what loops evaluate."""
+    """The first kernels that ``kernels_of`` reads from both agree, statement by statement."""
     stem, single, looped = sources_of(gs.models.chain(2), monkeypatch)
     name = f"{stem}.c"
     assert "parameter_at" not in single[name]
@@ -29,8 +29,9 @@ def test_loops_have_the_constants_of_single_assignments(monkeypatch):
     assert ["#define INLINE_IF_SMALL NOINLINE" in files[name] for files in (single, looped)] == [
         False, True]
 
-    one, other = (kernels_of(files[name])[0] for files in (single, looped))
-    assert one.name == other.name == "prepare"
-    assert sorted(map(repr, one.statements)) == sorted(map(repr, other.statements))
-    assert {*one.outputs} == {*other.outputs}
-    assert len(one.outputs) > 12
+    single_kernel, looped_kernel = (kernels_of(files[name])[0] for files in (single, looped))
+    assert single_kernel.name == looped_kernel.name == "prepare"
+    assert sorted(map(repr, single_kernel.statements)) == sorted(
+        map(repr, looped_kernel.statements))
+    assert {*single_kernel.outputs} == {*looped_kernel.outputs}
+    assert len(single_kernel.outputs) > 12

@@ -12,24 +12,26 @@ from gyrospark.generator.spec import Spec
 
 @pytest.mark.parametrize("scheme", [("G-L", 2), ("IMS", None)], ids=["SPARK", "IMS"])
 def test_constants_of_h_have_no_derivatives(scheme):
-    """A constant that the preload of a spring adds to H is a template without coordinates."""
+    """The constant in H of a preloaded spring is a template without coordinates."""
     x, y, px, py = sp.symbols("x y px py", real=True)
     m, k = sp.symbols("m k", positive=True)
     H = (px**2 + py**2) / (2 * m) + k * x * y + k / 2
     system = gs.System((x, y), (px, py), (m, k), H, [x**2 + y**2 - 1], name="preloaded")
-    made = generate(Spec.from_arguments(*scheme), system=system, derivatives=True, structured=True)
-    assert "preloaded" in made.source.name
-    assert any("_tangent" in text for text in made.source.files().values())
+    generated = generate(
+        Spec.from_arguments(*scheme), system=system, derivatives=True, structured=True)
+    assert "preloaded" in generated.source.name
+    assert any("_tangent" in text for text in generated.source.files().values())
 
 
 def test_products_leave_out_entries_that_are_always_zero():
-    """Of H_pp = 1/m, H_qq of k x y and K = 2 lambda the entries beside these."""
+    """The C multiplies by the entries of H_pp = 1/m, H_qq of k x y and K = 2 lambda alone."""
     x, y, px, py = sp.symbols("x y px py", real=True)
     m, k = sp.symbols("m k", positive=True)
     H = (px**2 + py**2) / (2 * m) + k * x * y
     system = gs.System((x, y), (px, py), (m, k), H, [x**2 + y**2 - 1], name="saddle")
-    made = generate(Spec.from_arguments("G-L", 2), system=system, derivatives=True, structured=True)
-    text = "".join(made.source.files().values())
+    generated = generate(
+        Spec.from_arguments("G-L", 2), system=system, derivatives=True, structured=True)
+    text = "".join(generated.source.files().values())
     factors = {name: set(re.findall(rf"m->\w+\[i\]\.{name}\[(\d)\]\[(\d)\]\*", text))
                for name in ("H_pp", "H_qq", "K")}
     assert factors == {"H_pp": {("0", "0")},  # one template, with px and with py

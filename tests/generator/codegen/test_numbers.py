@@ -55,36 +55,36 @@ def satellite():
 
 
 def test_numbers_of_a_body(satellite):
-    found, manifest, source = numbers(satellite)
+    by_name, manifest, source = numbers(satellite)
     assert manifest.schema == 3
     assert manifest.system.dt == 0.1
     roles = ["parameter", "input", "q", "p", "velocity", "quantity"]
-    assert {one.role for one in found.values()} == {*roles}
-    assert [name for name, one in found.items() if one.role == "velocity"] == re.findall(
+    assert {number.role for number in by_name.values()} == {*roles}
+    assert [name for name, number in by_name.items() if number.role == "velocity"] == re.findall(
         r"velocity\[\d\] = (\w+)", source.header)
     fields = re.search(r"typedef struct \{([^}]*)\} \w+_parameters", source.header)[1]
-    assert [name for name, one in found.items() if one.role in roles[:2]] == re.findall(
+    assert [name for name, number in by_name.items() if number.role in roles[:2]] == re.findall(
         r"double (\w+);", fields)
-    assert found["I2"] == NumberManifest(name="I2", role="parameter", domain="positive",
-                                         unit="kg.m2", start=10.0)
-    assert found["gamma"].start == gs.gamma((12.0, 10.0, 3.0))
-    assert [found[f"body_omega_{x}"].start for x in "xyz"] == pytest.approx(
+    assert by_name["I2"] == NumberManifest(name="I2", role="parameter", domain="positive",
+                                           unit="kg.m2", start=10.0)
+    assert by_name["gamma"].start == gs.gamma((12.0, 10.0, 3.0))
+    assert [by_name[f"body_omega_{x}"].start for x in "xyz"] == pytest.approx(
         [0.02, -0.03, 0.05], rel=1e-15)
-    assert {name: found[name].unit for name in ("u1", "q0", "p0", "omega1")} == {
+    assert {name: by_name[name].unit for name in ("u1", "q0", "p0", "omega1")} == {
         "u1": "N.m", "q0": "1", "p0": "N.m.s", "omega1": "rad/s"}
 
 
 def test_units_complete_each_other():
-    """A mass and a length: all but what stands beside a decimal, or beside another unknown."""
+    """Units of mass, length and angle determine all but the unit that stands beside a decimal."""
     model = parse_model(PENDULUM.replace("UNITS", 'm = "kg"\nl = "m"\na = "rad"'), "spring.toml")
-    found, _, _ = numbers(model)
-    assert {name: one.unit for name, one in found.items()} == {
+    by_name, _, _ = numbers(model)
+    assert {name: number.unit for name, number in by_name.items()} == {
         "m": "kg", "k": "N/m", "l": "m", "I": "kg.m2", "c": "J", "d": "N", "e": None,
         "b": "N.s/m", "f": "N.m", "s": "m", "a": "rad", "ps": "kg.m/s", "pa": "N.m.s",
         "s_dot": "m/s", "a_dot": "rad/s", "power": "W"}
-    assert found["a_dot"].start == 2
+    assert by_name["a_dot"].start == 2
     silent, _, _ = numbers(parse_model(PENDULUM.replace("UNITS", ""), "spring.toml"))
-    assert {one.unit for one in silent.values()} == {None}
+    assert {number.unit for number in silent.values()} == {None}
 
 
 @pytest.mark.parametrize(("units", "said"), [
@@ -100,10 +100,10 @@ def test_the_hash_is_of_the_model_and_in_the_header(satellite):
     assert re.fullmatch("[0-9a-f]{32}", manifest.hash)
     assert f'_HASH "{manifest.hash}"' in source.header
     assert numbers(satellite)[1].hash == manifest.hash
-    other = replace(satellite, parameters={**satellite.parameters, "I1": 12.5})
-    assert numbers(other)[1].hash != manifest.hash
+    changed = replace(satellite, parameters={**satellite.parameters, "I1": 12.5})
+    assert numbers(changed)[1].hash != manifest.hash
     pendulum = parse_model(PENDULUM.replace("UNITS", ""), "spring.toml")
-    full = [json.loads(generate(replace(SPEC, profile="full"), model=one, system=one.system)
-                       .source.manifest) for one in (pendulum, replace(pendulum, parameters={
+    full = [json.loads(generate(replace(SPEC, profile="full"), model=case, system=case.system)
+                       .source.manifest) for case in (pendulum, replace(pendulum, parameters={
                            name: 2 * value for name, value in pendulum.parameters.items()}))]
     assert full[0] == full[1], "builds from Python depend on no value"
