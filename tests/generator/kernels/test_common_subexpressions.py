@@ -25,7 +25,7 @@ expressions = st.lists(st.recursive(
 
 
 def both(e, **options):
-    """Return the temporaries and results of SymPy, and ours."""
+    """Return the temporaries and results of SymPy, and those of this package."""
     return sp.cse(e, sp.numbered_symbols("_t", real=True), order="canonical"), (
         common_subexpressions(e, sp.numbered_symbols("_t", real=True), **options))
 
@@ -49,11 +49,11 @@ def test_temporaries_of_a_system_are_those_of_sympy(name):
 @given(expressions, st.booleans())
 def test_definitions_give_the_expressions_back(e, sort):
     definitions, reduced = common_subexpressions(e, sp.numbered_symbols("_t", real=True), sort=sort)
-    known = {}
+    expanded = {}
     for symbol, definition in definitions:
-        known[symbol] = substitute([definition], known)[0]
-    for whole, part in zip(e, substitute(reduced, known), strict=True):
-        assert sp.expand(whole - part) == 0
+        expanded[symbol] = substitute([definition], expanded)[0]
+    for original, restored in zip(e, substitute(reduced, expanded), strict=True):
+        assert sp.expand(original - restored) == 0
 
 
 def test_names_in_use_are_skipped():

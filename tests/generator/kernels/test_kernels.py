@@ -117,8 +117,8 @@ class Interpreter:
             return f"literal({len(self.literals) - 1})"
 
         subscripts = re.split(r"(\[\d+\])", text)
-        safe = "".join(part if part.startswith("[") else LITERAL.sub(keep, part)
-                       for part in subscripts)
+        safe = "".join(piece if piece.startswith("[") else LITERAL.sub(keep, piece)
+                       for piece in subscripts)
         return self.visit(ast.parse(safe.strip(), mode="eval").body)
 
     def visit(self, node):
@@ -170,13 +170,13 @@ def without_zeros(operations):
     return {kind: count for kind, count in sorted(operations.items()) if count}
 
 
-def run_kernel(kernel, constants, at, real=DOUBLE, number=Fraction):
-    """Emit a kernel, run its C, return the outputs by C name, and what was counted."""
+def run_kernel(kernel, constants, point, real=DOUBLE, number=Fraction):
+    """Emit a kernel, run its C; return outputs by C name, counted operations, emitted kernel."""
     emitted = emit_kernel(kernel, constants, real)
-    values = {f"c__{symbol}": number_of(definition.xreplace(at), number)
+    values = {f"c__{symbol}": number_of(definition.xreplace(point), number)
               for definition, symbol in constants.definitions.items()}
     for array, symbols in kernel.inputs.items():
-        values |= {f"{array}[{i}]": number_of(at[s], number) for i, s in enumerate(symbols)}
+        values |= {f"{array}[{i}]": number_of(point[s], number) for i, s in enumerate(symbols)}
     interpreter = Interpreter(number, values, real.suffix)
     return interpreter.run(emitted.lines), interpreter.operations, emitted
 
@@ -187,18 +187,19 @@ def number_of(value, number):
     return Fraction(int(value.p), int(value.q))
 
 
-def expected_of(kernel, constants, at):
+def expected_of(kernel, constants, point):
     """Return the outputs by C name, from SymPy."""
-    found = {}
+    expressions = {}
     for array, value in kernel.outputs.items():
         if not isinstance(value, list):
-            found["return"] = value
+            expressions["return"] = value
         for i, row in enumerate(value if isinstance(value, list) else []):
             if isinstance(row, list):
-                found |= {f"{array}[{i}][{j}]": e for j, e in enumerate(row)}
+                expressions |= {f"{array}[{i}][{j}]": e for j, e in enumerate(row)}
             else:
-                found[f"{array}[{i}]"] = row
-    return {name: constants.expand_shared(sp.sympify(e)).xreplace(at) for name, e in found.items()}
+                expressions[f"{array}[{i}]"] = row
+    return {name: constants.expand_shared(sp.sympify(e)).xreplace(point)
+            for name, e in expressions.items()}
 
 
 def draw_rational(draw):
@@ -223,13 +224,13 @@ def schemes_of(rep):
 
 
 def test_the_interpreter_reads_C_as_C_does_and_refuses_what_is_no_double():
-    at = {"x": Fraction(2), "a[1][0]": Fraction(3), "c__k": Fraction(5)}
-    value, counted = run_text("-x*x + 3.0/c->k/2.5 - (x - a[1][0])*1e-3", at)
+    values = {"x": Fraction(2), "a[1][0]": Fraction(3), "c__k": Fraction(5)}
+    value, counted = run_text("-x*x + 3.0/c->k/2.5 - (x - a[1][0])*1e-3", values)
     assert value == -4 + Fraction(6, 25) + Fraction(1, 1000)
     assert counted == {"add": 3, "div": 2, "mul": 2}
     for wrong in ("1/3", "x*2", "--x", "2.0f*x", "x ? 1.0 : 2.0", "x**2.0", "__import__('os')"):
         with pytest.raises((AssertionError, KeyError)):
-            run_text(wrong, at)
+            run_text(wrong, values)
 
 
 # ---------------------------------------------------------------- the kernels of the heavy top
@@ -241,17 +242,17 @@ def runs_of(rep):
     constants, kernels = schemes_of(rep)
     runs = []
     for kernel in kernels:
-        at = random_point([*constants.parameters, *chain(*kernel.inputs.values())])
-        runs.append((kernel, at, *run_kernel(kernel, constants, at)))
+        point = random_point([*constants.parameters, *chain(*kernel.inputs.values())])
+        runs.append((kernel, point, *run_kernel(kernel, constants, point)))
     return constants, runs
 
 
 @pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
 def test_every_kernel_of_the_heavy_top_computes_its_expressions_exactly_and_is_counted(rep):
     constants, runs = runs_of(rep)
-    for kernel, at, found, _, _ in runs:
-        for name, value in expected_of(kernel, constants, at).items():
-            assert found[name] == Fraction(int(value.p), int(value.q)), (kernel.name, name)
+    for kernel, point, outputs, _, _ in runs:
+        for name, value in expected_of(kernel, constants, point).items():
+            assert outputs[name] == Fraction(int(value.p), int(value.q)), (kernel.name, name)
     for kernel, _, _, counted, result in runs_of(rep)[1]:
         assert result.operations == without_zeros(counted), kernel.name
         assert result.temporaries == sum(line.startswith("const ") for line in result.lines)
@@ -275,15 +276,15 @@ def test_hessian_kernel_copies_the_other_half_instead_of_computing_it(rep):
 @pytest.mark.parametrize("real", REALS.values(), ids=REALS)
 def test_kernels_are_written_in_the_type_asked_for(real):
     constants, kernels = schemes_of("gamma")
-    for kernel in kernels[:9]:  # those of the stages
-        at = random_point([*constants.parameters, *chain(*kernel.inputs.values())])
-        found, _, emitted = run_kernel(kernel, constants, at, real)  # asserts the suffixes
+    for kernel in kernels[:9]:  # the kernels of the stages
+        point = random_point([*constants.parameters, *chain(*kernel.inputs.values())])
+        outputs, _, emitted = run_kernel(kernel, constants, point, real)  # asserts the suffixes
         assert all(line.startswith(f"const {real.c_type} ") for line in emitted.lines
                    if line.startswith("const "))
         types = re.findall(r"\b(?:long double|double|float|_Float128)\b", emitted.signature)
         assert set(types) <= {real.c_type}
         assert emitted.returns in ("void", real.c_type)
-        assert found
+        assert outputs
 
 
 # ---------------------------------------------------------------- the printer, case by case
@@ -324,14 +325,14 @@ POINT = {x: sp.Rational(7, 5), y: sp.Rational(3, 11), z: sp.Rational(2, 9)}
 
 @pytest.mark.parametrize("e", [pytest.param(e, id=name) for name, e in CASES.items()])
 def test_values_and_counted_operations_are_those_of_the_expression(e):
-    """To the digits of a literal, where a number of the expression is rounded to one."""
+    """Values agree to the digits of a literal where a number is rounded to one, else to 45."""
     kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": e})
     with mpmath.workdps(50):
-        found, counted, emitted = run_kernel(kernel, Constants(()), POINT, number=mpmath.mpf)
+        outputs, counted, emitted = run_kernel(kernel, Constants(()), POINT, number=mpmath.mpf)
         value = mpmath.mpf(str(sp.N(e.xreplace(POINT), 50)))
         rounded_constants = e.has(sp.pi, sp.E, sp.GoldenRatio, sp.sqrt(2))
         relative = mpmath.mpf("4e-16" if rounded_constants else "1e-45")
-        assert abs(found["return"] - value) <= relative * (1 + abs(value))
+        assert abs(outputs["return"] - value) <= relative * (1 + abs(value))
     assert without_zeros(emitted.operations) == without_zeros(counted)
 
 
@@ -428,9 +429,9 @@ EXPRESSIONS = st.recursive(LEAVES, grow, max_leaves=8).filter(numbers_are_short)
 def test_kernels_of_random_expressions_are_exact_and_counted(expressions):
     constants = Constants((z,))
     kernel = Kernel("f", "", {"v": [x, y]}, {"f": [constants.hoist(e) for e in expressions]})
-    found, counted, emitted = run_kernel(kernel, constants, POINT)
+    outputs, counted, emitted = run_kernel(kernel, constants, POINT)
     for name, value in expected_of(kernel, constants, POINT).items():
-        assert found[name] == Fraction(int(value.p), int(value.q))
+        assert outputs[name] == Fraction(int(value.p), int(value.q))
     assert without_zeros(emitted.operations) == without_zeros(counted)
 
 
@@ -446,9 +447,9 @@ POLYNOMIALS = st.recursive(
 @given(st.lists(POLYNOMIALS, min_size=1, max_size=3))
 def test_compensated_kernels_of_random_polynomials_add_up_their_terms(expressions):
     kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": expressions}, compensated=True)
-    found, counted, emitted = run_kernel(kernel, Constants(()), POINT)
+    outputs, counted, emitted = run_kernel(kernel, Constants(()), POINT)
     for name, value in expected_of(kernel, Constants(()), POINT).items():
-        assert found[name] == Fraction(int(value.p), int(value.q))
+        assert outputs[name] == Fraction(int(value.p), int(value.q))
     assert emitted.operations == without_zeros(counted)
     assert emitted.operations == {
         "product": sum(len(sp.Add.make_args(sp.expand(e))) for e in expressions)}
@@ -471,8 +472,8 @@ def test_common_subexpressions_are_computed_once_and_equal_outputs_copied():
     assert emitted.operations["add"] == 2
     e = x * y + 1
     kernel = Kernel("f", "", {"v": [x, y]}, {"f": [e, e], "g": [[e, x], [x, e]]})
-    found, _, emitted = run_kernel(kernel, Constants(()), POINT)
-    assert {found[n] for n in ("f[0]", "f[1]", "g[0][0]", "g[1][1]")} == {Fraction(76, 55)}
+    outputs, _, emitted = run_kernel(kernel, Constants(()), POINT)
+    assert {outputs[n] for n in ("f[0]", "f[1]", "g[0][0]", "g[1][1]")} == {Fraction(76, 55)}
     assert emitted.operations == {"add": 1, "mul": 1}
 
 
@@ -500,10 +501,10 @@ def test_symbols_called_like_temporaries_are_not_mixed_up_with_them(name):
     a, b = sp.symbols(f"{name}0:2", real=True)
     e = sp.sin((a + b) ** 2) + (a + b) ** 4 + (a * b + 1) * (a * b + 2) / (a + b) ** 2
     kernel = Kernel("f", "", {"v": [a, b]}, {"f": e})
-    at = {a: sp.Rational(1, 3), b: sp.Rational(1, 7)}
+    point = {a: sp.Rational(1, 3), b: sp.Rational(1, 7)}
     with mpmath.workdps(40):
-        found, _, _ = run_kernel(kernel, Constants(()), at, number=mpmath.mpf)
-        assert abs(found["return"] - mpmath.mpf(str(sp.N(e.xreplace(at), 40)))) < 1e-36
+        outputs, _, _ = run_kernel(kernel, Constants(()), point, number=mpmath.mpf)
+        assert abs(outputs["return"] - mpmath.mpf(str(sp.N(e.xreplace(point), 40)))) < 1e-36
 
 
 @pytest.mark.parametrize("names", ["t0 u0 c0", "d0 qm0 k0", "dq0 pm0 lambda0"])
@@ -516,14 +517,14 @@ def test_system_whose_symbols_are_called_like_the_generators_own_has_right_kerne
     kernels = [*common_kernels(reduced), *SparkScheme(reduced, gauss_lobatto(1)).kernels(),
                *MeanScheme(reduced, discrete=True).kernels()]
     for kernel in kernels:
-        at = random_point([c0, *chain(*kernel.inputs.values())])
-        found, _, _ = run_kernel(kernel, constants, at)
-        for output, value in expected_of(kernel, constants, at).items():
-            assert found[output] == Fraction(int(value.p), int(value.q)), (kernel.name, output)
+        point = random_point([c0, *chain(*kernel.inputs.values())])
+        outputs, _, _ = run_kernel(kernel, constants, point)
+        for output, value in expected_of(kernel, constants, point).items():
+            assert outputs[output] == Fraction(int(value.p), int(value.q)), (kernel.name, output)
     by_name = {kernel.name: kernel for kernel in kernels}
     step = by_name["constraint_increment"]
     d = step.inputs["d"]
     assert not set(d) & {a, b, c0, *momenta}
-    moved = {s: s + t for s, t in zip((a, b), d, strict=True)}
+    shifted = {s: s + t for s, t in zip((a, b), d, strict=True)}
     g = system.constraints[0]
-    assert sp.expand(constants.expand_shared(step.outputs["dg"][0]) - g.xreplace(moved) + g) == 0
+    assert sp.expand(constants.expand_shared(step.outputs["dg"][0]) - g.xreplace(shifted) + g) == 0
