@@ -31,14 +31,14 @@ def body(rep, moments, weight):
     """Return a body whose moments are numbers or symbols."""
     q, p = sp.symbols("q0:4", real=True), sp.symbols("p0:4", real=True)
     H = kinetic_energy(rep, q, p, moments, weight) + a * (q[0] ** 2 + q[3] ** 2)
-    own = sorted({s for e in (*moments, weight) for s in sp.sympify(e).free_symbols}, key=str)
-    return System(q, p, (*own, a), H, (sum(e**2 for e in q) - 1,), name="body")
+    symbols = sorted({s for e in (*moments, weight) for s in sp.sympify(e).free_symbols}, key=str)
+    return System(q, p, (*symbols, a), H, (sum(e**2 for e in q) - 1,), name="body")
 
 
-def plane(H, *parameters, **more):
+def plane(H, *parameters, **options):
     """Return a system of two coordinates."""
     return System((x, y), (px, py), parameters, (px**2 + py**2) / (2 * m) + H
-                  if m in parameters else H, name="plane", **more)
+                  if m in parameters else H, name="plane", **options)
 
 
 def dragged():
@@ -102,23 +102,23 @@ def test_ten_equivalent_forms_of_a_chain():
     system = links(2, equal=False)
     written = [everywhere(change)(system) for change in TEN.values()]
     assert len({(system.H, system.constraints) for system in written}) >= 7
-    for name, other in zip(TEN, written, strict=True):
-        assert canonical(other) == canonical(system), name
+    for name, variant in zip(TEN, written, strict=True):
+        assert canonical(variant) == canonical(system), name
 
 
 @zoo
 def test_forms_of_other_systems(system):
     """Sums and quotients are rebuilt; the form is the same function, and its own form."""
     written = system()
-    found = canonical(written)
+    form = canonical(written)
     for name in ("with common denominators", "nested"):
-        assert parts(canonical(everywhere(TEN[name])(written))) == parts(found), name
-    assert compare(parts(written), parts(found), thorough=False).holds
-    assert parts(canonical(replace(found, name="again"))) == parts(found)
+        assert parts(canonical(everywhere(TEN[name])(written))) == parts(form), name
+    assert compare(parts(written), parts(form), thorough=False).holds
+    assert parts(canonical(replace(form, name="again"))) == parts(form)
 
 
 def test_a_common_denominator_hides_no_terms():
-    """Of fifty masses (Σ p²)/(2m) once hid the terms: 85,000 lines of C instead of 4,600."""
+    """For fifty masses, (Σ p²)/(2m) once hid the terms: 85,000 lines of C instead of 4,600."""
     count = 3 * 10
     q, p = sp.symbols(f"x0:{count}", real=True), sp.symbols(f"p0:{count}", real=True)
     links_ = [sum((u - v) ** 2 for u, v in zip(q[i : i + 3], q[i - 3 : i] or (0, 0, 0),
@@ -133,7 +133,7 @@ def test_a_common_denominator_hides_no_terms():
 
 @st.composite
 def systems(draw):
-    """Masses with springs of several kinds between some of them, rods, drag and what holds them."""
+    """Draw masses with springs of several kinds between some of them, rods, drag and holders."""
     count, dims = draw(st.integers(2, 4)), draw(st.integers(1, 3))
     q = sp.symbols(f"x0:{count * dims}", real=True)
     p = sp.symbols(f"p0:{count * dims}", real=True)
@@ -163,34 +163,34 @@ def systems(draw):
 @given(system=systems(), seed=st.integers(0, 2**32 - 1))
 def test_random_equivalent_forms_of_random_systems(system, seed):
     draw = random.Random(seed)
-    other = everywhere(lambda e: rewritten(e, draw))(system)
-    found, again = canonical(system), canonical(other)
-    assert parts(found) == parts(again)
-    assert compare(parts(system), parts(found), thorough=False).holds
+    variant = everywhere(lambda e: rewritten(e, draw))(system)
+    form, again = canonical(system), canonical(variant)
+    assert parts(form) == parts(again)
+    assert compare(parts(system), parts(form), thorough=False).holds
 
 
 def test_decimals_stay_decimals():
-    """As many digits as were written."""
+    """The form has as many digits as the expression."""
     H = canonical(plane(sp.Float(0.1) * x**2 / 3 + 0.5 * y**2)).H
     assert sp.Float(0.1) * x**2 / 3 + y**2 / 2 == H
     assert canonical(plane(0.1 * x + sp.Float("0.3", 40) * y)).H.coeff(y) == sp.Float("0.3", 40)
 
 
 def test_names_do_not_matter():
-    """Symbols of other names, in the same order: the same H in those names."""
+    """Renamed symbols in the same order give the same H in the new names."""
     system = links(3, equal=False)
     symbols = [*system.q, *system.p, *system.parameters]
     names = {s: sp.Symbol(f"z{len(symbols) - i}", **s.assumptions0) for i, s in enumerate(symbols)}
-    other = replace(system, H=sp.expand(system.H).xreplace(names),
-                    constraints=[e.xreplace(names) for e in system.constraints],
-                    **{side: [names[s] for s in getattr(system, side)]
-                       for side in ("q", "p", "parameters")})
-    wanted = canonical(system)
-    assert parts(canonical(other)) == [e.xreplace(names) for e in parts(wanted)]
+    renamed = replace(system, H=sp.expand(system.H).xreplace(names),
+                      constraints=[e.xreplace(names) for e in system.constraints],
+                      **{side: [names[s] for s in getattr(system, side)]
+                         for side in ("q", "p", "parameters")})
+    form = canonical(system)
+    assert parts(canonical(renamed)) == [e.xreplace(names) for e in parts(form)]
 
 
 def test_equal_parts_of_a_chain_have_one_form():
-    """Mass and height; the first spring or rod, and the others: of any spelling."""
+    """Masses, heights, springs and rods share templates in any spelling; the first rod does not."""
     for change in (sp.expand, sp.together):
         structure = Structure(hoist_constants(canonical(everywhere(change)(links(4))))[0])
         assert sorted(len(form.instances) for form in structure.templates) == [2, 4, 8]
@@ -198,7 +198,7 @@ def test_equal_parts_of_a_chain_have_one_form():
 
 
 def test_equal_forces_of_a_chain_are_reduced_once(monkeypatch):
-    """Dampers between neighbours, every term in both: as many as for a chain half as long."""
+    """Dampers between neighbours, each in two forces, take no more for a chain twice as long."""
     calls = []
     split = additive_terms.split
     monkeypatch.setattr(additive_terms, "split", lambda *args: calls.append(1) or split(*args))
@@ -220,26 +220,26 @@ def test_equal_forces_of_a_chain_are_reduced_once(monkeypatch):
 
 @pytest.mark.parametrize("model", [gs.models.lagrange_top, gs.models.double_top])
 def test_models_of_bodies_cost_no_more(model):
-    """Counted with every part once: what computing H, and g, takes."""
+    """Computing H takes no more operations than as written, and g at most 5 % more."""
     written = model().system
-    found = canonical(written)
+    form = canonical(written)
     names = stand_ins((*written.q, *written.p), written.parameters)
     before, after = ([cost([e.xreplace(names) for e in side]) for side in (
-        [system.H], system.constraints)] for system in (written, found))
+        [system.H], system.constraints)] for system in (written, form))
     assert after[0] <= before[0]
     assert after[1] <= 1.05 * before[1]
 
 
 @pytest.mark.parametrize("rep", ["gamma", "alpha"])
 def test_the_papers_top_is_canonical(rep):
-    """(26) and (22): its C is what it was, from any spelling."""
+    """H of (26) and g of (22) are their own normal forms, also when expanded."""
     top = heavy_top(rep)
     for change in (lambda e: e, sp.expand):
         assert parts(canonical(everywhere(change)(top))) == parts(top)
 
 
 def test_points_that_nothing_couples_have_the_forms_of_each_alone():
-    """A constant completes a square wherever H has it: k (x − b)²/2, of one point or of both."""
+    """A constant in H completes the square k (x − b)²/2 of one point or of both."""
     springs = sp.expand(k * ((x - b) ** 2 + (y - b) ** 2) / 2)
     sums, squares = ([k * form(z) / 2 for z in (x, y)]
                      for form in (lambda z: z * (z - 2 * b), lambda z: (z - b) ** 2))
@@ -266,15 +266,15 @@ ENDLESS = {
     pytest.param(H, id=name, marks=[pytest.mark.slow] * (name == "bars in bars"))
     for name, H in ENDLESS.items()])
 def test_nothing_is_multiplied_out_without_end(H, monkeypatch):
-    """As many products of terms as are allowed for each part; H is what it was."""
+    """Expansion stays within its allowance of products, and H stays the same function."""
     spent = []
     spend = expansion.NormalForm.spend
     monkeypatch.setattr(expansion.NormalForm, "spend",
                         lambda self, products: (spent.append(min(products, self.allowance)),
                                                 spend(self, products)))
     system = plane(H, *sorted(H.free_symbols - {x, y, px, py}, key=str))
-    found = canonical.__wrapped__(system)
+    form = canonical.__wrapped__(system)
     assert sum(spent) < 200_000
-    assert compare([H], [found.H], thorough=False).holds
+    assert compare([H], [form.H], thorough=False).holds
     names = stand_ins((x, y, px, py))
-    assert cost([found.H.xreplace(names)]) <= 1.1 * cost([H.xreplace(names)])
+    assert cost([form.H.xreplace(names)]) <= 1.1 * cost([H.xreplace(names)])

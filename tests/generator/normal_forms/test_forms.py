@@ -14,10 +14,10 @@ ROOT = sp.sqrt(x**2 + y**2)
 
 
 def form(e, *moving):
-    """Return the canonical form of an expression in which these move."""
+    """Return the canonical form of an expression in which these symbols move."""
     names = stand_ins(moving, sorted(e.free_symbols - set(moving), key=str))
-    found = CanonicalForms().expression(e.xreplace(names))
-    return found.xreplace({stand: s for s, stand in names.items()})
+    canonical_form = CanonicalForms().expression(e.xreplace(names))
+    return canonical_form.xreplace({stand: s for s, stand in names.items()})
 
 
 @pytest.mark.parametrize("spellings", [
@@ -59,7 +59,8 @@ def test_what_is_short_stays_as_it_is(e):
 def test_decimals_are_exact_and_products_multiplied_out_as_far_as_their_pieces_need():
     assert form(0.1 * x, x).coeff(x) == sp.Rational(*(0.1).as_integer_ratio())
     product = k * (x + y) * (z + L)
-    for most, count in ((4, 1), (2, 2), (1, 4)):
-        pieces = list(split(CanonicalForms(), product, lambda terms, most=most: len(terms) <= most))
+    for limit, count in ((4, 1), (2, 2), (1, 4)):
+        pieces = list(split(
+            CanonicalForms(), product, lambda terms, limit=limit: len(terms) <= limit))
         assert len(pieces) == count
         assert sp.expand(total(pieces) - product) == 0
