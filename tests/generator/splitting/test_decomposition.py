@@ -1,4 +1,4 @@
-"""Splittings that are found, and Hamiltonians that are refused, with what is left over."""
+"""Splittings of Hamiltonians, and refusals that name the terms left over."""
 
 from dataclasses import replace
 
@@ -37,47 +37,47 @@ def plane(H):
 @pytest.mark.parametrize("rep", ["gamma", "alpha", "original"])
 def test_the_top_does_not_depend_on_alpha_and_gamma(rep):
     for system in (heavy_top(rep), canonical(heavy_top(rep))):
-        found = split(system, symmetric=True)
-        (body,) = found.bodies
+        splitting = split(system, symmetric=True)
+        (body,) = splitting.bodies
         assert body.a == 1 / I1
         (axis,) = body.axes
         assert axis.axis == (0, 0, 1)
         assert sp.simplify(axis.d - (1 / I3 - 1 / I1)) == 0
         assert axis.steady
         assert not body.further
-        assert found.conditions == (I1 - I2,)
-        assert not found.V.has(alpha, gamma)
+        assert splitting.conditions == (I1 - I2,)
+        assert not splitting.V.has(alpha, gamma)
         R = rotation_matrix(q)
         torque = sp.Matrix([-R[1, 2], R[0, 2], 0]) * mgl  # of a weight on axis 3
-        assert sp.expand(sp.Matrix(found.kick.torques[0]) - torque) == sp.zeros(3, 1)
-        assert found.is_exact
-        assert found.has_gradient
-        assert found.highest_order is None
+        assert sp.expand(sp.Matrix(splitting.kick.torques[0]) - torque) == sp.zeros(3, 1)
+        assert splitting.is_exact
+        assert splitting.has_gradient
+        assert splitting.highest_order is None
 
 
 def test_an_exact_gradient_of_a_top_and_one_more_rotation_of_an_asymmetric_body():
-    found = split(heavy_top("gamma"), symmetric=True)
+    splitting = split(heavy_top("gamma"), symmetric=True)
     height = 1 - 2 * q[1]**2 - 2 * q[2]**2
-    for N, G in zip(found.kick.torques[0], found.gradient.torques[0], strict=True):
+    for N, G in zip(splitting.kick.torques[0], splitting.gradient.torques[0], strict=True):
         assert sp.expand(G + 2 * N * mgl * height / I1) == 0
-    found = split(heavy_top("gamma"))
-    (body,) = found.bodies
+    splitting = split(heavy_top("gamma"))
+    (body,) = splitting.bodies
     (further,) = body.further
     assert further.axis == (0, 1, 0)
     assert body.symmetric_if == (I1 - I2,)
-    assert not found.conditions
-    assert not found.is_exact
-    assert not found.has_gradient
+    assert not splitting.conditions
+    assert not splitting.is_exact
+    assert not splitting.has_gradient
     assert sp.simplify(body.S - sp.diag(1 / I1, 1 / I2, 1 / I3)) == sp.zeros(3, 3)
 
 
 def test_kovalevskaya_and_free_bodies():
     T = kinetic_energy("gamma").xreplace({I2: I1, I3: I1 / 2})
     top = System(q, p, (I1, gamma, mgl), T + mgl * rotation_matrix(q)[2, 0], UNIT, name="kov")
-    found = split(top)
-    assert found.is_exact
-    assert sp.diag(1, 1, 2) / I1 == found.bodies[0].S
-    assert not found.bodies[0].axes[0].steady
+    splitting = split(top)
+    assert splitting.is_exact
+    assert sp.diag(1, 1, 2) / I1 == splitting.bodies[0].S
+    assert not splitting.bodies[0].axes[0].steady
     free = split(free_body("alpha"), symmetric=True)
     assert free.V == 0
     assert free.kick.torques == ((0, 0, 0),)
@@ -121,8 +121,8 @@ def test_gyrostats_turn_across_their_axis_too_if_they_are_symmetric():
 
 
 def test_frames_are_rotations_of_space():
-    found = split(gs.models.satellite().system)
-    assert [str(e) for e in found.space[0].omega] == ["0", "n", "0"]
+    splitting = split(gs.models.satellite().system)
+    assert [str(e) for e in splitting.space[0].omega] == ["0", "n", "0"]
     system = canonical(heavy_top("gamma"))
     framed = split(frame_of(system).moving(system))
     assert [str(e) for e in framed.space[0].omega] == ["0", "0", "omega_space"]
@@ -137,14 +137,14 @@ def test_translations_and_time():
     t = sp.Symbol("t", real=True)
     system = System((x, y), (px, py), (b, c), px**2 / (2 * b) + px * py / c + c * py
                     + sp.cos(t) * (x - y)**4, time=t, forces=(-b * px, sp.sin(t)), name="points")
-    found = split(system)
-    move = found.translation
+    splitting = split(system)
+    move = splitting.translation
     assert move.inverse_mass == {(0, 0): 1 / b, (0, 1): 1 / c, (1, 0): 1 / c}
     assert move.velocity == {1: c}
     assert move.drag == {0: b}
-    assert found.applied.forces == (0, sp.sin(t))
-    assert found.time_dependent
-    assert not found.other_forces
+    assert splitting.applied.forces == (0, sp.sin(t))
+    assert splitting.time_dependent
+    assert not splitting.other_forces
 
 
 def test_drag_is_found_and_other_forces_limit_the_order():
@@ -163,14 +163,15 @@ def test_drag_is_found_and_other_forces_limit_the_order():
 
 def test_equal_bodies_share_templates():
     system = molecules(4, (1, 1.4, 0.8), neighbours=2).system
-    found = split(system)
-    assert [body.name for body in found.bodies] == ["w0", "w1", "w2", "w3"]
-    (template,) = found.templates
-    pairs = {one.bodies for one in template.instances}
+    splitting = split(system)
+    assert [body.name for body in splitting.bodies] == ["w0", "w1", "w2", "w3"]
+    (template,) = splitting.templates
+    pairs = {instance.bodies for instance in template.instances}
     assert len(template.instances) == len(pairs) == 5
     assert len(template.bodies) == 2
     assert len(template.coordinates) == 6
-    assert all(system.q[i] in system.q for one in template.instances for i in one.coordinates)
+    assert all(system.q[i] in system.q
+               for instance in template.instances for i in instance.coordinates)
 
 
 def test_joints_masses_of_time_lagrangians_and_odd_inertia_are_refused():
