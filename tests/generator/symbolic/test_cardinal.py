@@ -29,7 +29,7 @@ PRINT = {"float": "%.60g", "double": "%.60g", "long-double": "%.60Lg"}
 
 
 def program(real, tmp_path: Path):
-    """Return what a C program prints of every function at every point."""
+    """Return the numbers that a C program prints: every function at every point."""
     names = {f.c_name for f in FUNCTIONS}
     environment = jinja2.Environment(loader=jinja2.FileSystemLoader(TEMPLATES), trim_blocks=True,
                                      lstrip_blocks=True, undefined=jinja2.StrictUndefined)
@@ -65,10 +65,10 @@ return 0;
 
 
 def cases(real):
-    least = 1e-37 if real.name == "float" else 0.0
+    smallest = 1e-37 if real.name == "float" else 0.0
     for f in FUNCTIONS:
         for point in POINTS:
-            if point and point < least:
+            if point and point < smallest:
                 continue
             if f in (Atanhc, Atanhc.slope) and point >= 1:
                 continue
@@ -80,18 +80,18 @@ def cases(real):
 @pytest.mark.parametrize("real", REALS.values(), ids=REALS)
 def test_C_of_cardinal_functions_is_right_to_a_few_eps(real, tmp_path):
     values = {f.c_name: f.value for f in FUNCTIONS}
-    found = program(real, tmp_path)
+    printed = program(real, tmp_path)
     with mp.workdps(80):
-        for (name, point), text in zip(cases(real), found, strict=True):
+        for (name, point), text in zip(cases(real), printed, strict=True):
             z = mp.mpf(float.fromhex(point.hex()))
             if real.name == "float":
                 with mp.workprec(24):
                     z = +z
-            wanted = values[name](z)
+            exact = values[name](z)
             # Two or three roundings in a function; in a derivative, a difference of terms three
             # times as large as itself and a dozen roundings. Below 1e-30 all of it is below 1.
             bound = (40 if name.endswith("slope") else 4) * mp.ldexp(1, 1 - real.bits)
-            assert abs(mp.mpf(text) - wanted) <= bound * abs(wanted), (name, point, text)
+            assert abs(mp.mpf(text) - exact) <= bound * abs(exact), (name, point, text)
 
 
 @pytest.mark.parametrize("f", FUNCTIONS, ids=lambda f: f.c_name)
@@ -106,13 +106,13 @@ def test_derivative_in_mpmath_is_that_of_the_function(f):
 @pytest.mark.parametrize("f", [Sinc, Sinhc, Asinhc, Atanc, Atanhc], ids=lambda f: f.c_name)
 @pytest.mark.parametrize("bits", [4, 20, 50])
 def test_derivative_in_mpmath_loses_no_digit_near_0(f, bits):
-    """f' and f/z agree to z^2 there: what they have in common must not count as digits."""
+    """f' and f/z agree to z^2 near 0: the digits that they share must not count as precision."""
     z = mp.ldexp(mp.mpf(3) / 4, -bits)
     with mp.workprec(113):
-        found = f.slope.value(z)
+        slope = f.slope.value(z)
     with mp.workprec(2000):
         exact = f.slope.value(z)
-    assert abs(found - exact) <= mp.ldexp(abs(exact), -110)
+    assert abs(slope - exact) <= mp.ldexp(abs(exact), -110)
 
 
 def test_values_and_symmetry_in_symbols():

@@ -17,7 +17,7 @@ EXPONENTS = [sp.Integer(2), sp.Integer(3), sp.Integer(-1), sp.Rational(1, 2), sp
 
 
 def grow(inner):
-    """Return sums, products, powers and functions of expressions, those that are numbers kept."""
+    """Return sums, products, powers and functions of expressions; numbers stay as they are."""
     sums = st.lists(inner, min_size=2, max_size=4).map(lambda terms: sp.Add(*terms))
     products = st.lists(inner, min_size=2, max_size=4).map(lambda factors: sp.Mul(*factors))
     powers = st.builds(lambda e, n: sp.Pow(1 + e**2, n), inner, st.sampled_from(EXPONENTS))

@@ -85,14 +85,15 @@ def test_doubles_are_fractions(a: float, b: float) -> None:
 def test_values_are_those_of_the_expression() -> None:
     prime = next(primes())
     e = (x**3 / (1 + y) - sp.Rational(2, 7)) ** 2
-    at = Residues(prime, [x, y], [e], 50, {}, 1)
-    for a, b, value in zip(at[x].tolist(), at[y].tolist(), at[e].tolist(), strict=True):
+    residues = Residues(prime, [x, y], [e], 50, {}, 1)
+    for a, b, value in zip(
+            residues[x].tolist(), residues[y].tolist(), residues[e].tolist(), strict=True):
         expected = (pow(a, 3, prime) * pow(1 + b, -1, prime) - 2 * pow(7, -1, prime)) ** 2
         assert value == expected % prime
 
 
 def test_primes_without_a_root_are_passed_over() -> None:
-    """Modulo half of the primes there is no √3."""
+    """Primes modulo which 3 has no root, half of all, are refused as unsuitable."""
     suitable = []
     for prime in islice(primes(), 12):
         try:
@@ -108,7 +109,7 @@ def test_primes_without_a_root_are_passed_over() -> None:
 @settings(max_examples=30, derandomize=True)
 @given(seed=st.integers(0, 2**32 - 1), rank=st.integers(0, 4), size=st.integers(1, 6))
 def test_null_spaces_against_sympy(seed: int, rank: int, size: int) -> None:
-    """Of matrices of doubles, whose null vectors have fractions of hundreds of digits."""
+    """Null vectors of matrices of doubles, fractions of hundreds of digits, equal SymPy's."""
     rng = np.random.default_rng(seed)
     matrix = sp.Matrix(rank, size, lambda i, j: sp.Rational(float(rng.standard_normal()))
                        * int(rng.integers(0, 2)))

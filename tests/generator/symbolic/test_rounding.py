@@ -27,35 +27,36 @@ EXPRESSIONS = [
 @given(e=st.sampled_from(EXPRESSIONS), a=st.floats(-3, 3), b=st.floats(-3, 3),
        scale=st.sampled_from([1.0, 1e-3, 1e-6]))
 def test_doubles_are_off_by_no_more(e: sp.Expr, a: float, b: float, scale: float) -> None:
-    """Against 40 digits, at values that are exact doubles."""
-    at = {x: a * scale, y: b * scale}
+    """Errors against 40 digits, at exact doubles, lie below the bound."""
+    point = {x: a * scale, y: b * scale}
     context = mp_context(40)
     try:
-        exact = Evaluator({s: context.mpf(v) for s, v in at.items()}, mp=context)(e)
+        exact = Evaluator({s: context.mpf(v) for s, v in point.items()}, mp=context)(e)
     except ZeroDivisionError:
         return
-    found, bound = float(evaluate([e], at)[0]), float(rounding([e], at, {})[0])
-    if np.isfinite([found, bound]).all():  # √0 has no slope
-        assert abs(found - exact) <= 2 * EPS * bound + 1e-300
+    value, bound = float(evaluate([e], point)[0]), float(rounding([e], point, {})[0])
+    if np.isfinite([value, bound]).all():  # √0 has no slope
+        assert abs(value - exact) <= 2 * EPS * bound + 1e-300
 
 
 def test_cancellation_is_counted() -> None:
-    """1 − cos x is worth 2 for any small x; x² − y² what the squares are."""
+    """The bound of 1 − cos x is 2 for any small x; the bound of x² − y² grows with the squares."""
     small = {x: 1e-6, y: 1e-6}
     assert rounding([1 - sp.cos(x)], small, {})[0] == pytest.approx(2, rel=1e-6)
     assert rounding([x**2 - y**2], {x: 3.0, y: 3.0}, {})[0] == pytest.approx(2 * 27, rel=0.2)
 
 
 def test_errors_of_symbols_and_of_steps_that_look_at_them() -> None:
-    # |f'| δx beside the operation's own.
-    for e, slope, own in ((x**3, 12.0, 8.0), (sp.exp(x), np.exp(2), np.exp(2)), (x * y, 5.0, 10.0)):
+    # |f'| δx is added to the error of the operation itself.
+    for e, slope, own_error in (
+            (x**3, 12.0, 8.0), (sp.exp(x), np.exp(2), np.exp(2)), (x * y, 5.0, 10.0)):
         bound = rounding([e], {x: 2.0, y: 5.0}, {x: 100.0, y: 0.0})[0]
-        assert bound == pytest.approx(100 * slope + own)
+        assert bound == pytest.approx(100 * slope + own_error)
     # sign x is 1 or −1, however x is rounded; of two sides either may be taken.
-    at, errors = {x: 0.0, y: 2.0}, {x: 1e6, y: 3.0}
-    assert rounding([sp.sign(x)], at, errors)[0] == 0
-    assert rounding([Max(x, y)], at, errors)[0] == 1e6 + 2
-    assert rounding([Where(x, 1, y, sp.Integer(0))], at, errors)[0] == 3 + 2
+    point, errors = {x: 0.0, y: 2.0}, {x: 1e6, y: 3.0}
+    assert rounding([sp.sign(x)], point, errors)[0] == 0
+    assert rounding([Max(x, y)], point, errors)[0] == 1e6 + 2
+    assert rounding([Where(x, 1, y, sp.Integer(0))], point, errors)[0] == 3 + 2
 
 
 def test_many_points_and_constants() -> None:

@@ -63,16 +63,16 @@ def fifty_digits():
 
 
 def points():
-    """Yield every pair of places, as it is and as exact numbers by symbol."""
-    for at in product(PLACES, PLACES):
-        yield at, {s: Fraction(value) for s, value in
-               zip((x, y, k, a), (*at, *PARAMETERS.values()), strict=True)}
+    """Yield every pair (x, y) of places as floats, and as exact numbers by symbol."""
+    for pair in product(PLACES, PLACES):
+        yield pair, {s: Fraction(value) for s, value in
+               zip((x, y, k, a), (*pair, *PARAMETERS.values()), strict=True)}
 
 
 @cache
-def sympys(e, at):
+def sympys(e, pair):
     """Return SymPy's own value at (x, y), to 40 digits; None where it is no real number."""
-    numbers = dict(zip((x, y, k, a), map(Q, (*at, *PARAMETERS.values())), strict=True))
+    numbers = dict(zip((x, y, k, a), map(Q, (*pair, *PARAMETERS.values())), strict=True))
     value = sp.N(e.subs(numbers), 40)
     return mp.mpf(str(value)) if value.is_real and value.is_finite else None
 
@@ -86,28 +86,29 @@ def ours(e, point):
 
 @named
 def test_values_are_those_of_sympy(name):
-    """In mpmath by two walks, and in NumPy; no value where there is none."""
+    """Values by two walks in mpmath and in NumPy are SymPy's, and missing where SymPy has none."""
     e = as_switches(ZOO[name])
     assert not e.has(P, sp.Max, sp.Min, H, sp.Mod, sp.ceiling, sp.frac)
     context = mp_context(50)
-    seen = 0
-    for at, point in points():
-        wanted, found = sympys(ZOO[name], at), ours(e, point)
-        assert (wanted is None) == (found is None), point
-        if wanted is None:
+    compared = 0
+    for pair, point in points():
+        expected, value = sympys(ZOO[name], pair), ours(e, point)
+        assert (expected is None) == (value is None), point
+        if expected is None:
             continue
-        seen += 1
-        assert abs(found - wanted) <= mp.mpf(10) ** -35 * (1 + abs(wanted))
+        compared += 1
+        assert abs(value - expected) <= mp.mpf(10) ** -35 * (1 + abs(expected))
         lazy = Evaluator({s: context.mpf(float(p)) for s, p in point.items()}, mp=context)(e)
-        assert abs(lazy - wanted) <= mp.mpf(10) ** -35 * (1 + abs(wanted))
+        assert abs(lazy - expected) <= mp.mpf(10) ** -35 * (1 + abs(expected))
         doubles = {s: np.full(2, float(p)) for s, p in point.items()}
-        assert np.abs(in_numpy([e], doubles) - float(wanted)).max() <= 16 * EPS * (1 + abs(wanted))
-    assert seen > 20
+        assert np.abs(in_numpy([e], doubles) - float(expected)).max() <= 16 * EPS * (
+            1 + abs(expected))
+    assert compared > 20
 
 
 @named
 def test_derivatives_are_those_of_the_sides(name):
-    """Away from the kinks, against differences; never Dirac's delta, nor a division by a kink."""
+    """Derivatives agree with differences away from the kinks and never have Dirac's delta."""
     e = as_switches(ZOO[name])
     slopes = [derivative(e, s) for s in (x, y)]
     assert not any(d.has(sp.DiracDelta, sp.Derivative, P) for d in slopes)
@@ -122,8 +123,8 @@ def test_derivatives_are_those_of_the_sides(name):
             near = [ours(e, point | {s: point[s] + d}) for d in (-step, step)]
             if None in near:
                 continue
-            wanted = (near[1] - near[0]) / (2 * mp.mpf(10) ** -25)
-            assert abs(ours(slope, point) - wanted) <= mp.mpf(10) ** -15 * (1 + abs(wanted))
+            expected = (near[1] - near[0]) / (2 * mp.mpf(10) ** -25)
+            assert abs(ours(slope, point) - expected) <= mp.mpf(10) ** -15 * (1 + abs(expected))
             compared += 1
     assert compared > 10
 
@@ -134,9 +135,9 @@ def test_derivatives_are_those_of_the_sides(name):
     (P((sp.sqrt(x), x > 0), (0, True)), 0), (sp.sqrt(sp.Max(0, x + x**2) + 1), Q(1, 4)),
 ])
 def test_derivative_at_the_kink_is_a_mean_or_that_of_a_side(e, at_zero):
-    found = derivative(as_switches(e), x)
-    assert ours(found, {x: Fraction(0)}) == mp.mpf(at_zero.p) / at_zero.q if at_zero else \
-        ours(found, {x: Fraction(0)}) == 0
+    slope = derivative(as_switches(e), x)
+    assert ours(slope, {x: Fraction(0)}) == mp.mpf(at_zero.p) / at_zero.q if at_zero else \
+        ours(slope, {x: Fraction(0)}) == 0
 
 
 def test_roots_that_rest_at_zero_do_not_move_and_pieces_that_cover_the_line_need_no_true():
@@ -145,8 +146,8 @@ def test_roots_that_rest_at_zero_do_not_move_and_pieces_that_cover_the_line_need
         for d in (first, derivative(first, x)):
             assert ours(d, {x: Fraction(-1), k: Fraction(2)}) == 0
     for e in (P((0, x <= 0), (x, x > 0)), P((0, x < 0), (x, (x >= 0) & (x < 1)), (1, x >= 1))):
-        found = as_switches(e)
-        assert [ours(found, {x: Fraction(p)}) for p in (-1, 0.5)] == [0, 0.5]
+        switches = as_switches(e)
+        assert [ours(switches, {x: Fraction(p)}) for p in (-1, 0.5)] == [0, 0.5]
 
 
 @pytest.mark.parametrize(("e", "reason"), [
@@ -204,18 +205,18 @@ UNDECIDED = {"max_of_none": sp.Max(0, ROOT), "least_of_none": sp.Min(ROOT, 2),
 @pytest.mark.parametrize("real", ["double", *(
     pytest.param(real, marks=pytest.mark.slow) for real in ("float", "long-double", "float128"))])
 def test_C_of_every_type(real):
-    """Against exact values at all points: a few roundings, and NaN where there is no value."""
+    """The C is a few roundings from the exact values at all points, and NaN where there is none."""
     step = gs.stepper("IMS", system=replace(FORCED, quantities=QUANTITIES | UNDECIDED), real=real)
     eps = max(step.binding.epsilon, EPS)
-    for at, _ in points():
-        found = step.quantities(at, [0.0, 0.0], parameters=PARAMETERS)
+    for pair, _ in points():
+        quantities = step.quantities(pair, [0.0, 0.0], parameters=PARAMETERS)
         for name, e in QUANTITIES.items():
-            wanted, value = sympys(e, at), float(found[name])
-            assert (wanted is None) == (not np.isfinite(value)), (name, at)
-            if wanted is not None:
-                assert abs(value - float(wanted)) <= 16 * eps * (1 + abs(wanted)), (name, at)
-        undecided = np.isnan([float(found[name]) for name in UNDECIDED])
-        assert undecided.all() if at[0] < 0 else not undecided.any()
+            expected, value = sympys(e, pair), float(quantities[name])
+            assert (expected is None) == (not np.isfinite(value)), (name, pair)
+            if expected is not None:
+                assert abs(value - float(expected)) <= 16 * eps * (1 + abs(expected)), (name, pair)
+        undecided = np.isnan([float(quantities[name]) for name in UNDECIDED])
+        assert undecided.all() if pair[0] < 0 else not undecided.any()
 
 
 #: Both sides of everything, some of them no numbers, in forces on four trajectories or more.
@@ -226,23 +227,23 @@ FORCED = watched(quantities={}, time=t, constraints=[], forces=(
 
 
 def test_lanes_take_their_own_sides():
-    """Trajectories side by side: the bits of each by itself with the same width of lanes."""
+    """Trajectories side by side have the bits of each alone with the same width of lanes."""
     step = gs.stepper("IMS", system=replace(FORCED, quantities=QUANTITIES | UNDECIDED))
     rng = np.random.default_rng(2)
     q, p = rng.uniform(-2, 2, (9, 2)), rng.uniform(-2, 2, (9, 2))
     options = {"dt": 0.02, "steps": 60, "parameters": PARAMETERS}
-    many = step.integrate_ensemble(q, p, **options)
+    ensemble = step.integrate_ensemble(q, p, **options)
     for i in range(9):
-        one = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], **options)
-        assert np.array_equal(one.q[0], many.q[i])
+        member = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], **options)
+        assert np.array_equal(member.q[0], ensemble.q[i])
         alone = step.integrate(q[i], p[i], **options)
         # other starting values end at other roundings, which kinks spread: ten times an ulp of q
         # for each of the 60 steps
-        assert np.abs(alone.q - many.q[i]).max() <= 60 * 10 * 2.0**-52 * np.abs(alone.q).max()
+        assert np.abs(alone.q - ensemble.q[i]).max() <= 60 * 10 * 2.0**-52 * np.abs(alone.q).max()
 
 
 def test_lanes_have_no_branch(tmp_path):
-    """Masks: without a jump on a comparison between the conditions and what they choose."""
+    """Lanes choose a side by masks: the assembly compares and does not jump."""
     if platform.machine() not in ("x86_64", "AMD64"):
         pytest.skip("reads the assembly of x86-64")
     source = generate(Spec.from_arguments("IMS"), system=FORCED).source
@@ -278,8 +279,10 @@ def test_a_derivative_that_vanishes_says_nothing_of_a_step():
 def test_constraints_by_complex_steps():
     """|q| is analytic on each of its sides: Im g(q + iε)/ε is its derivative."""
     g = as_switches(sp.Abs(x) ** 3 + sp.Max(0, y) ** 2 + P((x, x < y), (y, True)) - 1)
-    found = NumericConstraints((x, y), [g], ["g"], {})
-    for at in ([-0.7, 0.4], [0.3, -0.2], [0.9, 0.8]):
-        wanted = [float(ours(derivative(g, s), dict(zip((x, y), map(Fraction, at), strict=True))))
-                  for s in (x, y)]
-        assert found.G(np.array(at))[0] == pytest.approx(wanted, rel=8 * EPS, abs=8 * EPS)
+    constraints = NumericConstraints((x, y), [g], ["g"], {})
+    for point in ([-0.7, 0.4], [0.3, -0.2], [0.9, 0.8]):
+        gradient = [
+            float(ours(derivative(g, s), dict(zip((x, y), map(Fraction, point), strict=True))))
+            for s in (x, y)]
+        assert constraints.G(np.array(point))[0] == pytest.approx(
+            gradient, rel=8 * EPS, abs=8 * EPS)
