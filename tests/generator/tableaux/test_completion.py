@@ -32,33 +32,34 @@ def numbers(tableau, digits=40):
     return [mp.matrix(getattr(numeric, name)) for name in FIELDS]
 
 
-def assert_same(found, wanted, digits=40):
-    """Equal to so many digits, in every part."""
+def assert_same(tableau, expected, digits=40):
+    """Compare two tableaux to so many digits in every part."""
     with mp.workdps(digits + 10):
-        for one, other in zip(numbers(found, digits), numbers(wanted, digits), strict=True):
-            assert mp.norm(one - other, mp.inf) < mp.mpf(10) ** (2 - digits)
+        for matrix, expected_matrix in zip(
+                numbers(tableau, digits), numbers(expected, digits), strict=True):
+            assert mp.norm(matrix - expected_matrix, mp.inf) < mp.mpf(10) ** (2 - digits)
 
 
 @pytest.mark.parametrize("family", [
     gauss_lobatto(1), gauss_lobatto(2), lobatto_iiiab(2), lobatto_iiiab(3)], ids=lambda t: t.name)
 def test_a_family_is_completed_from_its_butcher_tableau(family):
-    """Derived by Lagrange polynomials and partners here, by the conditions there."""
-    found = gs.tableau(A=family.A, b=family.b, c=family.c)
-    assert_same(found, family)
-    assert found.order == found.free_order == family.order
-    assert all(line.holds for line in check_tableau(found))
+    """A completion by Lagrange polynomials and partners equals the family's by the conditions."""
+    tableau = gs.tableau(A=family.A, b=family.b, c=family.c)
+    assert_same(tableau, family)
+    assert tableau.order == tableau.free_order == family.order
+    assert all(line.holds for line in check_tableau(tableau))
 
 
 def test_radau_is_completed_with_its_partner_or_without():
-    found = gs.tableau(**RADAU)
-    assert_same(found, gs.tableau(RADAU_FILE))
+    completed = gs.tableau(**RADAU)
+    assert_same(completed, gs.tableau(RADAU_FILE))
     plain = gs.tableau(**RADAU, A_hat=RADAU["A"])
     assert_same(plain, radau_lobatto(2))
-    assert (found.order, plain.order) == (3, 3)
+    assert (completed.order, plain.order) == (3, 3)
 
 
 def test_entries_are_numbers_of_any_kind():
-    """Exact ones are exact, decimals of 16 digits are rounded."""
+    """Exact entries stay exact; floats of 16 or 40 digits make a rounded tableau."""
     exact = gs.tableau(**RADAU)
     as_fractions = [[Fraction(entry) for entry in row] for row in RADAU["A"]]
     for A, b in ((as_fractions, [Fraction(3, 4), Decimal("0.25")]),
@@ -76,9 +77,9 @@ def test_entries_are_numbers_of_any_kind():
 
 def test_five_stages_in_decimals_keep_their_order():
     numeric = gauss_lobatto(5).numeric(20)
-    found = gs.tableau(A=numeric.A, b=numeric.b, c=numeric.c)
-    assert (found.order, found.p) == (10, 5)
-    assert_same(found, gauss_lobatto(5), 17)
+    tableau = gs.tableau(A=numeric.A, b=numeric.b, c=numeric.c)
+    assert (tableau.order, tableau.p) == (10, 5)
+    assert_same(tableau, gauss_lobatto(5), 17)
 
 
 @pytest.mark.parametrize(("parts", "order", "p"), [
@@ -86,21 +87,22 @@ def test_five_stages_in_decimals_keep_their_order():
         pytest.param(*given, marks=pytest.mark.slow)  # three more orders to measure
         for given in ((RUNGE_KUTTA, 2, 1), (TRAPEZOID, 2, 1), ({"A": [[1]], "b": [1]}, 1, 1)))])
 def test_the_proved_order_is_measured(parts, order, p):
-    """c of the first coincide, b of the second has a zero: one interval of constraint nodes."""
-    found = gs.tableau(**parts)
-    assert (found.order, found.p) == (order, p)
-    assert observed_order(found) == pytest.approx(order, abs=0.2)
+    """Where nodes c coincide or a weight b is zero, there is one interval of constraint nodes."""
+    tableau = gs.tableau(**parts)
+    assert (tableau.order, tableau.p) == (order, p)
+    assert observed_order(tableau) == pytest.approx(order, abs=0.2)
 
 
 def test_a_method_is_of_its_own_order_without_constraints():
-    """RK4 and its partner are a symplectic pair; constraints of it have order 2."""
-    found = gs.tableau(**RUNGE_KUTTA, name="rk4")
-    assert repr(found) == ("<Tableau rk4: 4 stages, p = 1, proved order 2 with constraints, "
-                           "3 without>")
-    assert any("order 2" in text for text in remarks(found))
-    assert any("order 3" in text for text in remarks(found, constrained=False))
-    made = generate(Spec.of_tableau(None), system=systems.case("kepler").system, tableau=found)
-    assert made.scheme.order == 3
+    """RK4 and its partner are a symplectic pair of order 2 with constraints, 3 without."""
+    tableau = gs.tableau(**RUNGE_KUTTA, name="rk4")
+    assert repr(tableau) == ("<Tableau rk4: 4 stages, p = 1, proved order 2 with constraints, "
+                             "3 without>")
+    assert any("order 2" in text for text in remarks(tableau))
+    assert any("order 3" in text for text in remarks(tableau, constrained=False))
+    generated = generate(
+        Spec.of_tableau(None), system=systems.case("kepler").system, tableau=tableau)
+    assert generated.scheme.order == 3
 
 
 @pytest.mark.slow  # a stepper of one tableau

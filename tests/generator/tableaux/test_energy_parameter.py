@@ -1,4 +1,4 @@
-"""The free numbers of exact energy: what the tableau keeps for all of them, by a second way."""
+"""The free numbers of exact energy: what holds for all their values, computed a second way."""
 
 from fractions import Fraction
 
@@ -21,7 +21,7 @@ def test_conditions_hold_for_every_theta(s):
 @pytest.mark.parametrize("s", [2, 3, 4])
 @mp.workdps(50)
 def test_coefficients_in_decimals(s):
-    """Z and Z-, Z~ from Legendre polynomials at 50 digits; symplectic at θ = (2/7, −1/3)."""
+    """The moved A and Ā follow Legendre polynomials at 50 digits, symplectic at θ = (2/7, −1/3)."""
     tableau, theta = gs.tableau("G-L", s), (Fraction(2, 7), Fraction(-1, 3))
     n, moved = tableau.numeric(50), with_energy_parameter(tableau, theta).numeric(50)
 
@@ -34,13 +34,13 @@ def test_coefficients_in_decimals(s):
     small = mp.mpf(10)**-40
     for i in range(s):
         for j in range(s):
-            wanted = n.A[i][j] + mp.mpf(2)/7*n.b[j]*(u[i]*v[j] - v[i]*u[j])
-            assert abs(moved.A[i][j] - wanted) < small
+            expected = n.A[i][j] + mp.mpf(2)/7*n.b[j]*(u[i]*v[j] - v[i]*u[j])
+            assert abs(moved.A[i][j] - expected) < small
             pair = n.b[i]*moved.A_hat[i][j] + n.b[j]*moved.A[j][i] - n.b[i]*n.b[j]
             assert abs(pair) < small
         for k in range(s + 1):
-            wanted = n.A_bar[k][i] - mp.mpf(1)/3*w[k]*n.b[i]*u[i]
-            assert abs(moved.A_bar[k][i] - wanted) < small
+            expected = n.A_bar[k][i] - mp.mpf(1)/3*w[k]*n.b[i]*u[i]
+            assert abs(moved.A_bar[k][i] - expected) < small
             pair = (n.b[i]*moved.A_tilde[i][k] + n.b_tilde[k]*moved.A_bar[k][i]
                     - n.b[i]*n.b_tilde[k])
             assert abs(pair) < small

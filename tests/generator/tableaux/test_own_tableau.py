@@ -54,7 +54,7 @@ def written(tmp_path: Path) -> Any:
 
 def on_nodes(name: str, c: list[Any], c_tilde: list[Any]) -> dict[str, Any]:
     """Return the symplectic tableau on these nodes without a claim."""
-    table = make().collocation(name, *([sp.sympify(x) for x in part] for part in (c, c_tilde)), 1)
+    table = make().collocation(name, *([sp.sympify(x) for x in nodes] for nodes in (c, c_tilde)), 1)
     return {key: value for key, value in table.items() if key != "order"}
 
 
@@ -66,7 +66,7 @@ def failed(path: Path) -> list[str]:
 
 
 def test_examples_and_families_are_what_the_script_derives(tmp_path: Path, written: Any) -> None:
-    """Its Gauss-Lobatto and Lobatto IIIA-B are those of the generator, solved another way."""
+    """The script's Gauss-Lobatto and Lobatto IIIA-B equal the generator's, solved another way."""
     make().main(tmp_path)
     assert {path.stem for path in tmp_path.iterdir()} == EXAMPLES.keys()
     for path in tmp_path.iterdir():
@@ -83,7 +83,7 @@ def test_examples_and_families_are_what_the_script_derives(tmp_path: Path, writt
 @pytest.mark.slow  # what is derived is verified and compiled, each example by itself
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_compiled_order_and_constraints(name: str) -> None:
-    """The compiled step on an asymmetric top: the derived order, constraints at round-off."""
+    """Compiled steps of an asymmetric top have the derived order, constraints at round-off."""
     assert verify_stepper(Spec.from_arguments(tableau=FOLDER / f"{name}.json")).holds
     step, body = stepper_of(name), BODY
     parameters = body.parameters | {"gamma": 1.0}
@@ -99,7 +99,7 @@ def test_compiled_order_and_constraints(name: str) -> None:
 
 
 def test_the_energy_of_a_symplectic_tableau_stays() -> None:
-    """Radau IIA with its symplectic partner; alone it dissipates."""
+    """Energy stays by Radau IIA with its symplectic partner, and decays by Radau IIA alone."""
     run = stepper_of("radau_iia_2").integrate(TOP.q0, TOP.p0, dt=1e-3, steps=2000,
                                               parameters=PARAMETERS)
     errors = np.abs(run.energies - run.energies[0])
@@ -138,7 +138,7 @@ def test_other_nodes(name: str, written: Any) -> None:
 
 @pytest.mark.slow  # an order is measured in many digits
 def test_an_order_that_decimals_hide_is_not_measured(tmp_path: Path) -> None:
-    """Where the rounding of the digits hides the order that is said; the tableau is not accused."""
+    """A tableau passes unmeasured where the rounding of its digits hides the claimed order."""
     family, path = gauss_lobatto(3), tmp_path / "rounded.json"
     table = {"name": "rounded"} | {key: getattr(family, key) for key in FIELDS}
     path.write_text(json.dumps(in_decimals(table, 9)), encoding="utf-8")
@@ -169,7 +169,7 @@ def triple_jump() -> dict[str, Any]:
 
 
 def test_a_symmetric_method_has_an_even_order(tmp_path: Path) -> None:
-    """C(1) and D(1) prove order 3 for a composition; it is symmetric, and of order 4."""
+    """A composition of which C(1) and D(1) prove order 3 is symmetric, and so of order 4."""
     path = tmp_path / "triple_jump.json"
     path.write_text(json.dumps(triple_jump()), encoding="utf-8")
     tableau = read_tableau(path)
@@ -184,7 +184,7 @@ def test_a_symmetric_method_has_an_even_order(tmp_path: Path) -> None:
 def test_the_measured_order_is_at_least_the_proved_one(
     order: float, holds: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The conditions are sufficient: more is no failure, and told as more."""
+    """The conditions are sufficient: a higher measured order is no failure, and is reported."""
     monkeypatch.setattr("gyrospark.certificates.verification.observed_order", lambda tableau: order)
     lines = verify_stepper(Spec.from_arguments(tableau=FOLDER / "radau_iia_2.json")).conditions
     measured = next(line for line in lines if line.name == "order, measured")
@@ -201,8 +201,9 @@ def zero_weight() -> dict[str, Any]:
         "b_tilde": [h, h], "c": [0, h, 1], "c_tilde": [0, 1],
     }  # fmt: skip
     return {"name": "zero_weight"} | {
-        key: [[*map(sp.sympify, row)] if isinstance(row, list) else sp.sympify(row) for row in part]
-        for key, part in table.items()
+        key: [[*map(sp.sympify, row)] if isinstance(row, list) else sp.sympify(row)
+              for row in entries]
+        for key, entries in table.items()
     }
 
 
@@ -222,7 +223,7 @@ def test_a_weight_of_zero_takes_newton(written: Any) -> None:
     assert np.abs(run.p[-1] - y).max() > 1e-3
 
 
-# ---------------------------------------------------------------- what is said before a step
+# ---------------------------------------------------------------- remarks before a step
 
 
 SINGULAR = {
@@ -289,7 +290,7 @@ def test_remarks_name_what_limits_the_order_in_manifests_of_given_tableaux_only(
 def test_claims_of_a_method_that_is_not_symplectic(
     claim: dict[str, bool], broken: list[str], tmp_path: Path
 ) -> None:
-    """Denied: told. Not spoken of: told, and verify fails. Claimed: no step is taken."""
+    """A symplectic claim fails where it is made or left open; a wrong claim stops any stepper."""
     table = json.loads((FOLDER / "radau_plain_2.json").read_text(encoding="utf-8"))
     del table["symplectic"]
     path = tmp_path / "claims.json"
@@ -311,7 +312,7 @@ def test_claims_of_a_method_that_is_not_symplectic(
     st.lists(st.fractions("1/9", "8/9", max_denominator=9), max_size=2, unique=True),
 )
 def test_symplectic_by_construction_or_no_step(c: Any, inner: Any) -> None:
-    """On any nodes: symplectic, consistent, and refused if the multipliers are not determined."""
+    """Any nodes give a symplectic, consistent tableau, refused if multipliers are undetermined."""
     import tempfile
 
     nodes, c_tilde = sorted(c), [0, *sorted(inner), 1]

@@ -47,15 +47,15 @@ def make(family, s):
 
 @nodes_of_each
 def test_nodes_are_roots_of_A17_and_A18_that_is_of_legendre_polynomials(kind, s):
-    found = WHICH[kind][0](s).as_expr().subs(sp.Symbol("x"), X)
+    polynomial = WHICH[kind][0](s).as_expr().subs(sp.Symbol("x"), X)
     if kind == "gauss":
         definition = sp.diff(sp.expand((X * (X - 1)) ** s), X, s)
         legendre = sp.legendre(s, 2 * X - 1)
     else:
         definition = sp.diff(sp.expand((X * (X - 1)) ** (s - 1)), X, s - 2)
         legendre = X * (X - 1) * sp.diff(sp.legendre(s - 1, X), X).subs(X, 2 * X - 1)
-    for other in (definition, legendre):
-        assert sp.Poly(other, X, domain="QQ").monic() == sp.Poly(found, X, domain="QQ")
+    for reference in (definition, legendre):
+        assert sp.Poly(reference, X, domain="QQ").monic() == sp.Poly(polynomial, X, domain="QQ")
 
 
 def value_at(polynomial, point):
@@ -141,9 +141,9 @@ corners = st.lists(st.sampled_from([-1, 0, 1]), min_size=6, max_size=6)
 
 @settings(max_examples=100, derandomize=True)
 @given(st.lists(fixed, min_size=1, max_size=5), in_unit, corners)
-def test_enclosure_of_a_polynomial_contains_its_value_at_any_members(coefficients, at, corner):
-    centre, radius = horner(coefficients, at, BITS)
-    point = Fraction(at[0] + corner[-1] * at[1], 2**BITS)
+def test_enclosure_of_a_polynomial_contains_its_value_at_any_members(coefficients, ball, corner):
+    centre, radius = horner(coefficients, ball, BITS)
+    point = Fraction(ball[0] + corner[-1] * ball[1], 2**BITS)
     value = sum((c + t * r) * point**k
                 for k, ((c, r), t) in enumerate(zip(coefficients, corner, strict=False)))
     assert abs(value - centre) <= radius
@@ -205,7 +205,7 @@ def test_printed_tableaux_and_erratum_14_exactly(family, s):
 @every
 def test_conditions_hold_as_far_as_claimed_and_fail_at_the_next_k(family, s):
     tableau = make(family, s)
-    found = counts(tableau)
+    counted = counts(tableau)
     exact = {label: tableau.claims[label] for label in
              ("B", "B_hat", "B_tilde", "C", "C_hat", "C_tilde", "C_bar")}
     if family == "gl":
@@ -215,7 +215,7 @@ def test_conditions_hold_as_far_as_claimed_and_fail_at_the_next_k(family, s):
         exact |= {"D": s, "D_hat": s, "D_tilde": s + 1, "D_bar": s}
     else:
         exact |= {"D": s - 2, "D_hat": s, "D_tilde": s, "D_bar": s - 2}
-    assert found == exact
+    assert counted == exact
 
 
 @every
@@ -263,8 +263,9 @@ def numbers(family, s):
     return make(family, s).numeric(60)
 
 
-def flat(part):
-    return [e for row in part for e in row] if isinstance(part[0], list | tuple) else list(part)
+def flat(entries):
+    return ([e for row in entries for e in row] if isinstance(entries[0], list | tuple)
+            else list(entries))
 
 
 def lagrange_integral(nodes, j, upper):
@@ -297,21 +298,21 @@ def independent_tableau(family, s):
 
 @pytest.mark.parametrize(("family", "s"), [("gl", 7), ("liiiab", 8)])
 def test_numeric_entries_are_lagrange_integrals_to_60_digits(family, s):
-    found = numbers(family, s)
+    numeric = numbers(family, s)
     with mpmath.workdps(100):
-        for field, part in independent_tableau(family, s).items():
-            entries = zip(flat(getattr(found, field)), flat(part), strict=True)
+        for field, integrals in independent_tableau(family, s).items():
+            entries = zip(flat(getattr(numeric, field)), flat(integrals), strict=True)
             assert max(abs(a - b) for a, b in entries) < mpmath.mpf("1e-60"), field
 
 
 @every
 def test_numbers_have_the_exact_structure_of_the_step(family, s):
-    """Q̃_0 = q_k, Q̃_p = q_{k+1} and Λ_p only in T2, without round-off."""
-    found = numbers(family, s)
-    assert all(e == 0 for e in found.A_bar[0])
-    assert found.A_bar[-1] == pytest.approx(found.b, rel=1e-55, abs=0)
-    assert all(row[-1] == 0 for row in found.A_tilde)
-    assert (found.c_tilde[0], found.c_tilde[-1]) == (0, 1)
+    """Zeros and ones make Q̃_0 = q_k, Q̃_p = q_{k+1} and Λ_p only in T2, without round-off."""
+    numeric = numbers(family, s)
+    assert all(e == 0 for e in numeric.A_bar[0])
+    assert numeric.A_bar[-1] == pytest.approx(numeric.b, rel=1e-55, abs=0)
+    assert all(row[-1] == 0 for row in numeric.A_tilde)
+    assert (numeric.c_tilde[0], numeric.c_tilde[-1]) == (0, 1)
 
 
 def test_numeric_has_the_digits_asked_for():
@@ -363,12 +364,12 @@ def is_correctly_rounded(rounded, value, bits):
 
 @every
 def test_emitted_numbers_are_the_correctly_rounded_exact_values(family, s):
-    found = numbers(family, s)
+    numeric = numbers(family, s)
     tableau = make(family, s)
     for real in REALS.values():
         rounded = tableau.map_enclosures(real.round)
         for field in FIELDS:
-            entries = zip(flat(rounded[field]), flat(getattr(found, field)), strict=True)
+            entries = zip(flat(rounded[field]), flat(getattr(numeric, field)), strict=True)
             for fraction, number in entries:
                 digits = mpmath.nstr(number, 60, min_fixed=0, max_fixed=0)
                 assert is_correctly_rounded(fraction, Fraction(digits), real.bits)
@@ -407,10 +408,10 @@ def test_rounding_is_to_nearest_and_idempotent_at_any_width(value, bits):
 
 
 def mutated(tableau, field, i, j, change):
-    part = tableau.basis[field]
-    rows = [list(row) for row in part.to_list()]
+    matrix = tableau.basis[field]
+    rows = [list(row) for row in matrix.to_list()]
     rows[i][j] += sp.QQ(*change)
-    changed = type(part)(rows, part.shape, part.domain)
+    changed = type(matrix)(rows, matrix.shape, matrix.domain)
     return dataclasses.replace(tableau, basis=tableau.basis | {field: changed})
 
 

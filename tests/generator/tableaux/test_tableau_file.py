@@ -96,22 +96,22 @@ def test_decimals_are_checked_to_the_digits_they_have(read: Any, digits: int) ->
 
 @pytest.mark.parametrize("weight", ["0.500000001", "0.499999999", "0.5000000001"])
 def test_half_a_unit_is_what_digits_allow(read: Any, weight: str) -> None:
-    """Of one rounded weight among exact entries: a whole unit off is another number."""
+    """A rounded weight a unit off its last digit is another number and breaks the conditions."""
     tableau = read(example() | {"b": [weight, "1/2"]})
     assert tableau.decimal_digits == len(weight) - 2
     assert "B" in failed(tableau)
     assert tableau.order < 4
 
 
-@pytest.mark.parametrize("way", [ROUND_HALF_EVEN, ROUND_FLOOR])
-def test_every_rounding_of_all_entries_is_allowed(read: Any, way: Any) -> None:
-    """Entries cut to nine digits up and down, which is less exact than rounded."""
+@pytest.mark.parametrize("rounding", [ROUND_HALF_EVEN, ROUND_FLOOR])
+def test_every_rounding_of_all_entries_is_allowed(read: Any, rounding: Any) -> None:
+    """Entries rounded to nine digits, or cut, which is less exact, fulfil all conditions."""
 
     def cut(entry: Any) -> Any:
         if isinstance(entry, list):
-            return [cut(one) for one in entry]
+            return [cut(item) for item in entry]
         return entry if not isinstance(entry, str) or "." not in entry else str(
-            Decimal(entry).quantize(Decimal("1e-9"), way))
+            Decimal(entry).quantize(Decimal("1e-9"), rounding))
 
     content = content_of(gauss_lobatto(2), 30)
     assert failed(read(content | {key: cut(content[key]) for key in FIELDS})) == []

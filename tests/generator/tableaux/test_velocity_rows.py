@@ -33,11 +33,11 @@ def test_entries_are_integrals_of_lagrange_polynomials(s):
     with mp.workdps(30):
         for i, row in enumerate(velocity_enclosures(tableau)):
             for j, entry in enumerate(row):
-                found = mp.quad(lambda x, j=j: mp.fprod(
+                integral = mp.quad(lambda x, j=j: mp.fprod(
                     (x - c) / (nodes[j] - c) for k, c in enumerate(nodes) if k != j),
                     [0, nodes[i]])
                 exact = mp.mpf(entry.centre.numerator) / entry.centre.denominator
-                assert abs(found - exact) < mp.mpf(10) ** -25
+                assert abs(integral - exact) < mp.mpf(10) ** -25
 
 
 def test_lobatto_iiiab_has_none():
@@ -46,7 +46,7 @@ def test_lobatto_iiiab_has_none():
 
 
 def continuing(tableau):
-    """Return the matrix that continues Ã: b̃_0 at once, then collocation at inner nodes; b̃ last."""
+    """Return the matrix that continues Ã: b̃_0 first, collocation at inner nodes, b̃ last."""
     nodes = tableau.constraints
     return solve_rows(nodes, nodes, tableau.p - 1, first_weight(nodes, tableau.basis["b_tilde"]))
 
@@ -60,7 +60,7 @@ def test_the_row_that_continues_lacks_conditions(s):
 
 
 def test_orders_with_constraints_of_both_kinds():
-    """The reaction of g at a node turns with the body: its first moment has to be right."""
+    """The reaction of g at a node turns with the body, so its first moment has to be right."""
     step, errors = stepper_of(skate_chain, 2), []
     exact = step.integrate(*SKATE_CHAIN_START, dt=1 / 2000, steps=2000, parameters=SKATE_CHAIN)
     for steps in (10, 20):
