@@ -1,4 +1,4 @@
-"""gs.fit: what made the data is found within its standard deviation, or named as undetermined."""
+"""gs.fit returns parameters within their standard deviations, or names them as undetermined."""
 
 from __future__ import annotations
 
@@ -41,54 +41,54 @@ def pendulum():
     return step, model, run
 
 
-def fit_pendulum(data=None, observe=("x", "y"), free=("l", "g", "start"), guess=None, **more):
+def fit_pendulum(data=None, observe=("x", "y"), free=("l", "g", "start"), guess=None, **options):
     step, model, run = pendulum()
     parameters = dict(model.parameters) | (guess or {"l": 0.6, "g": 8.0})
-    begin = more.pop("start", gs.Start([0.6, 0.01], [0.02, 0.1]))
-    return gs.fit(step, begin, more.pop("times", run.t), run.q if data is None else data,
-                  observe=observe, free=free, parameters=parameters, **{"dt": 0.01} | more)
+    begin = options.pop("start", gs.Start([0.6, 0.01], [0.02, 0.1]))
+    return gs.fit(step, begin, options.pop("times", run.t), run.q if data is None else data,
+                  observe=observe, free=free, parameters=parameters, **{"dt": 0.01} | options)
 
 
-# ---------------------------------------------------------------- what made the data
+# ---------------------------------------------------------------- parameters behind the data
 
 
 def test_a_damped_top_is_found_from_a_far_first_guess():
-    found, true = top_fit(), top().true
-    assert found.converged
-    assert not found.undetermined
-    assert found.rms == pytest.approx(fits.NOISE, rel=0.1)
-    assert found.truncation < 0.01 * fits.NOISE
+    fit, true = top_fit(), top().true
+    assert fit.converged
+    assert not fit.undetermined
+    assert fit.rms == pytest.approx(fits.NOISE, rel=0.1)
+    assert fit.truncation < 0.01 * fits.NOISE
     for name in top().free:
-        assert abs(found.parameters[name] - true[name]) < 3 * found.sigma[name]
-        assert found.sigma[name] < 1e-3 * true[name]
+        assert abs(fit.parameters[name] - true[name]) < 3 * fit.sigma[name]
+        assert fit.sigma[name] < 1e-3 * true[name]
 
 
 @pytest.mark.slow  # statistics of many fits
-@pytest.mark.parametrize(("case", "seeds", "least", "together"), [
+@pytest.mark.parametrize(("case", "seeds", "fewest", "together"), [
     (top, 100, 88, 0.92), (double, 100, 88, 0.93)])
-def test_two_standard_deviations_hold_as_often_as_they_should(case, seeds, least, together):
+def test_two_standard_deviations_hold_as_often_as_they_should(case, seeds, fewest, together):
     """Fewer than 88 of 100 have a probability of 0.1 % where 95.4 are expected."""
-    found = fits.recover(case(), range(seeds))
-    assert not found.failures
-    assert min(found.within().values()) >= least
-    assert sum(found.within().values()) >= together * seeds * len(found.names)
-    assert 0.5 < np.sqrt((found.errors**2).mean()) < 1.3
+    recovery = fits.recover(case(), range(seeds))
+    assert not recovery.failures
+    assert min(recovery.within().values()) >= fewest
+    assert sum(recovery.within().values()) >= together * seeds * len(recovery.names)
+    assert 0.5 < np.sqrt((recovery.errors**2).mean()) < 1.3
 
 
 def test_exact_data_give_exact_parameters():
-    found = fit_pendulum()
-    assert found.rms < 1e-9
-    assert found.parameters["l"] == pytest.approx(0.5, rel=1e-9)
-    assert found.parameters["g"] == pytest.approx(9.81, rel=1e-9)
-    assert found.parameters["m"] == 1.0
-    assert found.q == pytest.approx([0.5, 0.0], abs=1e-9)
+    fit = fit_pendulum()
+    assert fit.rms < 1e-9
+    assert fit.parameters["l"] == pytest.approx(0.5, rel=1e-9)
+    assert fit.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+    assert fit.parameters["m"] == 1.0
+    assert fit.q == pytest.approx([0.5, 0.0], abs=1e-9)
 
 
 def test_the_sign_of_a_quaternion_does_not_matter():
     data = top().data(3)
     data[::3] *= -1
-    found = top().fit(data)
-    assert found.parameters == top_fit().parameters
+    fit = top().fit(data)
+    assert fit.parameters == top_fit().parameters
 
 
 def test_a_start_alone_and_parameters_alone():
@@ -96,9 +96,9 @@ def test_a_start_alone_and_parameters_alone():
     assert start.q == pytest.approx([0.5, 0.0], abs=1e-9)
     assert start.names == ["start[0]", "start[1]"]
     _, model, _ = pendulum()
-    known = fit_pendulum(free="g", guess={"g": 8.0}, start=model)
-    assert known.names == ["g"]
-    assert known.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+    fit = fit_pendulum(free="g", guess={"g": 8.0}, start=model)
+    assert fit.names == ["g"]
+    assert fit.parameters["g"] == pytest.approx(9.81, rel=1e-9)
 
 
 def test_a_fit_with_inputs():
@@ -107,37 +107,37 @@ def test_a_fit_with_inputs():
     rows = np.random.default_rng(1).normal(size=(30, 2))
     run = step.integrate(case.q, case.p, dt=0.02, steps=60, inputs=gs.Inputs(rows, hold=2),
                          parameters={"k": 2.0})
-    found = gs.fit(step, gs.Start(case.q, case.p, {"k": 1.7}), run.t[4::4], run.q[4::4],
-                   observe=("x", "y"), free="k", dt=0.02, inputs=gs.Inputs(rows, hold=2))
-    assert found.parameters["k"] == pytest.approx(2.0, rel=1e-9)
+    fit = gs.fit(step, gs.Start(case.q, case.p, {"k": 1.7}), run.t[4::4], run.q[4::4],
+                 observe=("x", "y"), free="k", dt=0.02, inputs=gs.Inputs(rows, hold=2))
+    assert fit.parameters["k"] == pytest.approx(2.0, rel=1e-9)
 
 
-# ---------------------------------------------------------------- what the data do not determine
+# ---------------------------------------------------------------- undetermined directions
 
 
 def test_a_common_factor_is_named_and_not_inverted():
-    found = top().fit(top().data(3), free=["I1", "I2", "I3", "mgl", "c", "start"])
-    (one,) = found.undetermined
-    assert set(one) == {"I1", "I2", "I3", "mgl", "c", "start"}
-    assert list(one.values()) == pytest.approx([1.0] * 6, abs=1e-3)
-    assert "common factor" in repr(found)
-    assert found.rms == pytest.approx(top_fit().rms, rel=1e-4)
-    assert np.isfinite(found.covariance).all()
+    fit = top().fit(top().data(3), free=["I1", "I2", "I3", "mgl", "c", "start"])
+    (combination,) = fit.undetermined
+    assert set(combination) == {"I1", "I2", "I3", "mgl", "c", "start"}
+    assert list(combination.values()) == pytest.approx([1.0] * 6, abs=1e-3)
+    assert "common factor" in repr(fit)
+    assert fit.rms == pytest.approx(top_fit().rms, rel=1e-4)
+    assert np.isfinite(fit.covariance).all()
     for name in ("I1", "I2", "I3", "mgl", "c"):
-        assert found.sigma[name] == np.inf
+        assert fit.sigma[name] == np.inf
     true, fixed = top().true, top_fit()
     for name in ("I1", "I2", "I3", "c"):
-        ratio = found.parameters[name] / found.parameters["mgl"] * true["mgl"]
+        ratio = fit.parameters[name] / fit.parameters["mgl"] * true["mgl"]
         assert abs(ratio - fixed.parameters[name]) < 0.1 * fixed.sigma[name]
 
 
 def test_what_has_no_effect_and_products_are_named():
-    found = fit_pendulum(free=["m", "l", "g", "start"])
-    (one,) = found.undetermined
-    assert one == pytest.approx({"m": 1.0}, abs=1e-6)  # without the start, which is at rest
-    assert found.sigma["m"] == np.inf
-    assert found.sigma["l"] < 1e-6
-    assert found.parameters["g"] == pytest.approx(9.81, rel=1e-9)
+    fit = fit_pendulum(free=["m", "l", "g", "start"])
+    (combination,) = fit.undetermined
+    assert combination == pytest.approx({"m": 1.0}, abs=1e-6)  # without the start, which is at rest
+    assert fit.sigma["m"] == np.inf
+    assert fit.sigma["l"] < 1e-6
+    assert fit.parameters["g"] == pytest.approx(9.81, rel=1e-9)
 
 
 @pytest.mark.parametrize("first", [0.0, 1e-4])
@@ -146,14 +146,14 @@ def test_a_damping_that_is_none_is_determined(first):
     q, p = step.project(top().q, top().p, parameters=parameters)
     run = step.integrate(q, p, dt=5e-3, steps=240, every=4, parameters=parameters)
     noise = fits.NOISE * np.random.default_rng(0).normal(size=(60, 3))
-    found = top().fit(fits.turned(run.q[1:], noise), parameters=parameters | {"c": first},
-                      free=["c", "start"])
-    assert not found.undetermined
-    assert abs(found.parameters["c"]) < 4 * found.sigma["c"] < 1e-5
+    fit = top().fit(fits.turned(run.q[1:], noise), parameters=parameters | {"c": first},
+                    free=["c", "start"])
+    assert not fit.undetermined
+    assert abs(fit.parameters["c"]) < 4 * fit.sigma["c"] < 1e-5
 
 
 def test_directions_without_effect_take_no_degree_of_freedom():
-    """From rest m moves nothing: deviations are those of a fit of the other parameters."""
+    """From rest m moves nothing: deviations equal the ones of a fit of the other parameters."""
     _, model, run = pendulum()
     data = run.q[:6] + 1e-3 * np.random.default_rng(3).normal(size=(6, 2))
     two, three = (fit_pendulum(data, times=run.t[:6], free=free,
@@ -164,18 +164,18 @@ def test_directions_without_effect_take_no_degree_of_freedom():
 
 def test_fewer_residuals_than_unknowns():
     step, model, run = pendulum()
-    found = gs.fit(step, model, run.t[1:2], run.q[1:2], observe="q", dt=0.01,
-                   free=["l", "g", "start"])
-    assert len(found.undetermined) == 2
-    one = gs.fit(step, model, run.t[1:2], run.q[1:2, 0], observe="x", dt=0.01, free=["l"])
-    assert one.residuals.shape == (1, 1)
+    fit = gs.fit(step, model, run.t[1:2], run.q[1:2], observe="q", dt=0.01,
+                 free=["l", "g", "start"])
+    assert len(fit.undetermined) == 2
+    fit_of_x = gs.fit(step, model, run.t[1:2], run.q[1:2, 0], observe="x", dt=0.01, free=["l"])
+    assert fit_of_x.residuals.shape == (1, 1)
 
 
-# ---------------------------------------------------------------- what is observed
+# ---------------------------------------------------------------- observations
 
 
 def test_a_function_is_observed_with_its_derivatives():
-    """The third axis of the top, as a function, and the same coordinates by name and function."""
+    """The third axis of the top is observed as a function, a height also by name."""
     def axis(q, p):
         units = np.eye(4)
         by_q = np.stack([(rotation_matrix(q + 1e-3 * e) - rotation_matrix(q - 1e-3 * e))[..., 2]
@@ -183,17 +183,17 @@ def test_a_function_is_observed_with_its_derivatives():
         return rotation_matrix(q)[..., 2], by_q, np.zeros_like(by_q)
 
     data = rotation_matrix(top().attitudes)[..., 2]
-    found = top().fit(data, observe=axis, free=["c", "start"], parameters=top().true)
-    assert found.parameters["c"] == pytest.approx(4e-4, rel=1e-5)
-    assert found.converged
+    fit = top().fit(data, observe=axis, free=["c", "start"], parameters=top().true)
+    assert fit.parameters["c"] == pytest.approx(4e-4, rel=1e-5)
+    assert fit.converged
 
     def height(q, p):
         return q[:, 1], np.eye(2)[None, 1] + np.zeros((len(q), 1)), np.zeros((len(q), 2))
 
     _, _, run = pendulum()
-    made = fit_pendulum(run.q[:, 1], observe=height)
-    named = fit_pendulum(run.q[:, 1], observe="y")
-    assert made.parameters == named.parameters
+    by_function = fit_pendulum(run.q[:, 1], observe=height)
+    by_name = fit_pendulum(run.q[:, 1], observe="y")
+    assert by_function.parameters == by_name.parameters
 
 
 def test_angular_velocities_are_observed():
@@ -204,11 +204,11 @@ def test_angular_velocities_are_observed():
     begin = gs.Start(problem.q0, 0.97 * problem.p0)
     fit = partial(gs.fit, step, begin, run.t, dt=1e-3,
                   parameters=run.parameters | {"I3": 0.95 * problem.inertia[2]})
-    known = fit(np.concatenate([run.p[:, :2], omega, run.body().attitude], axis=1),
-                free=["I3", "start"], observe=["p0", "p1", "body angular_velocity", "attitude"])
-    assert known.converged
-    assert known.parameters["I3"] == pytest.approx(problem.inertia[2], rel=1e-8)
-    assert known.p == pytest.approx(problem.p0, abs=1e-8 * np.abs(problem.p0).max())
+    estimate = fit(np.concatenate([run.p[:, :2], omega, run.body().attitude], axis=1),
+                   free=["I3", "start"], observe=["p0", "p1", "body angular_velocity", "attitude"])
+    assert estimate.converged
+    assert estimate.parameters["I3"] == pytest.approx(problem.inertia[2], rel=1e-8)
+    assert estimate.p == pytest.approx(problem.p0, abs=1e-8 * np.abs(problem.p0).max())
     with refused("angular_velocity.*mean"):
         fit(omega, observe="angular_velocty")
 
@@ -264,10 +264,10 @@ def test_residuals_of_angular_velocities_have_the_slopes_of_differences(entries)
 
 def test_coordinates_and_momenta_are_observed_together():
     _, _, run = pendulum()
-    found = fit_pendulum(np.concatenate([run.p, run.q[:, :1]], axis=1), observe=["p", "x"],
-                         free=["m", "l", "g", "start"], guess={"m": 1.5})
-    assert not found.undetermined
-    assert found.parameters["m"] == pytest.approx(1.0, rel=1e-9)
+    fit = fit_pendulum(np.concatenate([run.p, run.q[:, :1]], axis=1), observe=["p", "x"],
+                       free=["m", "l", "g", "start"], guess={"m": 1.5})
+    assert not fit.undetermined
+    assert fit.parameters["m"] == pytest.approx(1.0, rel=1e-9)
 
 
 def test_horizons_may_begin_with_one_sample():
@@ -277,9 +277,9 @@ def test_horizons_may_begin_with_one_sample():
 
 def test_noise_that_is_known_scales_the_covariance():
     data = top().data(3)
-    known = top().fit(data, sigma=1e-3)
-    assert known.parameters["c"] == pytest.approx(top_fit().parameters["c"], rel=1e-6)
-    ratio = top_fit().sigma["c"] / known.sigma["c"]
+    fit = top().fit(data, sigma=1e-3)
+    assert fit.parameters["c"] == pytest.approx(top_fit().parameters["c"], rel=1e-6)
+    ratio = top_fit().sigma["c"] / fit.sigma["c"]
     count = top_fit().residuals.size
     assert ratio == pytest.approx(top_fit().rms * np.sqrt(count / (count - 10)) / 1e-3, rel=1e-3)
 
@@ -401,10 +401,10 @@ def test_a_small_part_of_an_undetermined_combination_has_its_own_deviation():
     direction = np.array([1.0, 0.1]) / np.hypot(1, 0.1)
     across = direction[::-1] * [-1, 1]
     J = np.stack([0.7 * direction, 1000 * across])
-    held = identify(Linear(np.zeros(2), J, np.ones(2)), 1.0)
-    assert held.null.shape == (2, 1)
-    assert held.variances[0] == np.inf
-    assert np.sqrt(held.variances[1]) == pytest.approx(0.1 / np.hypot(1, 0.1) / 0.7, rel=1e-4)
+    directions = identify(Linear(np.zeros(2), J, np.ones(2)), 1.0)
+    assert directions.null.shape == (2, 1)
+    assert directions.variances[0] == np.inf
+    assert np.sqrt(directions.variances[1]) == pytest.approx(0.1 / np.hypot(1, 0.1) / 0.7, rel=1e-4)
     exact = identify(Linear(np.zeros(2), J * [[0], [1]], np.ones(2)), 1.0)
     assert np.all(np.isinf(exact.variances))
 
@@ -416,18 +416,18 @@ SUMS = ROWS @ [3.0, -2.0] + [0.3, -0.2, 0.1, 0.7]
 
 @pytest.mark.parametrize("longest", [np.inf, 0.05])
 def test_steps_are_no_longer_than_they_may_be(longest):
-    """To the solution of the normal equations, in steps of the largest length where it is far."""
+    """Steps end at the solution of the normal equations, at the largest length where it is far."""
     lengths = []
 
     def moved(x, y):
         lengths.append(np.linalg.norm(y))
         return x + y
 
-    found = minimise(
+    minimum = minimise(
         np.array([3.3, -1.7]), lambda x: ROWS @ x - SUMS,
         lambda x: Linear(ROWS @ x - SUMS, ROWS, np.ones(2)), moved,
         lambda x, y: np.linalg.norm(y) / longest, tolerance=1e-20, iteration_limit=60)
-    assert found.converged
-    assert np.abs(found.point - np.linalg.solve(ROWS.T @ ROWS, ROWS.T @ SUMS)).max() < 1e-9
+    assert minimum.converged
+    assert np.abs(minimum.point - np.linalg.solve(ROWS.T @ ROWS, ROWS.T @ SUMS)).max() < 1e-9
     assert max(lengths) <= longest * (1 + 1e-15)
     assert lengths[:4] == pytest.approx(lengths[:1] * 4) or longest == np.inf

@@ -34,79 +34,81 @@ def released(a: float, b: float, step: gs.Stepper | None = None):
 
 def test_saddle():
     """Exponents ±1; their vectors are along (x, u) = (1, ±1)."""
-    found = by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE, dt=0.01,
-                     steps=4000, every=10, covariant=True)
-    later = found.running[-1] * found.times[-1] - found.running[199] * found.times[199]
-    rates = later / (found.times[-1] - found.times[199])  # without the first seconds
+    spectrum = by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE, dt=0.01,
+                        steps=4000, every=10, covariant=True)
+    later = spectrum.running[-1] * spectrum.times[-1] - spectrum.running[199] * spectrum.times[199]
+    rates = later / (spectrum.times[-1] - spectrum.times[199])  # without the first seconds
     assert np.abs(rates - [1, -1]).max() < 1e-9  # of order 4
-    assert found.pairing < 1e-13
-    assert abs(found.ftle - 1) < 1e-8  # the flow is symmetric, of norm e^t
-    slopes = found.covariant[200, 2] / found.covariant[200, 0]
+    assert spectrum.pairing < 1e-13
+    assert abs(spectrum.ftle - 1) < 1e-8  # the flow is symmetric, of norm e^t
+    slopes = spectrum.covariant[200, 2] / spectrum.covariant[200, 0]
     assert np.abs(slopes - [1, -1]).max() < 1e-7
 
 
 def test_small_oscillations():
     """Periods are equal, so that directions do not even grow linearly."""
-    found = gs.lyapunov(systems.differentiable("pendulum"), [1e-4, -np.sqrt(1 - 1e-8)], [0.0, 0.0],
-                        dt=0.05, steps=4000, every=50, parameters={"m": 1.0, "g": 2.0, "l": 1.0})
-    assert np.abs(found.exponents).max() < 5e-3
-    assert abs(found.megno) < 0.1
-    assert found.symplectic_defect < 1e-13
+    spectrum = gs.lyapunov(systems.differentiable("pendulum"), [1e-4, -np.sqrt(1 - 1e-8)],
+                           [0.0, 0.0], dt=0.05, steps=4000, every=50,
+                           parameters={"m": 1.0, "g": 2.0, "l": 1.0})
+    assert np.abs(spectrum.exponents).max() < 5e-3
+    assert abs(spectrum.megno) < 0.1
+    assert spectrum.symplectic_defect < 1e-13
 
 
 def test_damping_contracts_volume():
     """The sum of the exponents of x'' = −k x − c x' is the rate of the volume, −c."""
     values = systems.case("driven_oscillator").parameters
-    found = gs.lyapunov(systems.differentiable("driven_oscillator"), [0.0], [0.0], dt=0.02,
-                        steps=1000, parameters=values)
-    assert abs(found.volume_rate + values["c"]) < 1e-9  # of the form, ½ log det
-    assert abs(found.exponents.sum() + values["c"]) < 1e-9
+    spectrum = gs.lyapunov(systems.differentiable("driven_oscillator"), [0.0], [0.0], dt=0.02,
+                           steps=1000, parameters=values)
+    assert abs(spectrum.volume_rate + values["c"]) < 1e-9  # of the form, ½ log det
+    assert abs(spectrum.exponents.sum() + values["c"]) < 1e-9
 
 
 def test_regular_motion():
-    """A large oscillation of a plane pendulum: 0 within errors, MEGNO 2."""
-    found = gs.lyapunov(systems.differentiable("pendulum"), [np.sin(2.9), -np.cos(2.9)], [0, 0],
-                        dt=0.05, steps=8000, every=40, parameters={"m": 1.0, "g": 1.0, "l": 1.0})
-    assert np.all(np.abs(found.exponents) < 3 * found.errors)
-    assert found.exponents[0] < 0.02
-    assert abs(found.megno - 2) < 0.25
-    assert found.pairing < 1e-13
+    """A large oscillation of a plane pendulum has exponents of 0 within errors, and MEGNO 2."""
+    spectrum = gs.lyapunov(systems.differentiable("pendulum"), [np.sin(2.9), -np.cos(2.9)], [0, 0],
+                           dt=0.05, steps=8000, every=40, parameters={"m": 1.0, "g": 1.0, "l": 1.0})
+    assert np.all(np.abs(spectrum.exponents) < 3 * spectrum.errors)
+    assert spectrum.exponents[0] < 0.02
+    assert abs(spectrum.megno - 2) < 0.25
+    assert spectrum.pairing < 1e-13
 
 
 @pytest.mark.slow  # thousands of steps of a stepper with three stages
 @pytest.mark.parametrize(("every", "steps"), [(40, 1500), (1, 6000), (40, 6000)])
 def test_chaotic_pendulum_is_paired(every, steps):
-    """Pairs at any time, though no exponent has converged; the volume is measured without R."""
-    found = gs.lyapunov(pendulum(stages=3), *released(2, 2), dt=0.01, steps=steps, every=every,
-                        parameters=PARAMETERS)
-    assert found.pairing < 1e-12
-    assert np.abs(found.running + found.running[:, ::-1]).max() < 1e-10
-    assert abs(found.volume_rate) < 1e-13
-    assert found.symplectic_defect < 1e-13
-    assert found.exponents[0] > 0.5
+    """Exponents are paired at any time, though none has converged; the volume needs no R."""
+    spectrum = gs.lyapunov(pendulum(stages=3), *released(2, 2), dt=0.01, steps=steps, every=every,
+                           parameters=PARAMETERS)
+    assert spectrum.pairing < 1e-12
+    assert np.abs(spectrum.running + spectrum.running[:, ::-1]).max() < 1e-10
+    assert abs(spectrum.volume_rate) < 1e-13
+    assert spectrum.symplectic_defect < 1e-13
+    assert spectrum.exponents[0] > 0.5
     if steps == 6000:
-        assert abs(found.exponents[0] - 1.265) < 2 * found.errors[0] < 0.4  # in a Euclidean norm
-        assert abs(found.exponents[1]) < 2 * found.errors[1]
-        assert found.megno == pytest.approx(0.5 * 60 * found.exponents[0], rel=0.2)
-        assert found.ftle > found.exponents[0]
+        # 1.265 in a Euclidean norm
+        assert abs(spectrum.exponents[0] - 1.265) < 2 * spectrum.errors[0] < 0.4
+        assert abs(spectrum.exponents[1]) < 2 * spectrum.errors[1]
+        assert spectrum.megno == pytest.approx(0.5 * 60 * spectrum.exponents[0], rel=0.2)
+        assert spectrum.ftle > spectrum.exponents[0]
 
 
 def test_first_exponents_alone():
-    """With count directions are the same ones."""
+    """Runs with fewer directions have the first exponents of a run with all directions."""
     arguments = {"dt": 0.01, "steps": 500, "parameters": PARAMETERS}
-    every, some = (gs.lyapunov(pendulum(), *released(2, 2), count=count, **arguments)
+    full, first = (gs.lyapunov(pendulum(), *released(2, 2), count=count, **arguments)
                    for count in (None, 2))
-    assert np.abs(every.exponents[:2] - some.exponents).max() < 1e-12
-    assert np.isnan(some.pairing)
-    assert np.isnan(some.volume_rate)
+    assert np.abs(full.exponents[:2] - first.exponents).max() < 1e-12
+    assert np.isnan(first.pairing)
+    assert np.isnan(first.volume_rate)
 
 
 def test_covariant_vectors_follow_the_run():
-    """The derivative of the run takes each to a multiple of the later one."""
+    """The derivative of the run takes each vector to a multiple of the later one."""
     step, (q, p) = pendulum(), released(2, 2)
-    found = gs.lyapunov(step, q, p, dt=0.01, steps=2000, parameters=PARAMETERS, covariant=True)
+    spectrum = gs.lyapunov(step, q, p, dt=0.01, steps=2000, parameters=PARAMETERS, covariant=True)
     run = step.integrate(q, p, dt=0.01, steps=2000, every=10, parameters=PARAMETERS)
-    V = found.covariant
+    V = spectrum.covariant
     for row in (0, 80):
         ahead = step.integrate(run.q[row], run.p[row], dt=0.01, steps=200, every=200,
                                parameters=PARAMETERS, tangents=gs.Tangents(start=V[row]))
@@ -117,7 +119,7 @@ def test_covariant_vectors_follow_the_run():
 
 
 def test_frame_is_unitary():
-    """Ω is J, orthogonal and skew; coordinates of directions are those that made them."""
+    """Ω is J, orthogonal and skew; directions have the coordinates from which they were built."""
     step, (q, p) = pendulum(), released(0.5, 2)
     frame = UnitaryFrame(step._derivative_binding(), PARAMETERS, 0.0, q, p)
     J, unit = frame.J, np.eye(4)
@@ -133,14 +135,14 @@ def test_frame_is_unitary():
 
 def test_progress_and_display():
     done = []
-    found = gs.lyapunov(pendulum(), *released(2, 2), dt=0.01, steps=1200, parameters=PARAMETERS,
-                        progress=done.append)
+    spectrum = gs.lyapunov(pendulum(), *released(2, 2), dt=0.01, steps=1200, parameters=PARAMETERS,
+                           progress=done.append)
     assert done[-1] == 1200
     assert done == sorted(done)
-    assert f"{found.exponents[0]:.4g}" in repr(found)
-    above, below = found.plot().axes
-    assert [line.get_ydata()[-1] for line in above.get_lines()[:4]] == found.exponents.tolist()
-    assert below.get_lines()[0].get_ydata()[-1] == found.megno
+    assert f"{spectrum.exponents[0]:.4g}" in repr(spectrum)
+    above, below = spectrum.plot().axes
+    assert [line.get_ydata()[-1] for line in above.get_lines()[:4]] == spectrum.exponents.tolist()
+    assert below.get_lines()[0].get_ydata()[-1] == spectrum.megno
     assert (above.get_ylabel(), below.get_xlabel()) == ("exponents so far [1/s]", "t [s]")
 
 
@@ -185,60 +187,60 @@ def test_a_state_without_a_finite_energy_is_refused():
 ])
 def test_bad_input(change, word):
     q, p = released(2, 2)
-    given = {"q": q, "p": p, "dt": 0.01, "steps": 100, "parameters": PARAMETERS} | change
+    arguments = {"q": q, "p": p, "dt": 0.01, "steps": 100, "parameters": PARAMETERS} | change
     with pytest.raises(gs.InputError, match=word):
-        by_names(gs.lyapunov, pendulum(), **given)
+        by_names(gs.lyapunov, pendulum(), **arguments)
 
 
 #: A period 10 % above that of small oscillations in phase, in 160 steps.
 DT = 1.1 * 2 * np.pi / np.sqrt(9.81 * (2 - np.sqrt(2))) / 160
 
 
-def orbit(step=None, dt=DT, steps=160, parameters=PARAMETERS, **how):
+def orbit(step=None, dt=DT, steps=160, parameters=PARAMETERS, **options):
     step = step or pendulum()
     return gs.periodic_orbit(step, *released(1.0, 1.4142 * 0.95, step), dt=dt, steps=steps,
-                             parameters=parameters, **how)
+                             parameters=parameters, **options)
 
 
-def closed(found):
-    """Whether a run of the orbit ends where it began."""
-    run = found.run(2, every=found.steps)
+def closed(cycle):
+    """Return the largest departure from the start after one period and after two."""
+    run = cycle.run(2, every=cycle.steps)
     return max(np.abs(run.q[1:] - run.q[0]).max(), np.abs(run.p[1:] - run.p[0]).max())
 
 
 def test_energy():
-    """1e-14 after five iterations that double the digits; multipliers on the unit circle."""
+    """Five iterations reach 1e-14, each doubles the digits; multipliers lie on the unit circle."""
     done = []
-    found = orbit(dt=DT / 5, steps=800, progress=done.append)
+    cycle = orbit(dt=DT / 5, steps=800, progress=done.append)
     q, p = released(1.0, 1.4142 * 0.95)
-    assert found.iterations == 5
+    assert cycle.iterations == 5
     assert done == [*range(6)]
-    assert found.residuals[-1] < 1e-14
-    assert all(after < before**1.5 for before, after in zip(found.residuals[1:-2],
-                                                           found.residuals[2:-1], strict=True))
-    assert np.abs(found.multipliers[:2] - [-0.98739271 + 0.15828973j,
+    assert cycle.residuals[-1] < 1e-14
+    assert all(after < before**1.5 for before, after in zip(cycle.residuals[1:-2],
+                                                           cycle.residuals[2:-1], strict=True))
+    assert np.abs(cycle.multipliers[:2] - [-0.98739271 + 0.15828973j,
                                            -0.98739271 - 0.15828973j]).max() < 1e-8
-    assert np.abs(found.multipliers[2:] - 1).max() < 1e-6
-    assert found.symplectic_defect < 1e-14
-    energy = pendulum().energy([q, found.q], [p, found.p], parameters=PARAMETERS)
+    assert np.abs(cycle.multipliers[2:] - 1).max() < 1e-6
+    assert cycle.symplectic_defect < 1e-14
+    energy = pendulum().energy([q, cycle.q], [p, cycle.p], parameters=PARAMETERS)
     assert abs(energy[1] - energy[0]) < 1e-13
-    assert float(found.period) == pytest.approx(2.80500369297318, abs=1e-9)  # of order 4
-    assert closed(found) < 1e-13
-    assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
-    assert "2.805" in repr(found)
-    assert "2.805" in found._repr_html_()
-    left, right = found.plot().axes
-    assert left.get_xlabel() == "t [s]"
-    assert all(abs(np.ptp(line.get_ydata()[[0, -1]])) < 1e-13 for line in left.get_lines())
-    points = right.collections[0].get_offsets()
-    assert np.abs(points @ [1, 1j] - found.multipliers).max() < 1e-15
+    assert float(cycle.period) == pytest.approx(2.80500369297318, abs=1e-9)  # of order 4
+    assert closed(cycle) < 1e-13
+    assert np.prod(cycle.multipliers) == pytest.approx(1, abs=1e-12)
+    assert "2.805" in repr(cycle)
+    assert "2.805" in cycle._repr_html_()
+    motion, multipliers = cycle.plot().axes
+    assert motion.get_xlabel() == "t [s]"
+    assert all(abs(np.ptp(line.get_ydata()[[0, -1]])) < 1e-13 for line in motion.get_lines())
+    points = multipliers.collections[0].get_offsets()
+    assert np.abs(points @ [1, 1j] - cycle.multipliers).max() < 1e-15
 
 
 @pytest.mark.parametrize("fix", ["period", "x1"])
 def test_others_of_the_family(fix):
-    found, (q, _) = orbit(fix=fix), released(1.0, 1.4142 * 0.95)
-    assert closed(found) < 1e-13
-    assert (found.dt == DT) if fix == "period" else abs(found.q[0] - q[0]) < 1e-13
+    cycle, (q, _) = orbit(fix=fix), released(1.0, 1.4142 * 0.95)
+    assert closed(cycle) < 1e-13
+    assert (cycle.dt == DT) if fix == "period" else abs(cycle.q[0] - q[0]) < 1e-13
 
 
 @pytest.mark.parametrize(("free", "value"), [("l", 1.1082591), ("g", 9.2234015)])
@@ -252,10 +254,10 @@ def test_free_parameter(free, value):
 
 
 def test_large_steps():
-    """A discrete family is pairs of orbits: with 18 steps one of them is found, and is a saddle."""
-    found = orbit(dt=160 / 18 * DT, steps=18)
-    assert found.residuals[-1] < 1e-13
-    product = found.multipliers[np.abs(found.multipliers.imag) < 1e-9].real
+    """A discrete family is pairs of orbits: with 18 steps the search ends at a saddle."""
+    cycle = orbit(dt=160 / 18 * DT, steps=18)
+    assert cycle.residuals[-1] < 1e-13
+    product = cycle.multipliers[np.abs(cycle.multipliers.imag) < 1e-9].real
     assert len(product) == 2
     assert product.max() > 1.01
     assert product.prod() == pytest.approx(1, abs=1e-9)
@@ -263,17 +265,17 @@ def test_large_steps():
 
 @pytest.mark.slow  # a stepper and its derivatives
 def test_a_scheme_that_does_not_keep_the_momentum_constraint():
-    found = orbit(pendulum("EMS", None))
-    assert found.iterations <= 6
-    assert found.residuals[-1] < 1e-13
+    cycle = orbit(pendulum("EMS", None))
+    assert cycle.iterations <= 6
+    assert cycle.residuals[-1] < 1e-13
 
 
 @pytest.mark.slow  # three seconds in float128
 def test_many_digits():
     """In float128 iterations go on to where the orbits of the discrete family differ."""
-    found = orbit(pendulum(stages=3, real="float128"))
-    assert found.residuals[-1] < 1e-25
-    assert np.abs(found.multipliers[:2].real + 0.98739271).max() < 1e-7
+    cycle = orbit(pendulum(stages=3, real="float128"))
+    assert cycle.residuals[-1] < 1e-25
+    assert np.abs(cycle.multipliers[:2].real + 0.98739271).max() < 1e-7
 
 
 def test_limit_cycle():
@@ -282,12 +284,12 @@ def test_limit_cycle():
     system = gs.System((q,), (p,), (mu,), (p**2 + q**2) / 2, forces=[mu * (1 - q**2) * p],
                        name="van_der_pol")
     step = gs.stepper("G-L", 2, system=system)
-    found = gs.periodic_orbit(step, [2.0], [0.0], dt=6.5 / 400, steps=400, parameters={"mu": 1.0},
+    cycle = gs.periodic_orbit(step, [2.0], [0.0], dt=6.5 / 400, steps=400, parameters={"mu": 1.0},
                               fix=None)
-    assert float(found.period) == pytest.approx(6.66328686, abs=1e-7)  # Andersen, Geer 1982
-    assert closed(found) < 1e-12
-    assert found.multipliers[0] == pytest.approx(1, abs=1e-9)
-    assert 0 < found.multipliers[1].real < 1e-3
+    assert float(cycle.period) == pytest.approx(6.66328686, abs=1e-7)  # Andersen, Geer 1982
+    assert closed(cycle) < 1e-12
+    assert cycle.multipliers[0] == pytest.approx(1, abs=1e-9)
+    assert 0 < cycle.multipliers[1].real < 1e-3
 
 
 def test_driven_oscillator():
@@ -296,17 +298,17 @@ def test_driven_oscillator():
         "driven_oscillator").parameters
     k, c, f, omega = (values[name] for name in ("k", "c", "f", "omega"))
     arguments = {"dt": 2 * np.pi / omega / 200, "steps": 200, "parameters": values}
-    found = gs.periodic_orbit(step, [0.0], [0.0], fix="period", **arguments)
+    cycle = gs.periodic_orbit(step, [0.0], [0.0], fix="period", **arguments)
     exact = f / (k - omega**2 + 1j * c * omega)
-    assert found.q[0] == pytest.approx(exact.real, abs=1e-8)
-    assert found.p[0] == pytest.approx((1j * omega * exact).real, abs=1e-8)
-    assert np.abs(found.multipliers) == pytest.approx(np.exp(-c * np.pi / omega), abs=1e-9)
+    assert cycle.q[0] == pytest.approx(exact.real, abs=1e-8)
+    assert cycle.p[0] == pytest.approx((1j * omega * exact).real, abs=1e-8)
+    assert np.abs(cycle.multipliers) == pytest.approx(np.exp(-c * np.pi / omega), abs=1e-9)
     with pytest.raises(gs.InputError, match="period"):
         gs.periodic_orbit(step, [0.0], [0.0], **arguments)
 
 
 def test_no_orbit():
-    """What was reached is in the message."""
+    """The message has the number of iterations, or names the equilibrium that was reached."""
     with pytest.raises(gs.GyrosparkError, match="1 iterations"):
         orbit(max_iterations=1)
     with pytest.raises(gs.GyrosparkError, match="equilibrium"):
