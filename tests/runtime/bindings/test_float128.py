@@ -127,8 +127,8 @@ def test_literals_and_coefficients_are_correctly_rounded():
     assert binary128.exact(binary128.quad(value)) == round_binary(Fraction(1, 3), 113)
     compiled = step.binding.coefficients()
     exact = np.ravel(np.array(tableau_of("G-L", 2).A, dtype=object))
-    wanted = [round_binary(binary128.exact(x), 113) for x in exact]
-    assert all(w in compiled for w in wanted)
+    expected = [round_binary(binary128.exact(x), 113) for x in exact]
+    assert all(number in compiled for number in expected)
 
 
 @pytest.mark.parametrize("method", [
@@ -169,7 +169,7 @@ def test_order_is_twice_the_stages(stages):
 
 
 def test_constraints_hold_to_round_off_and_the_manifest_says_float128(monkeypatch):
-    """Of a run that is stored across chunks."""
+    """The run is stored across chunks."""
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 10)
     step = stepper("G-L", 2)
     run = step.integrate(*start(step), dt=2.0**-6, steps=200, every=7, parameters=TOP)
@@ -185,7 +185,7 @@ def test_constraints_hold_to_round_off_and_the_manifest_says_float128(monkeypatc
     assert largest(run.g_errors) <= 4 * EPS
 
 
-@pytest.mark.parametrize(("q", "said"), [
+@pytest.mark.parametrize(("q", "message"), [
     ([1, 0, 0], "shape"),
     ([1, 0, 0, float("nan")], "not finite"),
     ([1, 0, 0, mp.inf], "not finite"),
@@ -193,8 +193,8 @@ def test_constraints_hold_to_round_off_and_the_manifest_says_float128(monkeypatc
     ([1, 0, 0, "0"], "real numbers"),
     ([1, 0, 0, mp.mpc(0, 1)], "real numbers"),
 ])
-def test_unusable_states(q, said):
-    with pytest.raises(InputError, match=said):
+def test_unusable_states(q, message):
+    with pytest.raises(InputError, match=message):
         stepper("G-L", 2).step(q, [0, 1, 0, 0], dt=0.1, parameters=TOP)
 
 

@@ -1,4 +1,4 @@
-"""One stepper for many threads and processes: the same bits, no leak, no harm by who gives up."""
+"""One stepper for many threads and processes: the same bits, no leak, no harm by an interrupt."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ THREADS = 16
 
 def run_of(name: str, shift: int = 0, steps: int = 60) -> gs.Trajectory:
     """Return a run; different shifts are different runs."""
-    what = case(name)
-    return what.step.integrate(what.q, what.p, dt=1e-3 * (1 + shift / 128), steps=steps,
-                               parameters=what.parameters)
+    setup = case(name)
+    return setup.step.integrate(setup.q, setup.p, dt=1e-3 * (1 + shift / 128), steps=steps,
+                                parameters=setup.parameters)
 
 
 def bits(run: gs.Trajectory) -> list[bytes]:
@@ -32,9 +32,9 @@ def bits(run: gs.Trajectory) -> list[bytes]:
     pytest.param(name, marks=[pytest.mark.slow] * (name in ("ims", "ems", "beads", "chain")))
     for name in NAMES])
 def test_threads_on_one_stepper_give_the_bits_of_one(name):
-    """As many threads, each with a run of its own, started together: no memory is shared."""
-    wanted = [bits(run_of(name, shift)) for shift in range(THREADS)]
-    assert wanted[0] != wanted[1]
+    """Threads share no memory: they start together, each with a run of its own."""
+    expected = [bits(run_of(name, shift)) for shift in range(THREADS)]
+    assert expected[0] != expected[1]
     together = threading.Barrier(THREADS)
 
     def work(shift: int) -> list[bytes]:
@@ -42,34 +42,34 @@ def test_threads_on_one_stepper_give_the_bits_of_one(name):
         return bits(run_of(name, shift))
 
     with ThreadPoolExecutor(THREADS) as pool:
-        assert list(pool.map(work, range(THREADS))) == wanted
+        assert list(pool.map(work, range(THREADS))) == expected
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failures_in_threads_are_each_their_own():
-    """Runs that fail and runs that do not, side by side: each fails as it does alone."""
-    what = case("gl3")
+    """Each run in a thread fails as it does alone, beside runs that do not fail."""
+    setup = case("gl3")
 
     def outcome(shift: int) -> object:
         try:
-            return bits(what.step.integrate(what.q, what.p, dt=2e-3 * (1 + 4 * shift), steps=40,
-                                            parameters=what.parameters))
+            return bits(setup.step.integrate(setup.q, setup.p, dt=2e-3 * (1 + 4 * shift), steps=40,
+                                             parameters=setup.parameters))
         except gs.StepFailed as error:
             return error.step, error.reason, bits(error.trajectory)
 
-    wanted = [outcome(shift) for shift in range(THREADS)]
-    assert {type(x) for x in wanted} == {list, tuple}
+    expected = [outcome(shift) for shift in range(THREADS)]
+    assert {type(x) for x in expected} == {list, tuple}
     with ThreadPoolExecutor(THREADS) as pool:
-        assert list(pool.map(outcome, range(THREADS))) == wanted
+        assert list(pool.map(outcome, range(THREADS))) == expected
 
 
 def test_interrupt_ends_an_ensemble_and_its_threads():
-    what, before = case("gl3"), threading.active_count()
-    q, p = np.tile(what.q, (64, 1)), np.tile(what.p, (64, 1))
+    setup, before = case("gl3"), threading.active_count()
+    q, p = np.tile(setup.q, (64, 1)), np.tile(setup.p, (64, 1))
     presses = [signal.SIGINT]  # a second one would be raised at once
     with pytest.raises(KeyboardInterrupt):
-        what.step.integrate_ensemble(
-            q, p, dt=1e-3, steps=10**7, every=10**6, workers=4, parameters=what.parameters,
+        setup.step.integrate_ensemble(
+            q, p, dt=1e-3, steps=10**7, every=10**6, workers=4, parameters=setup.parameters,
             progress=lambda done: signal.raise_signal(presses.pop()) if done and presses else None)
     assert threading.active_count() == before
     assert bits(run_of("gl3")) == bits(run_of("gl3"))
@@ -137,7 +137,7 @@ print(code, one.members is one.members)
 
 @pytest.mark.skipif(not hasattr(signal, "SIGCHLD"), reason="there is no fork")
 def test_fork_while_a_thread_makes_members():
-    """Nor is there one in what an ensemble makes when first asked for."""
+    """No lock guards the members that an ensemble creates when first asked for them."""
     assert python(FORK_IN_MEMBERS).split() == ["2", "True"]
 
 

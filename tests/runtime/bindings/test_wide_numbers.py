@@ -54,9 +54,9 @@ def motion(t, t0=Fraction(1, 3), m=Fraction(7, 10), c=Fraction(11, 10)):
     return x, p
 
 
-def assert_near(found, wanted, real, count=16):
+def assert_near(numbers, expected, real, count=16):
     """Check numbers to some ε of their own type."""
-    for a, b in zip(np.ravel(found), np.ravel(wanted), strict=True):
+    for a, b in zip(np.ravel(numbers), np.ravel(expected), strict=True):
         assert type(a) is type(rounding(real)(b)) or real == "double"
         assert abs(exact(a) - b) <= count * EPS[real] * max(abs(b), Fraction(1, 8)), (a, float(b))
 
@@ -122,24 +122,24 @@ def test_a_double_stepper_rounds_once():
 @pytest.mark.parametrize("real", WIDE)
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_an_ensemble(real, solver):
-    """One dt, t0 and parameter for each, as arrays of any exact numbers."""
+    """Each member has a dt, a t0 and a mass of its own, from arrays of any exact numbers."""
     steps = [Fraction(1, 30), Fraction(1, 7), Fraction(2, 9)]
     masses = np.array([Decimal("0.7"), Decimal("1.3"), Decimal("0.1")], dtype=object)
     begin = [Fraction(1, 3), Fraction(0), Fraction(-1, 7)]
     with mp.workdps(40):
         dts = [mp.mpf(x.numerator) / x.denominator for x in steps]
-    many = pushed(real).integrate_ensemble(gs.Start([START[0]] * 3, [START[1]] * 3, t=begin),
-                                           dt=dts, steps=3, solver=solver,
-                                           parameters={"m": masses, "c": PARAMETERS["c"]})
+    ensemble = pushed(real).integrate_ensemble(gs.Start([START[0]] * 3, [START[1]] * 3, t=begin),
+                                               dt=dts, steps=3, solver=solver,
+                                               parameters={"m": masses, "c": PARAMETERS["c"]})
     for i, (dt, t0, m) in enumerate(zip(steps, begin, map(exact, masses), strict=True)):
         times = [t0 + k * dt for k in range(4)]
-        assert_near(many.t[i], times, real, 2)
-        assert_near(many.q[i, :, 0], [motion(t, t0, m)[0] for t in times], real, 32)
-        assert_near(many.members[i].quantity("age"), times, real, 2)
+        assert_near(ensemble.t[i], times, real, 2)
+        assert_near(ensemble.q[i, :, 0], [motion(t, t0, m)[0] for t in times], real, 32)
+        assert_near(ensemble.members[i].quantity("age"), times, real, 2)
     sets = [{"m": m, "c": PARAMETERS["c"]} for m in masses]
-    listed = pushed(real).integrate_ensemble([gs.Start(*START, one, t) for one, t in zip(
+    listed = pushed(real).integrate_ensemble([gs.Start(*START, values, t) for values, t in zip(
         sets, begin, strict=True)], dt=dts, steps=3, solver=solver)
-    assert np.array_equal(listed.q, many.q)
+    assert np.array_equal(listed.q, ensemble.q)
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -148,12 +148,12 @@ def test_a_member_that_fails_has_no_time(real):
     step = gs.stepper("G-L", 2, "gamma", real=real)
     top = {"I1": 0.3, "I2": 0.31, "I3": 0.2, "mgl": 5.0, "gamma": 0.27}
     q, p = step.project([0.5, 0.5, -0.5, 0.5], [0.25, 0.75, 1.5, 0.5], parameters=top)
-    many = step.integrate_ensemble([q, q], [p, p], dt=[Fraction(1, 90), 900], steps=2,
-                                   parameters=top, solver=gs.Solver("auto", max_iterations=10))
-    assert list(many.failures) == [1]
-    assert type(many.failures[1].t) is float
-    assert all(x != x for x in (*many.t[1, 1:], *many.q[1, 1:].flat))
-    assert_near(many.t[0], [Fraction(k, 90) for k in range(3)], real, 2)
+    ensemble = step.integrate_ensemble([q, q], [p, p], dt=[Fraction(1, 90), 900], steps=2,
+                                       parameters=top, solver=gs.Solver("auto", max_iterations=10))
+    assert list(ensemble.failures) == [1]
+    assert type(ensemble.failures[1].t) is float
+    assert all(x != x for x in (*ensemble.t[1, 1:], *ensemble.q[1, 1:].flat))
+    assert_near(ensemble.t[0], [Fraction(k, 90) for k in range(3)], real, 2)
 
 
 @pytest.mark.parametrize("real", WIDE)
@@ -161,16 +161,16 @@ def test_residual_jacobian_and_guess(real):
     """r(0) = (−p/m, −c (t + c_i Δt)²), ∂r/∂x of the same system, and the k to start from."""
     step, t = pushed(real), exact(T0)
     nodes = [exact(c) for c in tableau_of("G-L", 3).c]
-    given = {"dt": DT, "t": T0, "parameters": PARAMETERS}
-    r = step.residual([0] * 6, *START, **given)
+    arguments = {"dt": DT, "t": T0, "parameters": PARAMETERS}
+    r = step.residual([0] * 6, *START, **arguments)
     speed, forces = exact(START[1][0]) / Fraction(7, 10), [
         Fraction(11, 10) * (t + c * DT) ** 2 for c in nodes]
     assert_near(r, [-speed] * 3 + [-f for f in forces], real)
-    J = step.jacobian([0] * 6, *START, **given)
-    wanted = [[-DT * exact(a) / Fraction(7, 10) for a in row]
-              for row in tableau_of("G-L", 3).A_hat]
-    assert_near(J[:3, 3:], wanted, real)
-    x = step.guess(*START, **given)
+    J = step.jacobian([0] * 6, *START, **arguments)
+    expected = [[-DT * exact(a) / Fraction(7, 10) for a in row]
+                for row in tableau_of("G-L", 3).A_hat]
+    assert_near(J[:3, 3:], expected, real)
+    x = step.guess(*START, **arguments)
     assert_near(x[:3], [speed] * 3, real)
     forward = step.quantities([START[0]], [START[1]], t=T0, parameters=PARAMETERS)
     assert_near(forward["age"], [t], real, 1)
@@ -218,10 +218,10 @@ def test_a_store(real, tmp_path):
     recording = record(step, BEGIN, steps=STEPS, out=out, **RUN)
     run = step.integrate(BEGIN, steps=STEPS, **RUN)
     assert_same(recording[:], run)
-    said = recording.attributes["run"]
-    assert (said["dt"], said["t0"]) == (digits_of(run.dt), digits_of(run.t[0]))
-    assert said["parameters"] == {"m": "0.7", "c": "1.1"}
-    assert said["q0"] == ["0.2"]
+    attributes = recording.attributes["run"]
+    assert (attributes["dt"], attributes["t0"]) == (digits_of(run.dt), digits_of(run.t[0]))
+    assert attributes["parameters"] == {"m": "0.7", "c": "1.1"}
+    assert attributes["q0"] == ["0.2"]
     with_xarray = recording.dataset()
     assert np.array_equal(with_xarray.time, run.t.astype(float))
     assert with_xarray.time_bytes.shape == (STEPS + 1, 16)
@@ -313,10 +313,10 @@ dt = 1e-2
 @pytest.mark.parametrize("real", WIDE)
 def test_the_numbers_of_a_model_file(real, tmp_path):
     (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
-    model, one = gs.load_model(tmp_path / "swing.toml", real=real), rounding(real)
-    assert model.parameters == {"m": one(Fraction(7, 10)), "c": one(Fraction(11, 10))}
-    assert (model.q0[0], model.dt) == (one(Fraction(1, 5)), one(Fraction(1, 30)))
-    assert {type(model.q0[0]), type(model.dt)} == {type(one(Fraction(1)))}
+    model, rounded = gs.load_model(tmp_path / "swing.toml", real=real), rounding(real)
+    assert model.parameters == {"m": rounded(Fraction(7, 10)), "c": rounded(Fraction(11, 10))}
+    assert (model.q0[0], model.dt) == (rounded(Fraction(1, 5)), rounded(Fraction(1, 30)))
+    assert {type(model.q0[0]), type(model.dt)} == {type(rounded(Fraction(1)))}
     plain = gs.load_model(tmp_path / "swing.toml")
     assert plain.parameters == {"m": 0.7, "c": 1.1}
     assert all(type(x) is float for x in (*plain.parameters.values(), plain.dt))
@@ -327,7 +327,7 @@ def test_the_numbers_of_a_model_file(real, tmp_path):
 
 @pytest.mark.parametrize("kind", ["euler", "quaternion"])
 def test_the_start_of_a_body(kind, tmp_path):
-    """q and p = 2 L(q)ᵀ J Ω of what was typed, in 34 digits."""
+    """q, and p = 2 L(q)ᵀ J Ω, have 34 digits of the numbers in the file."""
     with mp.workdps(50):
         phi, theta, psi = mp.mpf("0.3"), 2 * mp.pi / 9, mp.mpf(1) / 3
         q = times(times(turned(phi, [0, 0, 1]), turned(theta, [1, 0, 0])), turned(psi, [0, 0, 1]))
@@ -339,7 +339,7 @@ def test_the_start_of_a_body(kind, tmp_path):
     text = BODY.replace('euler = [0.3, "2*lean", "1/3"]', "quaternion = [1, -2, 3, 4]") if (
         kind == "quaternion") else BODY
     (tmp_path / "leaning.toml").write_text(text, encoding="utf-8")
-    with capture_warnings():  # to what is said of a quaternion of length √30
+    with capture_warnings():  # of a quaternion of length √30
         model = gs.load_model(tmp_path / "leaning.toml", real="float128")
         doubles = gs.load_model(tmp_path / "leaning.toml")
     assert_near(model.q0, [exact(x) for x in q], "float128", 1)
@@ -349,23 +349,23 @@ def test_the_start_of_a_body(kind, tmp_path):
 
 
 def test_the_command_line(gyrospark, tmp_path):
-    """A file's numbers, --dt and --set t with all digits, the second time from the cache."""
+    """A file's numbers, --dt and --set t have all digits, also with a stepper from the cache."""
     real = "float128"
     (tmp_path / "swing.toml").write_text(MODEL, encoding="utf-8")
     command = ["run", str(tmp_path / "swing.toml"), "--scheme", "G-L", "--stages", "3", "--json",
                "--real", real]
-    for more, dt, t0 in (([], DT, Fraction(0)),
-                         (["--dt", "0.1", "--set", "t=0.7"], Fraction(1, 10), Fraction(7, 10))):
-        found = gyrospark(*command, *more).document
-        digits = found["all_digits"]
-        one = rounding(real)
+    for options, dt, t0 in (([], DT, Fraction(0)),
+                            (["--dt", "0.1", "--set", "t=0.7"], Fraction(1, 10), Fraction(7, 10))):
+        document = gyrospark(*command, *options).document
+        digits = document["all_digits"]
+        rounded = rounding(real)
         assert digits["parameters"] == {"m": "0.7", "c": "1.1"}
-        assert digits["dt"] == digits_of(one(dt))
+        assert digits["dt"] == digits_of(rounded(dt))
         x, p = motion(t0 + 9 * dt, t0)
         assert_near([from_text(digits[name], real) for name in ("t",)], [t0 + 9 * dt], real, 4)
         assert_near([from_text(digits[name][0], real) for name in "qp"], [x, p], real, 64)
-        assert found["t_end"] == pytest.approx(float(t0 + 9 * dt))
-        assert found["parameters"] == {"m": 0.7, "c": 1.1}
+        assert document["t_end"] == pytest.approx(float(t0 + 9 * dt))
+        assert document["parameters"] == {"m": 0.7, "c": 1.1}
 
 
 def test_gamma_on_the_command_line(gyrospark):
@@ -393,7 +393,7 @@ def test_an_energy_beyond_the_largest_double_is_a_number(real):
     p = rounding(real)(Fraction(10) ** 200)
     run = pushed(real).integrate([0], [p], dt=DT, steps=1, parameters=PARAMETERS)
     assert_near(run.q[1] / p, [DT / Fraction(7, 10)], real)
-    many = pushed(real).integrate_ensemble([[0]], [[p]], dt=DT, steps=1, parameters=PARAMETERS)
-    assert np.array_equal(many.q[0], run.q)
+    ensemble = pushed(real).integrate_ensemble([[0]], [[p]], dt=DT, steps=1, parameters=PARAMETERS)
+    assert np.array_equal(ensemble.q[0], run.q)
     with pytest.raises(gs.InputError, match=r"H = inf.*units"):
         pushed(real).integrate([0], [p**20 * p**4], dt=DT, steps=1, parameters=PARAMETERS)
