@@ -61,7 +61,7 @@ def script(tmp_path):
 
 @pytest.fixture
 def quick(script):
-    """A compiler that does not optimise: these tests are about files, not speed."""
+    """Return a compiler that does not optimise, for tests of files and not of speed."""
     needs_cc()
     return str(script('exec cc "$@" -O0', "quick"))
 
@@ -91,15 +91,15 @@ def test_without_a_compiler_the_cure_is_named(monkeypatch, tmp_path):
 
 
 def test_pypi_compiler_is_the_last_choice(monkeypatch, tmp_path, script):
-    """PATH before PyPI, CC before PATH."""
+    """Compilers on PATH come before PyPI, CC before PATH."""
     monkeypatch.setenv("PATH", str(tmp_path))
     if importlib.util.find_spec("ziglang") is not None:
         assert compiler.find_compiler().command == (sys.executable, "-m", "ziglang", "cc")
     path = script("echo mine 1.0", "clang")
     assert compiler.find_compiler() == compiler.Compiler((str(path),), "mine 1.0")
-    other = script("echo other 2.0", "other")
-    monkeypatch.setenv("CC", f"{other} -pipe")
-    assert compiler.find_compiler() == compiler.Compiler((str(other), "-pipe"), "other 2.0")
+    chosen = script("echo other 2.0", "other")
+    monkeypatch.setenv("CC", f"{chosen} -pipe")
+    assert compiler.find_compiler() == compiler.Compiler((str(chosen), "-pipe"), "other 2.0")
     monkeypatch.setenv("CC", "  ")
     assert compiler.find_compiler().version == "mine 1.0"
 
@@ -146,7 +146,7 @@ def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache)
 
 
 def test_compiler_gets_no_input(monkeypatch, script):
-    """A compiler that reads stdin ends instead of waiting for the terminal."""
+    """The compiler has no input: one that reads stdin ends instead of waiting for the terminal."""
     path = script("cat; exit 1")
     monkeypatch.setenv("CC", str(path))
     with pytest.raises(gs.errors.CompilerError, match="exit code 1"):
@@ -154,7 +154,7 @@ def test_compiler_gets_no_input(monkeypatch, script):
 
 
 def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
-    """What the generator must not emit does not pass unseen."""
+    """An unused variable in the C of a stepper ends its compilation."""
     needs_cc()
     files = dict(files_of())
     name = "heavy_top_ims_gamma"
@@ -183,8 +183,8 @@ def built(tmp_path_factory):
 
 @pytest.fixture
 def ready(built, monkeypatch):
-    """What a compilation ends with is that module: for tests of where it is then put."""
-    def compiled(name, files, compiler, folder, part):
+    """Replace compilations by a copy of that module, for tests of where it is stored."""
+    def compiled(name, files, compiler, folder, module_kind):
         (module,) = (data for file, data in built.items() if file.endswith(".so"))
         (folder / "module.so").write_bytes(module)
         return folder / "module.so", {"flags": [], "kernels": {}, "left_out": []}
@@ -198,7 +198,7 @@ def ready(built, monkeypatch):
 def test_a_temporary_folder_replaces_one_that_cannot_be_used(
     folder, monkeypatch, tmp_path, quick
 ):
-    """It says so once, keeps what is made while the process lives, and leaves nothing."""
+    """One warning names the folder; the temporary one lasts as long as the process."""
     (tmp_path / "file").touch()
     folder = str(tmp_path / folder)
     monkeypatch.setenv("GYROSPARK_CACHE", folder)
@@ -206,17 +206,17 @@ def test_a_temporary_folder_replaces_one_that_cannot_be_used(
     monkeypatch.setattr(build_cache, "_IN_PLACE", {})
     ended = []
     monkeypatch.setattr("atexit.register", lambda *call, **options: ended.append((call, options)))
-    with pytest.warns(gs.errors.InputWarning, match="GYROSPARK_CACHE") as said:
+    with pytest.warns(gs.errors.InputWarning, match="GYROSPARK_CACHE") as caught:
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
-    assert folder in str(said[0].message)
+    assert folder in str(caught[0].message)
     assert len(build_cache.entries()) == 2
     build_cache.write_cache("x", [1])  # with no further warning
     assert build_cache.read_cache("x") == [1]
-    place = build_cache.cache_folder()
-    assert place.stat().st_mode & 0o77 == 0
+    temporary = build_cache.cache_folder()
+    assert temporary.stat().st_mode & 0o77 == 0
     for (function, *arguments), options in ended:
         function(*arguments, **options)
-    assert not place.exists()
+    assert not temporary.exists()
 
 
 @pytest.fixture
@@ -275,14 +275,14 @@ def test_killed_builds_leave_nothing_that_is_loaded(own_cache, quick):
     reference = None
     started = time.monotonic()
     assert build(own_cache.with_name("timing"), quick).returncode == 0
-    whole = time.monotonic() - started
+    duration = time.monotonic() - started
     for _ in range(40):
         shutil.rmtree(own_cache, ignore_errors=True)
         process = subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE,
                                    stderr=subprocess.PIPE, start_new_session=True,
                                    env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick,
                                                    TMPDIR=str(own_cache.parent)))
-        time.sleep(rng.uniform(0.2, 1.0) * whole)
+        time.sleep(rng.uniform(0.2, 1.0) * duration)
         os.killpg(process.pid, signal.SIGKILL)
         process.communicate(timeout=PATIENCE)
         for path in kept(own_cache):  # appeared whole or not at all
@@ -308,10 +308,10 @@ def test_many_processes_at_once(own_cache, quick):
                          env=environment(GYROSPARK_CACHE=str(own_cache), CC=quick))
         for _ in range(16)
     ]
-    said = [process.communicate(timeout=PATIENCE) for process in processes]
-    assert [p.returncode for p in processes] == [0] * 16, [stderr for _, stderr in said]
-    assert len({stdout for stdout, _ in said}) == 1
-    assert not any(stderr for _, stderr in said)
+    outputs = [process.communicate(timeout=PATIENCE) for process in processes]
+    assert [p.returncode for p in processes] == [0] * 16, [stderr for _, stderr in outputs]
+    assert len({stdout for stdout, _ in outputs}) == 1
+    assert not any(stderr for _, stderr in outputs)
     (only,) = kept(own_cache)
     assert stepper_module._record(only)
     assert not list(own_cache.glob("build-*"))
@@ -372,18 +372,18 @@ def test_damaged_source_is_derived_anew(content, own_cache):
 
 
 def test_kept_text_is_given_back_as_it_was_written_or_not_at_all(own_cache):
-    """A bit that flips in the C of a kept source does not become another stepper."""
+    """A flipped bit in the C of a stored source does not become another stepper."""
     content = {"a.c": "x = 0.25;", "a.json": "{}"}
     assert build_cache.read_cache("a.source.json") is None
     build_cache.write_cache("a.source.json", content)
     assert build_cache.read_cache("a.source.json") == content
     path = own_cache / "a.source.json"
     sound = path.read_bytes()
-    for place in range(len(sound)):
+    for index in range(len(sound)):
         damaged = bytearray(sound)
-        damaged[place] ^= 1
+        damaged[index] ^= 1
         path.write_bytes(damaged)
-        assert build_cache.read_cache("a.source.json") in (None, content), place
+        assert build_cache.read_cache("a.source.json") in (None, content), index
 
 
 # ---------------------------------------------------------------- manifests
@@ -421,12 +421,12 @@ def test_key_depends_on_everything_that_changes_the_binary(monkeypatch):
     keys.append(build_cache.binary_key(files, compiler.Compiler(("clang",), "cc 1.0")))
     keys.append(build_cache.binary_key(files, compiler.Compiler(("cc", "-m32"), "cc 1.0")))
     keys.append(build_cache.binary_key(files, compiler.Compiler(("cc",), "cc 1.1")))
-    for place, name, value in ((build_cache, "cpu_description", lambda: "another CPU"),
+    for owner, name, value in ((build_cache, "cpu_description", lambda: "another CPU"),
                                (compiler.Compiler, "flags", property(lambda self: ["-O0"])),
                                (build_cache, "extension_suffix", lambda: ".another-python.so"),
                                (build_cache.cffi, "__version__", "99")):
         with monkeypatch.context() as patch:
-            patch.setattr(place, name, value)
+            patch.setattr(owner, name, value)
             keys.append(build_cache.binary_key(files, cc))
     assert len(set(keys)) == len(keys)
     assert build_cache.binary_key(files, cc) == keys[0]
@@ -500,7 +500,7 @@ def left(name, hours, mark=build_cache._MARKED):
 
 @pytest.mark.usefixtures("ready")
 def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
-    """What killed builds left goes away a day later, or when the cache is cleared; not earlier."""
+    """Folders of killed builds go a day later, or when the cache is cleared; not earlier."""
     monkeypatch.setenv("CC", quick)
     for name, hours in (("oldbuild", 30), ("newbuild", 2), ("nowbuild", 0)):
         left(own_cache / f"gyrospark-build-{name}", hours)

@@ -1,4 +1,4 @@
-"""Calls that take more stack than a thread has run on a stack that is large enough."""
+"""Calls run on a stack that is large enough where they take more than a thread has."""
 
 from __future__ import annotations
 
@@ -48,16 +48,16 @@ def test_a_frame_larger_than_the_stack_is_called_in_a_thread(deep):
     function, frames = deep
     assert .99 * BYTES <= frames < 1.01 * BYTES
     call, before = call_stack.on_large_stack(function, frames), threading.stack_size()
-    found = []
-    other = threading.Thread(target=lambda: found.append(call(5)))
-    other.start()
-    other.join()
-    assert [call(3), *found] == [6, 10]
+    results = []
+    thread = threading.Thread(target=lambda: results.append(call(5)))
+    thread.start()
+    thread.join()
+    assert [call(3), *results] == [6, 10]
     assert threading.stack_size() == before
 
 
 def test_seconds_of_calls_in_threads_are_counted(monkeypatch):
-    """What follows the time of steps, and benchmarks, sees those of another stack too."""
+    """Seconds of calls on another stack count too, for the time of steps and for benchmarks."""
     monkeypatch.setattr(call_stack, "_available", lambda: 0)
     start = call_stack.thread_seconds()
     call_stack.on_large_stack(lambda: sum(range(10**6)), 2**20)()
@@ -73,23 +73,23 @@ def test_small_frames_are_called_as_they_are_and_errors_are_raised_by_the_call(t
 
 @pytest.mark.parametrize("stack", [0, None])
 def test_a_stepper_knows_its_frames_and_its_steps_are_the_same_in_a_thread(stack, monkeypatch):
-    """Its bound holds those of its functions; a run, an ensemble and Newton's method in threads."""
+    """A run, an ensemble and Newton's method have the same bits in threads; frames are bounded."""
     step = gs.stepper("G-L", 2, rep="gamma")
 
     def runs(step):
-        many = step.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, **RUN)
-        return [many.q, *(step.integrate(TOP.q0, TOP.p0, solver=solver, **RUN).q
-                          for solver in ("auto", "newton"))]
+        ensemble = step.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, **RUN)
+        return [ensemble.q, *(step.integrate(TOP.q0, TOP.p0, solver=solver, **RUN).q
+                              for solver in ("auto", "newton"))]
 
-    expected, other = runs(step), gs.Stepper(step.name, step.files)
-    assert 2000 < other.binding.frames < 2**21
+    expected, loaded = runs(step), gs.Stepper(step.name, step.files)
+    assert 2000 < loaded.binding.frames < 2**21
     monkeypatch.setattr(call_stack, "_SMALL", 0)
     used, start = [], call_stack._in_thread
     monkeypatch.setattr(call_stack, "_in_thread", lambda *a: (used.append(a), start(*a))[1])
     if stack is not None:
         monkeypatch.setattr(call_stack, "_available", lambda: stack)
-    for found, known in zip(runs(other), expected, strict=True):
-        np.testing.assert_array_equal(found, known)
+    for states, expected_states in zip(runs(loaded), expected, strict=True):
+        np.testing.assert_array_equal(states, expected_states)
     assert bool(used) is (stack == 0)
 
 
@@ -99,12 +99,12 @@ def test_the_room_of_a_thread_is_known():
 
     limit = resource.getrlimit(resource.RLIMIT_STACK)[0]
     assert limit == resource.RLIM_INFINITY or call_stack._available() == limit
-    found = []
+    sizes = []
     before = threading.stack_size(2**22)
     try:
-        thread = threading.Thread(target=lambda: found.append(call_stack._available()))
+        thread = threading.Thread(target=lambda: sizes.append(call_stack._available()))
         thread.start()
         thread.join()
     finally:
         threading.stack_size(before)
-    assert found == [2**22]
+    assert sizes == [2**22]

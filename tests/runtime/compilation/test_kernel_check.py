@@ -1,4 +1,4 @@
-"""Compiled kernels against their statements, and a compiler that makes wrong code."""
+"""Compiled kernels agree with their statements, unless a compiler emits wrong code."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ CATALOGUE = {"frame": ("heavy_top_in_frame",), "float128": ("heavy_top", "G-L", 
     pytest.param(name, marks=[pytest.mark.slow] * (name != "curved EMS"))
     for name in SPECS)])  # each is a derivation
 def test_every_kernel_is_read(name):
-    """Those that the manifest counts the operations of, and how constants are prepared."""
+    """Every kernel whose operations the manifest counts is read, as is the one of constants."""
     if name in CATALOGUE:
         step = systems.stepper(*CATALOGUE[name])
         manifest, text = step.manifest, step.files[f"{step.name}.c"]
@@ -79,8 +79,8 @@ def test_every_kernel_is_read(name):
         source = source_of(name)
         manifest, text = Manifest.from_text(source.manifest), source.source
     read = {kernel.name for kernel in kernel_text.kernels_of(text)}
-    said = {*manifest.operations, *manifest.fast_path.operations}
-    assert read >= said
+    counted = {*manifest.operations, *manifest.fast_path.operations}
+    assert read >= counted
     assert "prepare" in read
     on_lanes = set(re.findall(r"\b(lanes_(?:\w+_)?(?:energy|gradient|velocity|force))\(const",
                               text))
@@ -104,8 +104,8 @@ def module(request, tmp_path_factory):
 
 
 def test_compiled_kernels_agree(module):
-    found, compared, unchecked = kernel_check.differences(*module)
-    assert not found
+    mismatches, compared, unchecked = kernel_check.differences(*module)
+    assert not mismatches
     assert not unchecked
     assert len(compared) >= 8
     assert all(compared.values())
@@ -113,24 +113,24 @@ def test_compiled_kernels_agree(module):
 
 def damaged(kernel: kernel_text.KernelText):
     """Yield a kernel with one of its statements changed by a hundred-millionth, for each output."""
-    for place in (p for p in kernel_check.outputs_of(kernel) if p):
-        text = re.sub(rf"(?<![\w.>]){re.escape(place)} = ([^;]+);",
-                      rf"{place} = 1.00000001*(\1) + 1.0e-8;", kernel.body, count=1)
+    for output in (p for p in kernel_check.outputs_of(kernel) if p):
+        text = re.sub(rf"(?<![\w.>]){re.escape(output)} = ([^;]+);",
+                      rf"{output} = 1.00000001*(\1) + 1.0e-8;", kernel.body, count=1)
         if text != kernel.body:
             yield dataclasses.replace(kernel, body=text)
 
 
 def test_each_wrong_output_is_found(module):
-    """One output of one kernel at a time; kernels in twice the precision aside."""
+    """A wrong output is a mismatch of its kernel alone, except in twice the precision."""
     loaded, checks, real = module
     tried = 0
     for function in checks:
         for number, kernel in enumerate(function.kernels):
             for wrong in list(damaged(kernel))[:2]:
                 kernels = (*function.kernels[:number], wrong, *function.kernels[number + 1 :])
-                found, *_ = kernel_check.differences(
+                mismatches, *_ = kernel_check.differences(
                     loaded, [dataclasses.replace(function, kernels=kernels)], real)
-                assert {d.kernel for d in found} == {kernel.name}
+                assert {d.kernel for d in mismatches} == {kernel.name}
                 tried += 1
     assert tried > 8
 
@@ -152,23 +152,23 @@ exec {right} "$@"
 
 
 @pytest.mark.skipif(shutil.which("sed") is None, reason="the wrong compiler needs sed")
-@pytest.mark.parametrize(("part", "pattern", "kernel"), [
+@pytest.mark.parametrize(("module_kind", "pattern", "kernel"), [
     pytest.param("runs", r"s/^    H_q\[1\] = /&1.0e-9 + /", "gradient", marks=pytest.mark.slow),
     pytest.param("lanes", r"s/^    H_p\[2\] = /&-/", "lanes_velocity", marks=pytest.mark.slow),
 ])  # three compilations with optimisation each
-def test_a_wrong_object_is_compiled_again(part, pattern, kernel, tmp_path, monkeypatch):
-    """With flags that agree, which are recorded, and told once."""
+def test_a_wrong_object_is_compiled_again(module_kind, pattern, kernel, tmp_path, monkeypatch):
+    """Flags with which kernels agree are recorded; the warning comes once."""
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("CC", wrong_compiler(tmp_path, pattern, "-O1"))
     monkeypatch.setattr(verified_build, "SAFER_FLAGS", ((), ("-O1",), ("-O0",)))
     files = files_of("heavy_top_gl1_gamma")
     with pytest.warns(InputWarning, match=kernel):
-        load_module("heavy_top_gl1_gamma", files, part)
+        load_module("heavy_top_gl1_gamma", files, module_kind)
     (record,) = (tmp_path / "cache").glob("*.so.json")
     recorded = json.loads(record.read_text("utf-8"))
     assert recorded["flags"] == ["-O1"]
     assert recorded["left_out"] == {}
-    load_module("heavy_top_gl1_gamma", files, part)
+    load_module("heavy_top_gl1_gamma", files, module_kind)
 
 
 @pytest.mark.skipif(shutil.which("sed") is None, reason="the wrong compiler needs sed")
@@ -235,7 +235,7 @@ def test_a_kernel_that_is_not_read_is_named_with_its_c(body):
 
 
 def test_a_kernel_that_is_not_checked_is_recorded_and_told(tmp_path, monkeypatch):
-    """One that is not read, one without values, one that the text lacks; none that is checked."""
+    """Record and warning name kernels that are not read, have no values, or are not in the text."""
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path / "cache"))
     monkeypatch.setenv("GYROSPARK_OPTIMISE", "0")
     name, files = "heavy_top_gl1_gamma", dict(files_of("heavy_top_gl1_gamma"))
@@ -247,9 +247,9 @@ def test_a_kernel_that_is_not_checked_is_recorded_and_told(tmp_path, monkeypatch
     assert "velocity" not in manifest["operations"]  # it is in the text as lanes_velocity alone
     manifest["operations"] |= {"velocity": {"add": 1}, "absent": {"add": 1}}
     files |= {f"{name}.c": text, f"{name}.json": json.dumps(manifest)}
-    with pytest.warns(InputWarning, match="not checked") as told:
+    with pytest.warns(InputWarning, match="not checked") as caught:
         load_module(name, files)
     (record,) = (tmp_path / "cache").glob("*.so.json")
     unchecked = json.loads(record.read_text("utf-8"))["left_out"]
     assert set(unchecked) == {"gradient", "constraint", "absent"}
-    assert all(kernel in str(told[0].message) for kernel in unchecked)
+    assert all(kernel in str(caught[0].message) for kernel in unchecked)

@@ -39,18 +39,18 @@ def own_cache(monkeypatch, tmp_path):
 
 def small_stepper():
     """Return an oscillator's stepper whose objects are not compiled yet."""
-    known = systems.stepper("oscillator")
-    return gs.Stepper(known.name, dict(known.files))
+    compiled = systems.stepper("oscillator")
+    return gs.Stepper(compiled.name, dict(compiled.files))
 
 
 @pytest.mark.slow  # three modules with optimisation; the test below asks for lanes too
 def test_lanes_are_compiled_when_first_asked_for(own_cache):
-    """Not for a run, nor for an ensemble without them; once, also by threads that ask together."""
+    """Runs and ensembles by Newton need none; threads that ask together compile them once."""
     step = small_stepper()
-    what = {"dt": 1e-3, "steps": 2, "parameters": {"k": 4.0}}
-    step.integrate([0.8], [-0.3], **what)
+    arguments = {"dt": 1e-3, "steps": 2, "parameters": {"k": 4.0}}
+    step.integrate([0.8], [-0.3], **arguments)
     assert len(list(own_cache.glob(MODULES))) == 1
-    step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, solver="newton", **what)
+    step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, solver="newton", **arguments)
     assert len(list(own_cache.glob(MODULES))) == 2  # and Newton's method
     together = threading.Barrier(4)
 
@@ -62,26 +62,26 @@ def test_lanes_are_compiled_when_first_asked_for(own_cache):
         assert len(set(map(id, pool.map(ask, range(4))))) == 1
     assert len(list(own_cache.glob(MODULES))) == 3
     assert step._binding_of_many.lanes == step.binding.lanes > 0
-    step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, **what)
+    step.integrate_ensemble([[0.8]] * 2, [[-0.3]] * 2, **arguments)
     assert len(list(own_cache.glob(MODULES))) == 3
 
 
 def test_a_module_has_its_functions_and_no_other():
-    """Those of one trajectory, or those of many; each object defines what no other does."""
+    """A module has the functions of one trajectory or of many; one object defines each."""
     for real in REALS:
         name, files = made(real=real)
         header = files[f"{name}.h"]
         every = object_files._functions(name, header)
         assert {"step", "integrate_lanes", "hamiltonian", "increment_size"} < every
-        parts = {}
-        for part in ("runs", "lanes"):
-            declared = object_files.declarations_of(name, header, part)
-            parts[part] = object_files._functions(name, declared)
-            defined = [found for one in object_files.objects_of(name, files, part)
-                       for found in every if not is_static(name, found, one.header)]
-            assert sorted(defined) == sorted(parts[part])
-        assert parts["runs"] | parts["lanes"] == every
-        assert parts["runs"] & parts["lanes"] == {"lanes", "work_size"}
+        functions = {}
+        for kind in ("runs", "lanes"):
+            declared = object_files.declarations_of(name, header, kind)
+            functions[kind] = object_files._functions(name, declared)
+            defined = [function for linked in object_files.objects_of(name, files, kind)
+                       for function in every if not is_static(name, function, linked.header)]
+            assert sorted(defined) == sorted(functions[kind])
+        assert functions["runs"] | functions["lanes"] == every
+        assert functions["runs"] & functions["lanes"] == {"lanes", "work_size"}
 
 
 def is_static(name, function, header):
@@ -116,7 +116,7 @@ def forked(step, results):
 
 
 def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cache, monkeypatch):
-    """Without a compiler, on a full disk, in a forked process, then in this one."""
+    """Calls fail without a compiler and on a full disk, but succeed in a fork and afterwards."""
     step = small_stepper()
     fixed = run(step)
     assert len(list(own_cache.glob(MODULES))) == 1
@@ -139,12 +139,12 @@ def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cac
     results = context.Queue()
     child = context.Process(target=forked, args=(step, results))
     child.start()
-    found = results.get(timeout=PATIENCE)
+    child_states = results.get(timeout=PATIENCE)
     child.join()
     assert len(list(own_cache.glob(MODULES))) == 2
-    own = by_newton(step)
-    assert own.tolist() == found
-    assert np.abs(own - fixed).max() < 1e-12
+    states = by_newton(step)
+    assert states.tolist() == child_states
+    assert np.abs(states - fixed).max() < 1e-12
     assert len(list(own_cache.glob(MODULES))) == 2
 
 
@@ -158,8 +158,8 @@ def test_the_table_has_every_function_in_the_order_of_the_calls():
                    for line in table.splitlines() if line.startswith("    (newton_function)")]
         assert entries[newton_library.CHECK] == "check"
         assert len(entries) == 4 + len(object_files.newton_functions(name, header))
-        for place, function in enumerate(entries):
-            assert (f"(&{function}))table[{place}])" in calls) is (function != "check")
+        for index, function in enumerate(entries):
+            assert (f"(&{function}))table[{index}])" in calls) is (function != "check")
 
 
 def test_modules_of_one_name_keep_their_functions():
@@ -167,9 +167,9 @@ def test_modules_of_one_name_keep_their_functions():
 
     CPython would load each again into the object of the other.
     """
-    known = systems.stepper("oscillator")
+    step = systems.stepper("oscillator")
     kinds = ["runs", "derivatives", "runs", "derivatives"]
-    loaded = [stepper_module.load_module(known.name, dict(known.files), kind) for kind in kinds]
+    loaded = [stepper_module.load_module(step.name, dict(step.files), kind) for kind in kinds]
     paths = [module.__file__ for module in loaded]
     assert paths[0] == paths[2] != paths[1] == paths[3]
     functions = [dir(module.lib) for module in loaded]

@@ -1,4 +1,4 @@
-"""A 512-bit permutation that gcc gets wrong: found in objects, and compiled again without."""
+"""A 512-bit permutation that gcc gets wrong: objects with it are compiled again without."""
 
 from __future__ import annotations
 
@@ -52,10 +52,10 @@ def compiled(folder, *flags):
     """Return the program of four of eight and its machine code."""
     source, program = folder / "four.c", folder / "four"
     source.write_text(FOUR_OF_EIGHT, encoding="utf-8")
-    made = subprocess.run([*compiler("gcc"), "-O2", "-w", "-march=skylake-avx512", *flags, source,
-                           "-o", program], capture_output=True, text=True, check=False)
-    if made.returncode:
-        pytest.skip(f"this gcc knows no AVX-512: {made.stderr.strip()}")
+    result = subprocess.run([*compiler("gcc"), "-O2", "-w", "-march=skylake-avx512", *flags, source,
+                             "-o", program], capture_output=True, text=True, check=False)
+    if result.returncode:
+        pytest.skip(f"this gcc knows no AVX-512: {result.stderr.strip()}")
     return program, program.read_bytes()
 
 
@@ -71,7 +71,7 @@ def test_the_instruction_is_found_and_the_flags_avoid_it(tmp_path):
 
 
 def test_warnings_of_a_second_compilation_are_no_errors(tmp_path, monkeypatch):
-    """Flags that avoid the instruction make gcc doubt what it knew to be initialised."""
+    """Avoiding the instruction by flags makes gcc doubt what it knew to be initialised."""
     compiler("gcc")
     monkeypatch.setattr(build, "has_permutation", lambda code: b"doubted" in code)
     (tmp_path / "a.c").write_text(
@@ -83,7 +83,7 @@ def test_warnings_of_a_second_compilation_are_no_errors(tmp_path, monkeypatch):
     assert (tmp_path / "a.o").read_bytes() != b"doubted"
 
 
-@pytest.mark.parametrize(("code", "found"), [
+@pytest.mark.parametrize(("code", "expected"), [
     ("62 f3 fd 48 05 c0 a3", True),       # vpermilpd $163, %zmm0, %zmm0
     ("62 03 fd 48 05 ff a3", True),       # vpermilpd $163, %zmm31, %zmm31
     ("62 f3 fd 48 05 44 24 01 a3", True),  # vpermilpd $163, 64(%rsp), %zmm0
@@ -93,8 +93,8 @@ def test_warnings_of_a_second_compilation_are_no_errors(tmp_path, monkeypatch):
     ("62 f3 fd 48 01 c0 a3", False),      # vpermpd, which moves across pairs
     ("62 f3 7d 48 04 c0 a3", False),      # vpermilps
 ])
-def test_encodings(code, found):
-    assert has_permutation(b"\x90" + bytes.fromhex(code) + b"\xc3") is found
+def test_encodings(code, expected):
+    assert has_permutation(b"\x90" + bytes.fromhex(code) + b"\xc3") is expected
 
 
 @pytest.mark.slow  # six seconds with all optimisation
