@@ -48,26 +48,26 @@ int main(void)
 """
 
 
-@pytest.mark.parametrize(("scheme", "how", "solver"), [
+@pytest.mark.parametrize(("scheme", "options", "solver"), [
     ("G-L", {"stages": 2}, 1),
     pytest.param("splitting", {"order": 4}, 0, marks=pytest.mark.slow)])
-def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, how, solver):
-    made = generate(Spec.from_arguments(scheme, **how).with_profile("run"), derivatives=True)
-    name, problem, steps = made.source.name, gs.problems.fast_top(), 20
-    for file, text in made.source.files().items():
+def test_a_program_in_c_has_the_gradient_of_python(tmp_path, scheme, options, solver):
+    code = generate(Spec.from_arguments(scheme, **options).with_profile("run"), derivatives=True)
+    name, problem, steps = code.source.name, gs.problems.fast_top(), 20
+    for file, text in code.source.files().items():
         (tmp_path / file).write_text(text)
     (tmp_path / "main.c").write_text(PROGRAM.format(
-        NAME=name.upper(), name=name, steps=steps, solver=solver, unknowns=max(made.scheme.size, 1),
+        NAME=name.upper(), name=name, steps=steps, solver=solver, unknowns=max(code.scheme.size, 1),
         q=", ".join(map(repr, map(float, problem.q0))),
         p=", ".join(map(repr, map(float, problem.p0)))))
     warnings = [flag for flag in FLAGS if flag.startswith(("-std", "-W")) and "unused" not in flag]
     done = call(["cc", *warnings, "-Werror", "-O0", "main.c", f"{name}.c", "-lm", "-o", "program"],
                 cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    found = np.array(call([tmp_path / "program"]).stdout.split(), float)
-    step = systems.differentiable("heavy_top") if scheme == "G-L" else gs.stepper(scheme, **how)
+    printed = np.array(call([tmp_path / "program"]).stdout.split(), float)
+    step = systems.differentiable("heavy_top") if scheme == "G-L" else gs.stepper(scheme, **options)
     run = step.integrate(problem.q0, problem.p0, dt=1e-3, steps=steps,
                          parameters=problem.parameters | {"gamma": 0.0016})
     gradient = run.gradient({"q": [1.0, 2.0, 3.0, 4.0]})
     expected = [gradient[key] for key in ("I1", "I2", "I3", "mgl", "gamma", "dt")]
-    assert np.abs(found[:-1] - expected).max() <= 1e-10 * np.abs(expected).max()
+    assert np.abs(printed[:-1] - expected).max() <= 1e-10 * np.abs(expected).max()

@@ -39,73 +39,76 @@ def stepper():
 
 @cache
 def start():
-    found = stepper().consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=T0)
-    return np.concatenate([found.q, found.p])
+    state = stepper().consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=T0)
+    return np.concatenate([state.q, state.p])
 
 
 def integrated(step, z, values=(), dt=DT, t0=T0, steps=60, **options):
     parameters = VALUES | dict(zip(NAMES, values, strict=False))
-    at = step.consistent(z[:2], z[2:], parameters=parameters, t=t0)
-    return step.integrate(gs.Start(at.q, at.p, t=t0), dt=dt, steps=steps, parameters=parameters,
-                          **options)
+    begin = step.consistent(z[:2], z[2:], parameters=parameters, t=t0)
+    return step.integrate(gs.Start(begin.q, begin.p, t=t0), dt=dt, steps=steps,
+                          parameters=parameters, **options)
 
 
 def numbers(run):
-    """All that has derivatives, as one vector."""
-    crossings = [part for one in run.events.values() for part in (one.t, one.q, one.p)]
-    return np.concatenate([np.ravel(part) for part in (run.t, run.q, run.p, *crossings,
-                                                       FORCE * run.multipliers)])
+    """Return all numbers that have derivatives, as one vector."""
+    crossings = [array for event in run.events.values() for array in (event.t, event.q, event.p)]
+    return np.concatenate([np.ravel(array) for array in (run.t, run.q, run.p, *crossings,
+                                                         FORCE * run.multipliers)])
 
 
 def derivatives(run):
-    """The tangents of ``numbers``."""
+    """Return the tangents of ``numbers``."""
     rows = [run.tangents, *(run.tangents.events[name] for name in run.events)]
-    parts = [part for one in rows for part in (one.t, one.q, one.p)]
-    parts.append(FORCE * run.tangents.multipliers)
-    return np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts])
+    arrays = [array for row in rows for array in (row.t, row.q, row.p)]
+    arrays.append(FORCE * run.tangents.multipliers)
+    return np.concatenate([array.reshape(-1, array.shape[-1]) for array in arrays])
 
 
 def cotangents(run, weights):
-    """The cotangents of weights @ numbers."""
+    """Return the cotangents of weights @ numbers."""
     rows = [run, *run.events.values()]
-    sizes = [part.shape for one in rows for part in (one.t, one.q, one.p)]
+    sizes = [array.shape for row in rows for array in (row.t, row.q, row.p)]
     parts = iter(np.split(weights, np.cumsum([np.prod(size) for size in sizes])))
-    made = [{name: next(parts).reshape(getattr(one, name).shape) for name in "tqp"} for one in rows]
+    by_row = [{name: next(parts).reshape(getattr(row, name).shape) for name in "tqp"}
+              for row in rows]
     forces = FORCE * weights[len(weights) - run.multipliers.size :].reshape(run.multipliers.shape)
-    return made[0] | {"multipliers": forces, "events": dict(zip(run.events, made[1:], strict=True))}
+    return by_row[0] | {"multipliers": forces,
+                        "events": dict(zip(run.events, by_row[1:], strict=True))}
 
 
 @pytest.mark.parametrize("asked", [
     pytest.param(asked, id=name, marks=[pytest.mark.slow] * (name in ("events", "first step")))
     for name, asked in ASKED.items()])
 def test_rows_within_steps_have_tangents_and_gradients(asked):
-    """Along the start, parameters, dt and t0, against differences; gradients against tangents."""
+    """Tangents by start, parameters, dt and t0 agree with differences; gradients with tangents."""
     step, z = stepper(), start()
     run = integrated(step, z, **asked, tangents=ALL)
-    assert all(len(one) for one in list(run.events.values())[:1])
-    made, B = derivatives(run), run.tangents.start[:, :2]
+    assert all(len(event) for event in list(run.events.values())[:1])
+    tangents, B = derivatives(run), run.tangents.start[:, :2]
     point = np.concatenate([[0, 0], [VALUES[name] for name in NAMES], [DT, T0]])
     for i, size in enumerate([1, 1, 1, 1, 1, 1, DT, 1]):
         e = np.zeros(8)
         e[i] = 1e-5 * size
 
-        def at(x):
+        def moved(x):
             return numbers(integrated(step, z + B @ x[:2], x[2:6], *x[6:], **asked))
 
-        slope = (8 * (at(point + e) - at(point - e)) - at(point + 2 * e) + at(point - 2 * e))
-        off = np.abs(slope / (12 * e[i]) - made[:, i]).max()
-        assert off <= 1e-8 * max(np.abs(made[:, i]).max(), 1), run.tangents.names[i]
-    weights = np.random.default_rng(0).normal(size=len(made))
-    expected = weights @ made
+        slope = (8 * (moved(point + e) - moved(point - e)) - moved(point + 2 * e)
+                 + moved(point - 2 * e))
+        off = np.abs(slope / (12 * e[i]) - tangents[:, i]).max()
+        assert off <= 1e-8 * max(np.abs(tangents[:, i]).max(), 1), run.tangents.names[i]
+    weights = np.random.default_rng(0).normal(size=len(tangents))
+    expected = weights @ tangents
     for memory in ("256 MB", "22 kB", "none"):
-        found = run.gradient(cotangents(run, weights), wrt=["start", *NAMES, "dt", "t0"],
-                             memory=memory).vector()
-        assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+        gradient = run.gradient(cotangents(run, weights), wrt=["start", *NAMES, "dt", "t0"],
+                                memory=memory).vector()
+        assert np.abs(gradient - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
 @pytest.mark.slow  # a stepper and its derivatives
 def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
-    """By what leaves the start as it is; momenta within its steps have fewer digits."""
+    """Parameters and dt leave the start as it is; momenta within steps have fewer digits."""
     step, z = systems.differentiable("driven_pendulum", "EMS"), start()
 
     def run_of(mass, push, dt, **options):
@@ -114,13 +117,13 @@ def test_events_of_a_scheme_that_does_not_keep_the_momentum_constraint():
 
     point = np.array([VALUES["m"], VALUES["push"], DT])
     run = run_of(*point, tangents=gs.Tangents(None, ["m", "push"], dt=True, multipliers=True))
-    made = derivatives(run)
+    tangents = derivatives(run)
     for i, e in enumerate(np.diag(1e-5 * np.array([1, 1, DT]))):
         slope = (numbers(run_of(*(point + e))) - numbers(run_of(*(point - e)))) / (2 * e[i])
-        assert np.abs(slope - made[:, i]).max() <= 1e-6 * max(np.abs(made[:, i]).max(), 1)
-    weights = np.random.default_rng(0).normal(size=len(made))
-    found = run.gradient(cotangents(run, weights), wrt=["m", "push", "dt"]).vector()
-    assert np.abs(found - weights @ made).max() <= 1e-11 * np.abs(weights @ made).max()
+        assert np.abs(slope - tangents[:, i]).max() <= 1e-6 * max(np.abs(tangents[:, i]).max(), 1)
+    weights = np.random.default_rng(0).normal(size=len(tangents))
+    gradient = run.gradient(cotangents(run, weights), wrt=["m", "push", "dt"]).vector()
+    assert np.abs(gradient - weights @ tangents).max() <= 1e-11 * np.abs(weights @ tangents).max()
 
 
 def test_states_asked_for_later_have_the_tangents_of_those_asked_for_at_once():
@@ -138,7 +141,7 @@ def test_states_asked_for_later_have_the_tangents_of_those_asked_for_at_once():
 
 
 def test_inputs_of_the_step_that_an_event_ends_have_a_gradient():
-    """Also those of a step that is not whole."""
+    """The inputs of a step that an event cuts short count too."""
     step, z = stepper(), start()
     values = {name: value for name, value in VALUES.items() if name != "push"}
     inputs = np.linspace(-1, 1, 20)[:, None]
@@ -182,27 +185,27 @@ def test_events_in_a_moving_frame():
     """The rates of a frame move the motion by its error alone."""
     problem = gs.problems.fast_top()
     parameters = problem.parameters | {"gamma": 0.0016}
-    moving, rest = (systems.differentiable(name) for name in ("heavy_top_in_frame", "heavy_top"))
+    moving, fixed = (systems.differentiable(name) for name in ("heavy_top_in_frame", "heavy_top"))
     rates = [symmetry.name for symmetry in moving.symmetries]
     arguments = {"dt": 4e-5, "steps": 2500, "events": gs.Event("q1", level=0.01)}
     turning = gs.tune(moving, problem, dt=4e-5, frame="start").parameters
     run = moving.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
                            parameters=parameters | turning,
                            tangents=gs.Tangents("all", ["I3", *rates], multipliers=True))
-    still = rest.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
-                           parameters=parameters, tangents=gs.Tangents("all", ["I3"],
-                                                                   multipliers=True))
-    made, expected = derivatives(run), derivatives(still)
-    assert np.abs(made[:, :7] - expected).max() <= 1e-10 * np.abs(expected).max()
-    assert np.abs(made[:, 7:]).max() < 1e-11
-    weights = np.random.default_rng(0).normal(size=len(made))
-    found = run.gradient(cotangents(run, weights), wrt=["start", "I3", *rates]).vector()
-    assert np.abs(found - weights @ made).max() <= 1e-12 * np.abs(weights @ made).max()
+    still = fixed.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
+                            parameters=parameters, tangents=gs.Tangents("all", ["I3"],
+                                                                    multipliers=True))
+    tangents, expected = derivatives(run), derivatives(still)
+    assert np.abs(tangents[:, :7] - expected).max() <= 1e-10 * np.abs(expected).max()
+    assert np.abs(tangents[:, 7:]).max() < 1e-11
+    weights = np.random.default_rng(0).normal(size=len(tangents))
+    gradient = run.gradient(cotangents(run, weights), wrt=["start", "I3", *rates]).vector()
+    assert np.abs(gradient - weights @ tangents).max() <= 1e-12 * np.abs(weights @ tangents).max()
 
 
 @cache
 def thrown():
-    """A body that is thrown: it touches its highest place. Its height costs too much to derive."""
+    """Return the stepper of a thrown body, whose height costs too much to derive."""
     step = gs.stepper("G-L", 2, system=parse_model(BALL, "ball.toml"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(derivative_kernels, "_LARGEST_QUANTITIES", 0)
@@ -213,15 +216,15 @@ def thrown():
 @pytest.mark.parametrize("event", [
     gs.Event("y", level=0.5 - 1e-13, name="apex"), gs.Event("height", level=0.25, name="apex")])
 def test_events_without_derivatives_are_refused_by_name(event, tmp_path):
-    """Those that only touch their level, and those of quantities that would cost too much."""
+    """Events have none that only touch their level, or that cost too much to derive."""
     step = thrown()
     arguments = {"dt": 0.03, "steps": 50, "parameters": {"g": 1.0}, "tangents": gs.Tangents()}
     begin = [0.1, 0.0], [1.0, 1.0]
     run = step.integrate(*begin, **arguments, events=event)
     assert run.tangents.q.shape == (51, 2, 4)
-    for one in (run, gs.load(run.save(tmp_path / "run.npz"))):
+    for trajectory in (run, gs.load(run.save(tmp_path / "run.npz"))):
         with pytest.raises(gs.InputError, match="apex"):
-            one.tangents.events["apex"]
+            trajectory.tangents.events["apex"]
     with pytest.raises(gs.InputError, match="apex"):
         run.gradient({"events": {"apex": {"t": np.ones(len(run.events["apex"]))}}})
     ends = gs.Event(event.quantity, event.level, terminal=True, name="apex")
@@ -250,16 +253,15 @@ def test_unknown_events_are_refused():
 
 
 def test_members_of_an_ensemble_have_the_derivatives_of_each_alone():
-    """Bit by bit in ends of steps; events have round-off of their times. One that fails has none.
-    """
+    """Ends of steps agree bit by bit, events up to round-off of times; a failed member has none."""
     step, z, forces = stepper(), start(), np.array([0.1, 1e300, -0.2, 0.3])[:, None]
     arguments = {"dt": DT, "steps": 40, "events": EVENTS, "parameters": VALUES,
                  "tangents": gs.Tangents("all", ["l"], dt=True, multipliers=True)}
     begin = gs.Start(z[:2], z[2:], t=T0)
-    many = step.integrate_ensemble([begin] * 4, **arguments, workers=2, inputs={"push": forces})
-    assert [one is None for one in many.tangents] == [False, True, False, False]
+    ensemble = step.integrate_ensemble([begin] * 4, **arguments, workers=2, inputs={"push": forces})
+    assert [tangents is None for tangents in ensemble.tangents] == [False, True, False, False]
     for i in (0, 2, 3):
-        member = many.members[i]
+        member = ensemble.members[i]
         alone = step.integrate(begin, **arguments, inputs={"push": forces[i, 0]})
         for name in ("q", "p", "t"):
             assert (getattr(member.tangents, name) == getattr(alone.tangents, name)).all()
@@ -275,14 +277,14 @@ def test_points_of_a_section_move_along_it():
     section = gs.section(step, z, np.ones((2, 2)), event=gs.Event("y", level=0.3), dt=0.03,
                          steps=80, parameters={"g": 1.0}, tangents=gs.Tangents(np.eye(4)))
     assert len(section) == 4
-    for one, y in zip(section.tangents, z[:, 1], strict=True):
-        assert np.abs(one.q[:, 1]).max() < 1e-15
+    for tangents, y in zip(section.tangents, z[:, 1], strict=True):
+        assert np.abs(tangents.q[:, 1]).max() < 1e-15
         speed = np.sqrt(1 - 2 * (0.3 - y))  # there, by the energy; dt/dy = -1/w at the first point
-        assert one.t[0, 1] == pytest.approx(-1 / speed, rel=1e-13)
+        assert tangents.t[0, 1] == pytest.approx(-1 / speed, rel=1e-13)
 
 
 def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
-    """Of a file, of a store and of a thinned one, bit by bit; by a later state where they begin."""
+    """Files and stores agree bit by bit, thinned stores to round-off; later rows are a start."""
     step, z = stepper(), start()
     run = integrated(step, z, steps=50, every=5)
     weights, wrt = np.sin(run.q), ["start", "l", "dt", "t0"]
@@ -294,9 +296,10 @@ def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
     stored = recording[:]
     assert (step.gradient(stored, {"q": weights}, wrt=wrt).vector() == expected).all()
     thin, later = recording[::3], recording[4:]
-    some = run.gradient({"q": weights * (np.arange(11) % 3 == 0)[:, None]}, wrt=wrt).vector()
+    expected_thin = run.gradient({"q": weights * (np.arange(11) % 3 == 0)[:, None]},
+                                 wrt=wrt).vector()
     assert np.abs(step.gradient(thin, {"q": weights[::3]}, wrt=wrt).vector()
-                  - some).max() <= 1e-13 * np.abs(some).max()
+                  - expected_thin).max() <= 1e-13 * np.abs(expected_thin).max()
     alone = integrated(step, np.concatenate([later.q[0], later.p[0]]), t0=later.t[0], steps=30,
                        every=5).gradient({"q": weights[4:]}, wrt="m")
     assert step.gradient(later, {"q": weights[4:]}, wrt="m")["m"] == pytest.approx(alone["m"],

@@ -1,4 +1,4 @@
-"""What has no derivative is refused in a sentence that names it."""
+"""A sentence names each thing without a derivative."""
 
 from __future__ import annotations
 
@@ -30,18 +30,18 @@ def run(top):
     return top.integrate(TOP.q0, TOP.p0, **START, steps=3000, every=100)
 
 
-def jvp(step, dq=ALONG, dp=ZERO, **more):
-    return step.jvp(TOP.q0, TOP.p0, dq, dp, **START | more)
+def jvp(step, dq=ALONG, dp=ZERO, **changes):
+    return step.jvp(TOP.q0, TOP.p0, dq, dp, **START | changes)
 
 
-def one_step(**wanted):
+def one_step(**request):
     return lambda s, r: s.integrate(TOP.q0, TOP.p0, **START, steps=1,
-                                    tangents=gs.Tangents(**wanted))
+                                    tangents=gs.Tangents(**request))
 
 
-def gradient(cotangents=None, **more):
-    return lambda s, r: s.gradient(r, {"q": TOP.q0} if cotangents is None and "loss" not in more
-                                   else cotangents, **more)
+def gradient(cotangents=None, **options):
+    return lambda s, r: s.gradient(r, {"q": TOP.q0} if cotangents is None and "loss" not in options
+                                   else cotangents, **options)
 
 
 def test_a_step_backwards_that_has_no_derivative_is_named(top, run, monkeypatch):
@@ -95,7 +95,7 @@ def test_what_has_no_derivative_is_named(top, run, call, words):
 
 
 def test_directions_that_leave_the_constraints(top):
-    """With the constraint's name; they can be projected."""
+    """The message names the constraint; the direction may be projected."""
     (name,) = map(re.escape, top.constraint_names)
     with refused(f"'{name}'"):
         jvp(top, dq=TOP.q0)
@@ -120,7 +120,7 @@ def test_numbers_that_are_none(top, run, bad):
 
 
 def test_memory_that_is_asked_for_suffices(top, run):
-    """The number in the error is enough."""
+    """The number of bytes in the message is enough."""
     with pytest.raises(gs.InputError) as error:
         top.gradient(run, {"q": TOP.q0}, memory="1 kB")
     needed = int(str(error.value).split("need ")[1].split(".")[0].replace(",", ""))
@@ -128,9 +128,9 @@ def test_memory_that_is_asked_for_suffices(top, run):
 
 
 def test_steps_whose_equations_do_not_hold(top):
-    more = {"solver": gs.Solver(tolerance=1e-6)}
+    loose = {"solver": gs.Solver(tolerance=1e-6)}
     with pytest.raises(gs.InputError):
-        top.integrate(TOP.q0, TOP.p0, **START, steps=2, **more, tangents=gs.Tangents())
+        top.integrate(TOP.q0, TOP.p0, **START, steps=2, **loose, tangents=gs.Tangents())
 
 
 def test_steps_that_fail(top):

@@ -46,15 +46,15 @@ def test_a_gradient_is_the_same_however_it_is_computed(top):
     assert (run.p == plain.p).all()
     cotangents = {"q": np.sin(run.q), "p": run.p}
     wrt = ["start", "I3", "mgl", "dt"]
-    kept = run.gradient(cotangents, wrt=wrt)
-    assert (run.gradient(cotangents, wrt=wrt, memory="2 MB").vector() == kept.vector()).all()
+    gradient = run.gradient(cotangents, wrt=wrt)
+    assert (run.gradient(cotangents, wrt=wrt, memory="2 MB").vector() == gradient.vector()).all()
     by_tangents = (np.einsum("rn,rnk->k", cotangents["q"], run.tangents.q)
                    + np.einsum("rn,rnk->k", cotangents["p"], run.tangents.p))
-    assert np.abs(by_tangents - kept.vector()).max() <= 1e-12 * np.abs(by_tangents).max()
+    assert np.abs(by_tangents - gradient.vector()).max() <= 1e-12 * np.abs(by_tangents).max()
     backwards = run.gradient(cotangents, wrt=wrt, memory="none")
-    assert np.abs(backwards.vector() - kept.vector()).max() <= 1e-11 * np.abs(by_tangents).max()
-    other = pickle.loads(pickle.dumps(step))
-    assert (other.gradient(run, cotangents, wrt=wrt).vector() == kept.vector()).all()
+    assert np.abs(backwards.vector() - gradient.vector()).max() <= 1e-11 * np.abs(by_tangents).max()
+    unpickled = pickle.loads(pickle.dumps(step))
+    assert (unpickled.gradient(run, cotangents, wrt=wrt).vector() == gradient.vector()).all()
 
 
 def test_a_loss_may_be_an_expression():
@@ -107,12 +107,12 @@ def test_a_loss_may_have_reactions(span):
 
 @pytest.mark.parametrize("scheme", ["G-L", "IMS"])
 def test_multipliers_at_states_before_an_end_between_two_steps(scheme):
-    """Multipliers of the whole steps come first, then of the last part; cotangents transpose it."""
+    """Rows of six steps come first, then of a shorter last one; cotangents are the transpose."""
     step, dt = systems.stepper("two_rods", scheme), systems.case("two_rods").dt
-    whole = systems.run("two_rods", step, 6)
+    full_steps = systems.run("two_rods", step, 6)
     run = systems.run("two_rods", step, None, t_end=6.4 * dt)
     at_states = multipliers_at_states(run)
-    assert np.array_equal(at_states[:-1], multipliers_at_states(whole))
+    assert np.array_equal(at_states[:-1], multipliers_at_states(full_steps))
     assert np.array_equal(at_states[-1], run.multipliers[-1, -1])
     w = np.random.default_rng(2).normal(size=at_states.shape)
     assert (cotangents_of_multipliers(run, w) * run.multipliers).sum() == pytest.approx(
@@ -132,7 +132,7 @@ def test_a_file_keeps_tangents(tmp_path, real):
     assert read.names == run.tangents.names
     for name in ("q", "p", "start", "t", "multipliers"):
         assert (getattr(read, name) == getattr(run.tangents, name)).all()
-    assert [len(one.t) for one in read.events.values()] == [1, 0]
+    assert [len(rows.t) for rows in read.events.values()] == [1, 0]
     for event, tangents in run.tangents.events.items():
         for name in ("q", "p", "t", "start"):
             assert (getattr(read.events[event], name) == getattr(tangents, name)).all()
@@ -145,8 +145,8 @@ def test_a_step_has_the_derivatives_of_a_run(top):
     start, n = run.tangents.start, step.n
     *_, dq, dp = step.jvp(problem.q0, problem.p0, start[:n, :6], start[n:, :6], dt=1e-3,
                           parameters=parameters)
-    for found, whole in ((dq, run.tangents.q), (dp, run.tangents.p)):
-        assert np.abs(found - whole[-1][:, :6]).max() <= 1e-13 * np.abs(whole).max()
+    for derivative, tangents in ((dq, run.tangents.q), (dp, run.tangents.p)):
+        assert np.abs(derivative - tangents[-1][:, :6]).max() <= 1e-13 * np.abs(tangents).max()
     q1, p1, back = step.vjp(problem.q0, problem.p0, dt=1e-3, parameters=parameters)
     assert (q1 == run.q[-1]).all()
     assert (p1 == run.p[-1]).all()
@@ -157,12 +157,12 @@ def test_a_step_has_the_derivatives_of_a_run(top):
     assert gradient["I3"] == pytest.approx(expected[6], rel=1e-12)
     gradient = back([0] * 4, [0] * 4, [1, -2, 3])
     expected = np.array([1, -2, 3]) @ run.tangents.multipliers[0]
-    found = np.array([*gradient.start, gradient["I3"]])
-    assert np.abs(found - expected).max() <= 1e-12 * np.abs(expected).max()
+    derivative = np.array([*gradient.start, gradient["I3"]])
+    assert np.abs(derivative - expected).max() <= 1e-12 * np.abs(expected).max()
 
 
 def test_inputs_and_moving_constraints():
-    """A length moves the start too; each row of inputs has its gradient; by differences."""
+    """A length moves the start too; each row of inputs has its gradient, as differences have."""
     step = systems.differentiable("driven_pendulum")
     values = {name: value for name, value in VALUES.items() if name != "push"}
     inputs = np.linspace(-1, 1, 5)[:, None]
@@ -175,18 +175,18 @@ def test_inputs_and_moving_constraints():
     f = step.value_and_gradient(loss, gs.Start(start.q, start.p, t=0.3), wrt=wrt,
                                 parameters=values, dt=0.02, steps=10,
                                 inputs=gs.Inputs(inputs, hold=2))
-    at = np.concatenate([[0.2, -0.1], inputs[:, 0], [values["l"], values["m"], 0.02]])
-    _, gradient = f(at)
+    point = np.concatenate([[0.2, -0.1], inputs[:, 0], [values["l"], values["m"], 0.02]])
+    _, gradient = f(point)
     for i, size in enumerate([1, 1, 1, 1, 1, 1, 1, 1, 1, 0.02]):
-        e = np.zeros(len(at))
+        e = np.zeros(len(point))
         e[i] = 1e-5 * size
-        slope = (f(at + e)[0] - f(at - e)[0]) / (2 * e[i])
+        slope = (f(point + e)[0] - f(point - e)[0]) / (2 * e[i])
         assert gradient[i] == pytest.approx(slope, rel=2e-7, abs=2e-7), i
 
 
 @pytest.mark.parametrize("t0", [0.3, 1000.0])
 def test_a_start_time_moves_the_constraints_whatever_its_size(t0):
-    """By differences of the loss; whole numbers of x are no other numbers."""
+    """Differences of the loss have its slope; integers in x are the same numbers as floats."""
     step, case = systems.differentiable("driven_pendulum"), systems.case("driven_pendulum")
 
     def loss(run):
@@ -195,9 +195,10 @@ def test_a_start_time_moves_the_constraints_whatever_its_size(t0):
     start = step.consistent(case.q, case.p, parameters=case.parameters, t=t0)
     begin = gs.Start(start.q, start.p, case.parameters, t=t0)
     f = step.value_and_gradient(loss, begin, wrt=["start", "t0"], dt=0.02, steps=10)
-    at, e = np.array([0.1, 0.1, t0]), np.array([0.0, 0.0, 1e-3])
-    slope = (8 * (f(at + e)[0] - f(at - e)[0]) - f(at + 2 * e)[0] + f(at - 2 * e)[0]) / 12e-3
-    assert f(at)[1][2] == pytest.approx(slope, rel=1e-8)
+    point, e = np.array([0.1, 0.1, t0]), np.array([0.0, 0.0, 1e-3])
+    slope = (8 * (f(point + e)[0] - f(point - e)[0]) - f(point + 2 * e)[0]
+             + f(point - 2 * e)[0]) / 12e-3
+    assert f(point)[1][2] == pytest.approx(slope, rel=1e-8)
     f = step.value_and_gradient(loss, begin, wrt=["l"], dt=0.02, steps=10)
     assert np.array_equal(f([1])[1], f([1.0])[1])
     with pytest.raises(gs.InputError, match="'l' 2 times"):
@@ -262,10 +263,10 @@ def test_inputs_have_the_same_bits_from_checkpoints():
                          parameters={"k": 9.81})
     w = {"q": run.q, "p": 2 * run.p}
     wrt = ("start", "inputs", "k", "dt")
-    whole, pieces = (step.gradient(run, w, wrt=wrt, memory=m) for m in ("256 MB", "500 kB"))
-    assert whole.inputs.shape == rows.shape
-    assert np.array_equal(whole.vector(), pieces.vector())
-    assert np.array_equal(whole.inputs, pieces.inputs)
+    at_once, pieces = (step.gradient(run, w, wrt=wrt, memory=m) for m in ("256 MB", "500 kB"))
+    assert at_once.inputs.shape == rows.shape
+    assert np.array_equal(at_once.vector(), pieces.vector())
+    assert np.array_equal(at_once.inputs, pieces.inputs)
 
 
 @pytest.mark.parametrize(("size", "count", "dependent"), [
@@ -309,9 +310,9 @@ def test_forces_that_jump_are_warned_of(dry):
 
 @pytest.mark.parametrize(("t0", "count"), [(0.7, 1), (2.0, 0)])
 def test_switches_of_the_time_are_counted(dry, t0, count):
-    """Without one there is no warning."""
+    """A run without such a switch has no warning."""
     run = dry.integrate(gs.Start([1.0], [0.0], t=t0), **SWITCHED | {"steps": 20})
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         assert run.gradient({"q": [1.0]}).switched_steps == count
-    assert len(told) == count
+    assert len(caught) == count
