@@ -122,7 +122,7 @@ class Assembly:
         with in_range(f"Multibody {components.name!r}"):
             # the poses of the description, to which the equations refer
             self.poses = self._poses()
-            self._of_link = {link: list(link.equations(self.poses, self.store))
+            self._equations_of = {link: list(link.equations(self.poses, self.store))
                              for link in self.links}
             self.equations, self.velocity_equations = self._equations(without)
             self.start = self._start()
@@ -142,7 +142,7 @@ class Assembly:
             raise InputError(f"Joint {link.name!r} of a latch is open at the start; give its "
                              "points, on_a= and on_b=.")
         self.links.append(link)
-        self._of_link[link] = list(link.equations(self.poses, self.store))
+        self._equations_of[link] = list(link.equations(self.poses, self.store))
 
     def redundancy(self, t: float) -> Redundancy:
         """Return the constraints that depend on others at the start, at time t."""
@@ -163,9 +163,9 @@ class Assembly:
         # numbers that are not finite end in a refusal
         with np.errstate(all="ignore"):
             g = constraints.g(self.q0)
-            mu = int(np.abs(g).argmax()) if g.size else 0
-            if g.size and not abs(g[mu]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
-                raise InputError(f"{constraints.names[mu]!r} is open by {g[mu]:.3g} in the "
+            widest = int(np.abs(g).argmax()) if g.size else 0
+            if g.size and not abs(g[widest]) <= _OPEN * max(1.0, np.abs(self.q0).max()):
+                raise InputError(f"{constraints.names[widest]!r} is open by {g[widest]:.3g} in the "
                                  "start; give start=run[-1] of a run with this constraint, or of "
                                  "one that ended where its latch closes.")
         self._refuse_half_turns(self._poses_at(self.q0), "where its latch closes; give a start "
@@ -191,6 +191,7 @@ class Assembly:
                              (link.b, getattr(link, "on_b", None))):
                 if r is not None:
                     arms.setdefault(frame, []).append(math.hypot(*r))
+                    # from the origin of b: where in space the model is does not count
                     points.append(self.poses[frame].space(r) - np.asarray(self.poses[link.b].x))
         extent = max(math.hypot(*r) for r in points)
         # segments of a beam are thin, and the inertia of a robot's file is measured or drawn
@@ -219,7 +220,7 @@ class Assembly:
         return tuple(v for body in self.components.bodies for v in body.velocities)
 
     def _poses(self) -> dict[Frame, Pose]:
-        """Return the poses of the description, in which all angles and travels are 0.
+        """Return the poses of the description, with angles and travels 0, or as files have them.
 
         Positions and points that are not given are propagated from body to body along the joints.
         """
@@ -290,7 +291,7 @@ class Assembly:
             for body in self.components.bodies}
         for link in self.links:
             bodies = [frame for frame in link.frames if isinstance(frame, Body)]
-            equations_of[max(bodies, key=order.__getitem__)] += self._of_link[link]
+            equations_of[max(bodies, key=order.__getitem__)] += self._equations_of[link]
         equations = [e for body in self.components.bodies for e in equations_of[body]]
         velocity_equations = [e for link in self.links if isinstance(link, Rolling)
                               for e in link.velocity_equations(self.store)]
@@ -438,20 +439,22 @@ class Assembly:
         """Return the layouts of the joints, aliases of joints last.
 
         ``equations`` are the system's constraints, ``counted`` the names of joints whose full
-        turns count. Travels along a body's own axis and connections of point masses have no layout,
-        nor have those of moving points but for joints that hold a point or an axis.
+        turns count. A ``Slide`` and connections of point masses have no layout. Of the connections
+        of moving points, only joints that hold a point or an axis have one.
         """
         def layout(link: Connection, *, is_counted: bool) -> JointLayout:
             """Return the layout of a joint, with those of its constraints that the system keeps."""
-            return joint_at(link, self.poses, [e for e in self._of_link[link] if e in equations],
-                            parameters, values, is_counted=is_counted)
+            kept_equations = [e for e in self._equations_of[link] if e in equations]
+            return joint_at(link, self.poses, kept_equations, parameters, values,
+                            is_counted=is_counted)
 
         def has_layout(link: Connection) -> bool:
             """Whether force, angle and rate of a connection follow from bodies alone."""
-            holds = isinstance(link, Joint | Align) and not isinstance(link, BeamJoint | Planar)
-            unknown = Particle if holds else MovingPoint | Particle
+            holds_point_or_axis = isinstance(link, Joint | Align) and not isinstance(
+                link, BeamJoint | Planar)
+            unknown_frames = Particle if holds_point_or_axis else MovingPoint | Particle
             return not isinstance(link, Slide) and not any(
-                isinstance(frame, unknown) for frame in link.frames)
+                isinstance(frame, unknown_frames) for frame in link.frames)
 
         layouts = [layout(link, is_counted=link.name in counted) for link in self.links
                    if has_layout(link)]

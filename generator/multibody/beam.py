@@ -142,8 +142,9 @@ class Beam:
         """Return u (3,) at which a joint has no moment, where κ = (factor/h) u is the curvature.
 
         u is the vector part of the relative unit quaternion ā b, with |u| the sine of half the
-        angle, below 1: (h/factor) ``rest`` where the beam has a rest curvature, else u of the
-        attitudes ``a`` and ``b`` at the start. Raises InputError for a curvature with |u| ≥ 1.
+        angle, below 1: (h/factor) ``rest``, h = ``spacing``, where the beam has a rest curvature,
+        else u of the attitudes ``a`` and ``b`` at the start. Raises InputError for a curvature with
+        |u| ≥ 1.
         """
         u = strain_between(a, b) if self.rest is None else self.spacing / factor * self.rest
         if not np.linalg.norm(u) < 1:
@@ -156,7 +157,7 @@ class Beam:
         # equal stiffnesses are one parameter, NAME_bending
         names = ("bending",) * 2 if len({*self.bending}) == 1 else ("bending1", "bending2")
         EI1, EI2, GJ = (
-            named_number(f"{self.name}_{name}", value, store, ()) for name, value in
+            named_number(f"{self.name}_{name}", value, store, literals=()) for name, value in
             zip((*names, "twisting"), (*self.bending, self.twisting), strict=True))
         return EI1, EI2, GJ
 
@@ -194,8 +195,8 @@ class BeamJoint(Joint):
         A clamp holds the start, arc = 0, or the end of the beam; its segment is a or b.
         """
         # a is before the joint, but where a is the segment at the start, or the holder at the end
-        holder_is_last = self.factor == 4 and (self.a in self.beam.segments) != bool(self.arc)
-        return (self.b, self.a) if holder_is_last else (self.a, self.b)
+        is_b_before = self.factor == 4 and (self.a in self.beam.segments) != bool(self.arc)
+        return (self.b, self.a) if is_b_before else (self.a, self.b)
 
     def turns(self, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
         """Return the quaternions of the section in the axes of both sides.
@@ -240,7 +241,7 @@ class BeamJoint(Joint):
         return w, (u[0], u[1], u[2])
 
     def stiffness_by_strain(self, store: Store) -> tuple[sp.Expr, Vector]:
-        """Return f/h and B: V is Σ (f/h) B_k (u_k − u°_k)²."""
+        """Return f/h and B of V = Σ (f/h) B_k (u_k − u°_k)²; f is ``factor``, h ``spacing``."""
         h = named_number(f"{self.beam.name}_spacing", self.beam.spacing, store)
         return self.factor / h, self.beam.stiffness(store)
 
@@ -275,10 +276,10 @@ class BeamJoint(Joint):
         segments at both ends have no joint.
         """
         shearing, stretching = self.beam.extension
-        GA = EA = named_number(f"{self.beam.name}_shearing", shearing, store, ())
+        GA = EA = named_number(f"{self.beam.name}_shearing", shearing, store, literals=())
         # equal stiffnesses are one parameter: V is then ½ C |d|², without tangents
         if stretching != shearing:
-            EA = named_number(f"{self.beam.name}_stretching", stretching, store, ())
+            EA = named_number(f"{self.beam.name}_stretching", stretching, store, literals=())
         suffix = "gap" if self.gap == self.beam.spacing else "end_gap"
         return GA, EA, named_number(f"{self.beam.name}_{suffix}", self.gap, store)
 

@@ -161,7 +161,7 @@ class Body(Frame):
         cls, name: str, rep: Rep, origin: Vector, centre: Vector, *, tensor: bool = False
     ) -> Body:
         """Return a body one of whose points is fixed in space: 4 coordinates."""
-        return cls._with_name(name, rep, (), (), origin, centre, tensor)
+        return cls._with_name(name, rep, x=(), p_x=(), origin=origin, centre=centre, tensor=tensor)
 
     @classmethod
     def _with_name(
@@ -313,9 +313,10 @@ class Particle(Body):
         """Return the point with the symbols of a name."""
         x, p_x = (sp.symbols([f"{name}_{prefix}{axis}" for axis in _AXES], real=True)
                   for prefix in ("", "p"))
-        return cls(name, "gamma", (), (), tuple(x), tuple(p_x), _vector(x),
-                   _vector([sp.Integer(0)] * 3), sp.Symbol(f"{name}_m", positive=True), (),
-                   sp.Symbol(f"{name}_gamma"))
+        # a point does not turn: no formula has its representation, its inertia or its weight
+        return cls(name, rep="gamma", q=(), p=(), x=tuple(x), p_x=tuple(p_x), origin=_vector(x),
+                   centre=_vector([sp.Integer(0)] * 3), mass=sp.Symbol(f"{name}_m", positive=True),
+                   inertia=(), weight=sp.Symbol(f"{name}_gamma"))
 
     @property
     def attitude(self) -> tuple[sp.Expr, ...]:

@@ -64,13 +64,17 @@ class FlywheelBody(Particle):
 
     @classmethod
     def of(cls, name: str, numbers: Sequence[str] = ("",)) -> FlywheelBody:
-        """Return coordinates ``name_phi``, one for each suffix, with the inertia ``name_inertia``.
+        """Return coordinates NAME_phiK, one for each suffix K in ``numbers``, and their inertia.
+
+        The inertia a is the symbol NAME_inertia.
         """
         zero = (sp.Integer(0),) * 3
         x, p = (tuple(sp.Symbol(f"{name}_{prefix}{k}", real=True) for k in numbers)
                 for prefix in ("phi", "pphi"))
-        return cls(f"{name}_phi", "gamma", (), (), x, p, zero, zero,
-                   sp.Symbol(f"{name}_inertia", positive=True), (), sp.Symbol(f"{name}_gamma"))
+        # as in ``Particle.with_name``, no formula has its representation or its weight
+        return cls(f"{name}_phi", rep="gamma", q=(), p=(), x=x, p_x=p, origin=zero, centre=zero,
+                   mass=sp.Symbol(f"{name}_inertia", positive=True), inertia=(),
+                   weight=sp.Symbol(f"{name}_gamma"))
 
     @property
     def centre_of_mass(self) -> Vector:
@@ -123,7 +127,10 @@ class Coordinate(Connection):
         yield self.b.p_x, (effort,)
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield the coordinate, if it is given: the difference c − c₀ − fraction · (c₁ − c₀)."""
+        """Yield the coordinate c, if it is given: the difference c − c₀ − fraction · (c₁ − c₀).
+
+        c₀ is ``value``, of the described pose, and c₁ ``start_value``.
+        """
         if self.start_value is not None:
             coordinate = self.measure(self.kind, poses, store)
             yield StartValue(self.name, self.kind, self.start_value,
@@ -132,6 +139,7 @@ class Coordinate(Connection):
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the rate, if it is given."""
         if self.speed is not None:
+            # v of a flywheel's body is the rate of its one coordinate; it has no angular velocity
             yield StartRate(self.name, self.speed, {self.b: (np.ones(1), np.zeros(0))})
 
     def begin(self, poses: Poses) -> None:
@@ -344,6 +352,7 @@ class Arm(Connection):
         frame = (self.a, self.b)[self.own]
         e = frame.direction(self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store))
         for body, sign in ((self.b, 1), (self.a, -1)):
+            # the torque in body axes: R has the body's axes as columns
             if isinstance(body, Body):
                 yield from body.torque_on([sign * effort * dot(body.rotation.col(k), e)
                                            for k in range(3)])

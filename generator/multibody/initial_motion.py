@@ -73,7 +73,7 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
     """
     # False sorts before True: joints with given coordinates come first
     joints = sorted((link for link in links if isinstance(link, Joint | Align)),
-                    key=lambda link: not any(link.start_values(poses, {})))
+                    key=lambda link: not any(link.start_values(poses, store={})))
     rods = [link for link in links if isinstance(link, Rod)]
     start = {frame: pose for frame, pose in poses.items() if not isinstance(frame, Body)}
     bodies = [frame for frame in poses if isinstance(frame, Body)
@@ -121,9 +121,10 @@ def close_loops(
     InputError
         For angles and travels that contradict the constraints, with the nearest possible ones.
     """
-    sines, cosines = _numbers_of(constraints.symbols, constraints.values, targets)
-    size = ROUNDING * max(float(np.abs(start).max()), 1.0)
-    if max(np.abs(constraints.g(start)).max(initial=0.0), np.abs(sines.g(start)).max()) <= size:
+    sines, cosines = _sines_and_cosines(constraints.symbols, constraints.values, targets)
+    tolerance = ROUNDING * max(float(np.abs(start).max()), 1.0)
+    if max(np.abs(constraints.g(start)).max(initial=0.0),
+           np.abs(sines.g(start)).max()) <= tolerance:
         return start
     # The start of the tree may belong to another assembly mode. Therefore the given values grow in
     # small parts from those of the description, and the loops are closed after each.
@@ -132,17 +133,17 @@ def close_loops(
         sines.set_value(FRACTION, stage / _PARTS)
         q = _minimise_on_constraints(constraints, sines, q)
     g = np.abs(constraints.g(q))
-    if not g.max(initial=0.0) <= size:
+    if not g.max(initial=0.0) <= tolerance:
         label = constraints.constraint_names[int(np.argmax(g))]
         raise InputError(f"No start with the given angles and travels of joints meets {label!r}: "
                          f"it stays at |g| = {g.max():.3e}; leave out some of them.")
     offsets = _offsets(targets, sines, cosines, q)
-    if max(map(abs, offsets)) <= size:
+    if max(map(abs, offsets)) <= tolerance:
         return q
     nearest = _list_nearest(targets, offsets)
     # numbers typed with few digits are moved to the nearest consistent ones with a warning: a
     # travel by a part of itself, an angle by a part of a radian
-    allowed = [max(size, TYPED * (abs(e.value) if e.cosine is None else 1)) for e in targets]
+    allowed = [max(tolerance, TYPED * (abs(e.value) if e.cosine is None else 1)) for e in targets]
     if all(abs(d) <= bound for d, bound in zip(offsets, allowed, strict=True)):
         warn(f"The given angles and travels of joints do not meet the constraints; the nearest "
              f"ones that do are taken: {nearest}.")
@@ -152,7 +153,7 @@ def close_loops(
                      "given follows.")
 
 
-def _numbers_of(
+def _sines_and_cosines(
     symbols: Sequence[sp.Symbol], values: Mapping[str, float], targets: Sequence[StartValue]
 ) -> tuple[NumericConstraints, NumericConstraints]:
     """Return sin and cos of (angle − target value) of all targets, each as a g(q) with numbers.
@@ -173,7 +174,7 @@ def _offsets(
 ) -> list[float]:
     """Return each coordinate at q less its target: a travel, or an angle in rad from −π to π.
 
-    ``sines`` and ``cosines`` are those of ``_numbers_of``; q has the shape (n,).
+    ``sines`` and ``cosines`` are those of ``_sines_and_cosines``; q has the shape (n,).
     """
     cosine = iter(cosines.g(q).tolist() if cosines.expressions else [])
     return [sine if e.cosine is None else float(np.arctan2(sine, next(cosine)))
@@ -198,7 +199,7 @@ def warn_of_moved_joints(
     targets = [e for link in links for e in _with_targets(link).start_values(poses, store)]
     if not targets:
         return
-    offsets = _offsets(targets, *_numbers_of(symbols, store, targets), q)
+    offsets = _offsets(targets, *_sines_and_cosines(symbols, store, targets), q)
     missed_targets = [(target, offset) for target, offset in zip(targets, offsets, strict=True)
                       if abs(offset) > ROUNDING * max(float(np.abs(q).max()), 1.0)]
     if missed_targets:
@@ -428,14 +429,14 @@ class Velocities:
         projected = project_momenta(numbers, q, p)
         R, d = self._scaled_targets(targets)
         y = self._scale(self.u)
-        scale = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
+        tolerance = ROUNDING * max(float(np.linalg.norm(y)), float(np.abs(d).max(initial=0.0)))
         # usually the projected momenta have the given velocities already
         shift = self._scale(self._velocities(projected - self._momenta(self.u)))
-        if np.abs(R @ (y + shift) - d).max(initial=0.0) <= scale:
+        if np.abs(R @ (y + shift) - d).max(initial=0.0) <= tolerance:
             return projected
         solution = self._fit_on_constraints(numbers, q, R, d)
         u = self._unscale(solution)
-        self._refuse_missed(targets, u, R @ solution - d, d, scale)
+        self._refuse_missed(targets, u, R @ solution - d, d, tolerance)
         return self._momenta(u)
 
     def _scaled_targets(self, targets: Sequence[_Target]) -> tuple[Array, Array]:
@@ -484,13 +485,13 @@ class Velocities:
         A velocity of 0 by the rates may change without a warning: it is the file's default.
         """
         u = self._velocities(p)
-        size = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
-        u = np.where(np.abs(u) > size, u, 0.0)
+        tolerance = ROUNDING * max(np.abs(self.u).max(), np.abs(u).max())
+        u = np.where(np.abs(u) > tolerance, u, 0.0)
         corrections = []
         for (body, quantity), columns in self.slots.items():
             change = float(np.abs(u[columns] - self.u[columns]).max())
             if (self.bodies[body].is_placed and not isinstance(body, FlywheelBody)
-                    and self.u[columns].any() and change > size):
+                    and self.u[columns].any() and change > tolerance):
                 name = "velocity" if quantity == "v" else "angular velocity"
                 corrections.append((change, f"the {name} of {body.name!r} in space is "
                                     f"{_text(u[columns])} "
@@ -500,19 +501,19 @@ class Velocities:
                  "allow, of all joints.")
 
     def _refuse_missed(
-        self, targets: Sequence[_Target], u: Array, residual: Array, d: Array, scale: float
+        self, targets: Sequence[_Target], u: Array, residual: Array, d: Array, tolerance: float
     ) -> None:
         """Refuse given velocities that u does not have; warn where rounding of input explains it.
 
         ``residual`` is R y − d of ``keep``, with an entry for each component of each target, as d
-        has; an entry up to ``scale`` is round-off.
+        has; an error up to ``tolerance`` is round-off.
         """
         # the entries of each target in d and the residual end at its entry of ``ends``
-        offsets = np.cumsum([len(target.value) for target in targets])
+        ends = np.cumsum([len(target.value) for target in targets])
         corrections = []
-        for target, indices in zip(targets, np.split(np.arange(len(d)), offsets[:-1]), strict=True):
+        for target, indices in zip(targets, np.split(np.arange(len(d)), ends[:-1]), strict=True):
             error = float(np.linalg.norm(residual[indices]))
-            if error > scale:
+            if error > tolerance:
                 value, nearest = target.axes @ target.value, target.axes @ (target.rows @ u)
                 relative_error = error / max(float(np.linalg.norm(d[indices])),
                                              np.finfo(float).tiny)

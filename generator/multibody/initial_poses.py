@@ -164,7 +164,7 @@ def initial_state(
         optional_vector(f"position of {name!r}", position),
         optional_vector(f"velocity of {name!r}", velocity),
         optional_vector(f"angular velocity of {name!r}", omega),
-        quaternion is not None or rotation is not None,
+        is_turned=quaternion is not None or rotation is not None,
     )
 
 
@@ -176,7 +176,8 @@ def numbers(matrix: Any) -> Array:
 def onto(axis: Array) -> Array:
     """Return the quaternion of the smallest rotation that turns the third axis into a direction.
 
-    It is the rotation by the angle θ between the axes about (−y, x, 0)/sin θ.
+    It is the rotation by the angle θ between the axes about (−y, x, 0)/sin θ, with the unit vector
+    (x, y, z) along ``axis``.
     """
     size = float(np.linalg.norm(axis))
     x, y, z = axis / (size or 1.0)
@@ -268,7 +269,7 @@ def finite(label: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 def positive(label: str, value: Any) -> float:
     """Return a finite number above 0."""
-    number = float(finite(label, value, ()))
+    number = float(finite(label, value, shape=()))
     if number <= 0:
         raise InputError(f"The {label} is {number}; it must be above 0.")
     return number
@@ -276,7 +277,7 @@ def positive(label: str, value: Any) -> float:
 
 def non_negative(label: str, value: Any) -> float:
     """Return a finite number, 0 or more."""
-    number = float(finite(label, value, ()))
+    number = float(finite(label, value, shape=()))
     if number < 0:
         raise InputError(f"The {label} is {number:g}; give 0 or more.")
     return number
@@ -323,7 +324,7 @@ def count(value: Any) -> int:
 
 def nonzero(label: str, value: Any) -> float:
     """Return a finite number other than 0, such as γ or α."""
-    number = float(finite(label, value, ()))
+    number = float(finite(label, value, shape=()))
     if number == 0:
         raise InputError(f"The {label} is 0, and the kinetic energy divides by it; give another "
                          "number.")

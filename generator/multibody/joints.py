@@ -160,7 +160,8 @@ def named_vector(
 def propagate(quantity: str, a: Pose, b: Pose, difference: Array) -> bool:
     """Set an unknown quantity of a or b by b = a + ``difference``; return whether it was set.
 
-    ``quantity`` is "spin" or "v". Nothing is set where both values are known, or neither is.
+    ``quantity`` is "spin", the angular velocity in space, or "v". Nothing is set where both values
+    are known, or neither is.
     """
     value_a, value_b = getattr(a, quantity), getattr(b, quantity)
     if value_a is not None and value_b is None:
@@ -547,14 +548,15 @@ class Fixed(Joint):
     def refuse_half_turn(self, described: Poses, poses: Poses, cure: str) -> None:
         """Refuse poses in which b is turned by π, where the constraints hold, too.
 
-        The trace of the rotation off the relative one is 1 + 2 cos θ: 3, or −1 after half a turn.
+        The rotation by θ from the attitude that the joint holds to that of ``poses`` has the trace
+        1 + 2 cos θ: 3 for θ = 0, −1 after half a turn. ``cure`` ends the message.
         """
         if np.trace(self.rotation(described).T @ self.rotation(poses, is_given=False)) < 0:
             raise InputError(f"Joint {self.name!r} fixes its bodies at a rotation of more than "
                              f"120 degrees from {cure}.")
 
     def rotation(self, poses: Poses, is_given: bool = True) -> Array:
-        """Return R_aᵀ R_b of poses, or ``relative`` if that is given."""
+        """Return R_aᵀ R_b of poses, or ``relative`` if that is set and ``is_given`` asks for it."""
         if is_given and self.relative is not None:
             return self.relative
         matrix: Array = poses[self.a].R.T @ poses[self.b].R
@@ -798,7 +800,7 @@ class Prismatic(Cylindrical):
 
 @dataclass(eq=False, repr=False)
 class Screw(Cylindrical):
-    """b turns about an axis of a and moves along it by ``lead`` a turn."""
+    """b turns about an axis of a and moves along it by h = ``lead`` a turn, in m."""
 
     lead: float = field(kw_only=True)
 
@@ -908,8 +910,8 @@ class RheonomicConstraint(Connection):
         hinge = hinge_of(self)
         c, s = cosine_and_sine(hinge, poses, store)
         # in cos θ and sin θ it is the same for any number of turns
-        turn = self.law - named_number(f"{self.name}_begin", hinge.angle, store)
-        yield Equation(f"{self.name}: angle", c * sp.sin(turn) - s * sp.cos(turn),
+        target = self.law - named_number(f"{self.name}_begin", hinge.angle, store)
+        yield Equation(f"{self.name}: angle", c * sp.sin(target) - s * sp.cos(target),
                        ConstraintForce("axial", hinge.ends(poses, store)[0]))
 
     def axes(self, poses: Poses, store: Store) -> tuple[Sequence[sp.Expr], Sequence[sp.Expr]]:
@@ -919,14 +921,18 @@ class RheonomicConstraint(Connection):
 
 @dataclass(eq=False, repr=False)
 class Coupling(Connection):
-    """Coupling of two coordinates: c₂ = ratio · c₁ + offset."""
+    """Coupling of two coordinates: c₂ = ratio · c₁ + offset.
+
+    ``quantities`` are the measures c₁ and c₂ of the two joints: "angle" or "travel".
+    """
 
     quantities: tuple[str, str] = field(kw_only=True)
     ratio: float = field(kw_only=True)
     offset: float = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield c₂ − k c₁ − offset = 0; values of its parameters go into ``store``."""
+        """Yield c₂ − k c₁ − offset = 0, k = ``ratio``; values of its parameters go into ``store``.
+        """
         # For a ratio z/n of small numbers it is a condition on sines of multiples of the angles,
         # which full turns do not change. Any other ratio needs the angle itself, which the
         # coordinates determine only within a full turn.
@@ -956,7 +962,10 @@ class Coupling(Connection):
 
 @dataclass(eq=False, repr=False)
 class Motor(Connection):
-    """A torque in N m, or a force in N, on the coordinate of a joint: the expression ``effort``."""
+    """A torque in N m, or a force in N, on the coordinate of a joint: the expression ``effort``.
+
+    ``quantity`` is the measure on which it acts: "angle" or "travel".
+    """
 
     quantity: str = field(kw_only=True)
     effort: sp.Expr = field(kw_only=True)
@@ -970,8 +979,9 @@ class Motor(Connection):
 class JointSpring(Connection):
     """V = ½ k d² with the distance d of a joint's coordinate from rest, and a damper.
 
-    ``rest`` is a number, or an interval (lower, upper), in which the spring is slack: d is the
-    distance from the interval.
+    ``quantity`` is the measure "angle" or "travel", ``coordinate`` its symbol and ``rate`` the
+    symbol of its rate; k is ``stiffness``. ``rest`` is a number, or an interval (lower, upper), in
+    which the spring is slack: d is the distance from the interval.
     """
 
     quantity: str = field(kw_only=True)

@@ -28,7 +28,8 @@ from ..systems.system import System
 
 __all__ = ["Model", "exact_array"]
 
-#: Gaps of an equilibrium that touch, relative to the coordinates: above the error of these.
+#: Depth at most, relative to the coordinates, of a gap that touches in an equilibrium: it is above
+#: the error of the coordinates.
 _TOUCH = 1e-12
 
 
@@ -233,6 +234,7 @@ class Model:
     @property
     def start(self) -> Start:
         """Where a run of it starts; γ and α without a value are found by its rules."""
+        # the rates of a co-moving frame are found by a rule, too: the least squares of the start
         rules = {**self.rules, **({"frame": "start"} if self.frame else {})}
         return Start(self.q0, self.p0, self.parameters).of_model(
             self.bodies, rules, span=(self.dt, self.steps), events=self.events)

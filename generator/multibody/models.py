@@ -89,7 +89,7 @@ def double_pendulum(*, rep: RepName = "gamma", angles: tuple[float, float] = (1.
 
     ``angles`` are those of the bars against the downward vertical, in rad.
     """
-    start_angles = finite("angles", angles, (2,)).tolist()
+    start_angles = finite("angles", angles, shape=(2,)).tolist()
     warn_of_degrees("angles", start_angles, cure=f"numpy.radians({start_angles})")
     build = Multibody("double_pendulum", dt=0.005, steps=1000,
                       description="Two bars in a plane: a compound double pendulum.")
@@ -149,7 +149,7 @@ def four_bar(*, rep: RepName = "gamma", rate: float = 3.0) -> Model:
     """
     build = Multibody("four_bar", gravity=(0, -9.81, 0), dt=0.002, steps=2000,
                       description="Planar four-bar linkage: crank, coupler, rocker.")
-    rate = float(finite("rate", rate, ()))
+    rate = float(finite("rate", rate, shape=()))
     points = np.array([[0, 0, 0], [0, 0.4, 0], [0.9, 0.8, 0], [1.0, 0, 0]], dtype=float)
     rates = _loop_rates(points, rate)
     names = ("crank", "coupler", "rocker")
@@ -189,13 +189,13 @@ def delta_robot(*, rep: RepName = "gamma") -> Model:
         elevation = math.atan2(z, x) + math.acos(cosine)
         elbow = shoulder + arm * (
             math.cos(elevation) * radial + np.array([0, 0, math.sin(elevation)]))
-        upper = build._uniform_rod(f"arm{k}", shoulder, elbow, 0.3, rep)
+        upper = build._uniform_rod(f"arm{k}", shoulder, elbow, mass=0.3, rep=rep)
         build.revolute(f"shoulder{k}", build.ground, upper, axis_in_space=tangential, at=shoulder)
         build.spring(f"spring{k}", build.ground, upper, stiffness=40.0, length=0.2,
                      on_a=(base_radius + arm) * radial + (0, 0, 0.3), on_b=(arm / 2, 0, 0))
         for name, offset in (("left", half_gap * tangential), ("right", -half_gap * tangential)):
             lower = build._uniform_rod(
-                f"rod{k}_{name}", elbow + offset, wrist + offset, 0.08, rep)
+                f"rod{k}_{name}", elbow + offset, wrist + offset, mass=0.08, rep=rep)
             build.ball(f"elbow{k}_{name}", upper, lower, at=elbow + offset)
             build.ball(f"wrist{k}_{name}", lower, platform, at=wrist + offset)
     return build.model()
@@ -222,8 +222,8 @@ def stewart_platform(*, rep: RepName = "gamma") -> Model:
                           (0.3, 2 * math.pi * (k // 2) / 3 + (math.pi / 3 - 0.2) * side)))
         top = middle + frame @ head
         along = (top - foot) / np.linalg.norm(top - foot)
-        tube = build._uniform_rod(f"tube{k}", foot, foot + 0.35 * along, 0.5, rep)
-        rod = build._uniform_rod(f"rod{k}", top - 0.35 * along, top, 0.3, rep)
+        tube = build._uniform_rod(f"tube{k}", foot, foot + 0.35 * along, mass=0.5, rep=rep)
+        rod = build._uniform_rod(f"rod{k}", top - 0.35 * along, top, mass=0.3, rep=rep)
         build.ball(f"foot{k}", build.ground, tube, at=foot)
         build.prismatic(f"slide{k}", tube, rod, axis_on_body=(1, 0, 0), at=foot)
         build.ball(f"head{k}", rod, platform, at=top)
@@ -262,6 +262,7 @@ def build_chain(rods: int, rep: RepName = "gamma") -> Model:
                 turn((1, 0, 0), 0.4 * (-1) ** i), turn((0, 1, 0), 0.05 * i)),
             angular_velocity=(0.2, -0.1, 5.0),
         )
+        # the first rod hangs from the origin of space, any other from the end of the one before
         build.ball(f"j{i}", parent, rod, on_a=(0, 0, -0.15) if i else (0.0, 0.0, 0.0),
                    on_b=(0, 0, 0.15))
         parent = rod

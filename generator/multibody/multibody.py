@@ -112,8 +112,9 @@ from .rolling import Rolling
 __all__ = ["AXES", "JOINTS", "Multibody"]
 
 Joined = TypeVar("Joined", bound=Connection)
-#: One of axis, axis_on_body and axis_in_space.
+#: Arguments that give the axis of a joint; a call has one of them.
 AXES = ("axis", "axis_on_body", "axis_in_space")
+#: The values of ``AXES`` in a call, None for arguments that are left out.
 Axes: TypeAlias = tuple[ArrayLike | None, ArrayLike | None, ArrayLike | None]
 #: The default point of a contact. A point that is passed is another object, equal or not.
 _ORIGIN = (0.0, 0.0, 0.0)
@@ -163,11 +164,11 @@ class Multibody:
         self.start: Projection | None = None
         self.redundancy: Redundancy | None = None
         values: dict[str, float] = {}
-        weight = named_vector("gravity", vector("gravity", gravity).tolist(), values)
-        self._components = Components(self.name, weight, values)
+        acceleration = named_vector("gravity", vector("gravity", gravity).tolist(), values)
+        self._components = Components(self.name, acceleration, values)
         self._visuals: dict[str, list[Shape]] = {}
         self._about: dict[str, Any] = {
-            "dt": None if dt is None else float(finite("time step", dt, ())),
+            "dt": None if dt is None else float(finite("time step", dt, shape=())),
             "steps": None if steps is None else count(steps),
             "description": as_text("description", description),
         }
@@ -190,11 +191,11 @@ class Multibody:
         Returns
         -------
         Multibody
-            Bodies named as the first of the links that are fixed to each other, in whose axes they
-            are; joints, and in MJCF an input for each actuator; ``_`` stands for characters that no
-            name in C has. Geoms of groups 0 to 2 of MJCF, and visuals, are drawn. Equalities of
-            MJCF are exact constraints, and soft in MuJoCo. In SDF a joint whose child has a parent
-            already closes a loop.
+            A body for the links that are fixed to each other, with the name and the axes of the
+            first of them; joints, and in MJCF an input for each actuator. In names, ``_`` stands
+            for characters that C does not allow. Geoms of groups 0 to 2 of MJCF, and visuals, are
+            drawn. Equalities of MJCF are exact constraints, and soft in MuJoCo. In SDF a joint
+            whose child has a parent already closes a loop.
 
         Raises
         ------
@@ -294,7 +295,8 @@ class Multibody:
             named_vector(f"{name}_centre", middle.tolist(), self._components.values),
             tensor=is_tensor(checked_inertia),
         )
-        start = initial_state(name, quaternion, rotation, origin, (0, 0, 0), angular_velocity)
+        start = initial_state(name, quaternion, rotation, origin, velocity=(0, 0, 0),
+                              omega=angular_velocity)
         return self._add(body, start, mass, checked_inertia, weight)
 
     def chain_of_rods(
@@ -362,7 +364,7 @@ class Multibody:
         m, r = positive(f"mass of {name!r}", mass), positive(f"radius of {name!r}", radius)
         length = float(np.linalg.norm(end - start))
         e = (end - start) / length
-        # axis 2, across the rod, by the coordinate axis that is farthest from the rod
+        # axis 2, across the rod: e × the coordinate axis that makes the largest angle with e
         f = np.cross(e, np.eye(3)[int(np.abs(e).argmin())])
         f /= np.linalg.norm(f)
         across = m * (length**2 / 12 + r**2 / 4)
@@ -382,7 +384,8 @@ class Multibody:
         point = Particle.with_name(name)
         self._components.values[str(point.mass)] = positive(f"mass of {name!r}", mass)
         self._components.bodies[point] = initial_state(
-            name, None, None, position, velocity, (0, 0, 0))
+            name, quaternion=None, rotation=None, position=position, velocity=velocity,
+            omega=(0, 0, 0))
         return point
 
     def rotor(
@@ -406,6 +409,7 @@ class Multibody:
         moment_about_axis, moment_across = finite(
             f"inertia of rotor {name!r}, about its axis and across it,", inertia, (2,))
         carrier = self._components.frame(body, shown(name))
+        # the wheel is not there yet: the carrier alone has axes in which the axis may be given
         direction = self._axis(name, carrier, carrier, (axis, axis_on_body, axis_in_space))
         wheel = self.body(name, mass=mass,
                           inertia=(moment_across, moment_across, moment_about_axis),
@@ -491,7 +495,7 @@ class Multibody:
         arc = np.array([0.0, *(np.arange(number) + 0.5) / number, 1.0])
         first_edge, last_edge = curve.end_edges
         frames = frames_along(name, np.stack([first_edge, *chords, last_edge]), arc, normal,
-                              float(finite(f"twist of {name!r}", twist, ())))
+                              float(finite(f"twist of {name!r}", twist, shape=())))
         m = positive(f"mass of {name!r}", mass) / number
         checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)
         moments = as_inertia(moments_of_segment(name, inertia, m, h, checked_radius),
@@ -505,16 +509,16 @@ class Multibody:
             state = _segment_state(f"{name}_{k}", q, (nodes[k - 1] + nodes[k]) / 2, nodes[0], v,
                                    omega)
             body = Body.of_beam(f"{name}_{k}", rep, name)
-            segments.append(self._add(body, state, m, moments, None))
+            segments.append(self._add(body, state, m, moments, weight=None))
             # a beam without a radius is drawn slender
             self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), checked_radius or h / 8,
                                         COLOUR))
         beam = Beam(
             name, tuple(segments),
             BeamEnd(f"{name}_first", segments[0], np.array([0, 0, -halves[0]]), frames[0],
-                    nodes[0], True),
+                    nodes[0], is_first=True),
             BeamEnd(f"{name}_last", segments[-1], np.array([0, 0, halves[-1]]), frames[-1],
-                    nodes[-1], False),
+                    nodes[-1], is_first=False),
             h, EI, GJ, extension, tau, None if rest is None else vector(f"rest of {name!r}", rest))
         self._components.beams.append(beam)
         self._join_segments(beam, frames[1:-1], halves)
@@ -527,12 +531,13 @@ class Multibody:
         """
         h, number = beam.spacing, len(beam.segments)
         for k in range(1, number):
-            # the half segments at both ends have no joint: the next joint stretches for them
+            # The half segments at both ends have no joint: the next joint stretches for them. A
+            # beam without extension keeps its length, and its joints have no gap.
             outer_count = (k == 1) + (k == number - 1)
             self._join(BeamJoint(
                 f"{beam.name}_joint_{k}", beam.segments[k - 1], beam.segments[k],
                 np.array([0, 0, halves[k - 1]]), np.array([0, 0, -halves[k]]), beam=beam,
-                rest=beam.rest_strain(attitudes[k - 1], attitudes[k], 2), arc=k * h,
+                rest=beam.rest_strain(attitudes[k - 1], attitudes[k], factor=2), arc=k * h,
                 gap=(1 + outer_count / 2) * h if beam.extension else 0.0))
 
     # ------------------------------------------------------------ joints
@@ -614,8 +619,8 @@ class Multibody:
             section = section * (1 if section @ end.q >= 0 else -1)
         q_segment = self._components.bodies[end.segment].q
         # half a segment bends: κ = (4/h) u
-        rest_strain = (beam.rest_strain(end.q, q_segment, 4) if end.is_first else
-                       beam.rest_strain(q_segment, end.q, 4))
+        rest_strain = (beam.rest_strain(end.q, q_segment, factor=4) if end.is_first else
+                       beam.rest_strain(q_segment, end.q, factor=4))
         return BeamJoint(name, **pair, beam=beam, factor=4, rest=rest_strain,
                          relative=quaternion_product(conjugate(holder_attitude), section),
                          arc=0.0 if end.is_first else beam.spacing * len(beam.segments))
@@ -715,7 +720,7 @@ class Multibody:
         A lead below 0 is a left-handed thread. All else as for ``prismatic``, with ``thread`` in
         place of ``turn``.
         """
-        pitch = float(finite(f"lead of {name!r}", lead, ()))
+        pitch = float(finite(f"lead of {name!r}", lead, shape=()))
         if not pitch:
             raise InputError(f"The lead of {name!r} is 0, and a screw moves; take a revolute.")
         return self._join(Screw(
@@ -797,7 +802,7 @@ class Multibody:
             middle=vector(f"on_body of {name!r}", (0, 0, 0) if on_body is None else on_body),
             normal=_direction(name, "normal", (0, 0, 1) if normal is None else normal),
             at=vector(f"at of {name!r}", (0, 0, 0) if at is None else at),
-            turning=float(finite(f"turning of {name!r} in rad/s", turning, ()))))
+            turning=float(finite(f"turning of {name!r} in rad/s", turning, shape=()))))
 
     def rod(
         self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
@@ -821,7 +826,7 @@ class Multibody:
         """
         return self._join(Spring(
             name, *self._components.frames(name, a, b), *self._points(name, (a, b), (on_a, on_b)),
-            stiffness=float(finite(f"stiffness of {name!r}", stiffness, ())),
+            stiffness=float(finite(f"stiffness of {name!r}", stiffness, shape=())),
             length=non_negative(f"length of {name!r}", length),
             damping=non_negative(f"damping of {name!r}", damping),
         ))
@@ -850,15 +855,15 @@ class Multibody:
         """Let the second joint's coordinate be ratio × the first's + offset: one constraint.
 
         Coordinates are the angle of a joint that turns and the travel of one that slides (rad, m).
-        Angles in a ratio of small whole numbers are coupled over any number of turns, others as
-        far as ``angle`` is followed.
+        Angles in a ratio of small whole numbers are coupled over any number of turns. Any other
+        coupling of an angle holds within the range that ``angle`` has.
         """
         joint1, joint2 = (self._components.joint(joint, f"{name!r}") for joint in (first, second))
         return self._join(Coupling(
             name, joint1.b, joint2.b, joints=(joint1, joint2),
             quantities=(_coordinate(joint1), _coordinate(joint2)),
-            ratio=float(finite(f"ratio of {name!r}", ratio, ())),
-            offset=float(finite(f"offset of {name!r}", offset, ()))))
+            ratio=float(finite(f"ratio of {name!r}", ratio, shape=())),
+            offset=float(finite(f"offset of {name!r}", offset, shape=()))))
 
     def flywheel(
         self, name: str, joint: Connection | str, *, inertia: float, ratio: float = 1.0
@@ -900,7 +905,7 @@ class Multibody:
                                  f"ratio {shown(ratio)}; leave the ratio out, or scale the "
                                  "inertia by its square.")
             # |ω|² = 4 |ż|², so that T = ½ (4 a) |ż|²
-            quaternion = self._flywheel_body(name, inertia, 4.0, "0123")
+            quaternion = self._flywheel_body(name, inertia, factor=4.0, indices="0123")
             return self._join(BallFlywheel(name, driver.b, quaternion, joints=(driver,)))
         kind = _coordinate(driver)
         if not isinstance(driver, Align | HingedJoint):
@@ -944,7 +949,8 @@ class Multibody:
             self._join(link.coordinate)
         # the point of b on the axis of the last hinge, which then leaves it where it is
         point = hinges[-1].at if hinges else np.zeros(3)
-        return self._join(Chain(name, frame_a, frame_b, None, None, point, links=links))
+        return self._join(Chain(
+            name, frame_a, frame_b, on_a=None, on_b=None, at=point, links=links))
 
     def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
         """Return one joint of a chain from its keys: a coordinate, its axis and its point.
@@ -989,9 +995,9 @@ class Multibody:
     ) -> Law:
         """Let f(c₁, c₂, …) of the coordinates of joints be 0: one constraint, ``name: law``.
 
-        Coordinates are the angle of a joint that turns and the travel of one that slides, rad and
-        m, as far as ``angle`` is followed; f returns an expression of them, ``time`` and
-        parameters.
+        Coordinates are the angle of a joint that turns, in rad, within the range that ``angle``
+        has, and the travel of one that slides, in m; f returns an expression of them, ``time``
+        and parameters.
 
         Raises
         ------
@@ -1054,6 +1060,7 @@ class Multibody:
             raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
                              f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
                              "rate.")
+        # an angle 0 of the described pose is the default, and contradicts no law
         if not (_agrees(hinge.start_angle, begin) and _agrees(hinge.angle or None, begin)):
             raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
                              f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; leave "
@@ -1070,7 +1077,7 @@ class Multibody:
         """Return a symbol for potentials, forces and quantities, with its value."""
         self._components.claim(name, "parameter")
         domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
-        number = float(finite(f"parameter {name!r}", value, ()))
+        number = float(finite(f"parameter {name!r}", value, shape=()))
         if positive and number <= 0:
             raise InputError(f"The parameter {name!r} is {number:g} and declared positive=True; "
                              "leave that out where 0 or less is meant.")
@@ -1246,7 +1253,7 @@ class Multibody:
         a, b, **gap
             As of ``contact``, without a restitution.
         close : joint, or several
-            With points given by ``on_a`` and ``on_b``; axes as at the start.
+            Their points are given by ``on_a`` and ``on_b``; their axes are those at the start.
 
         Raises
         ------
@@ -1275,7 +1282,7 @@ class Multibody:
         """
         link = self._components.joint(joint, f"Stop {name!r}")
         coordinate = self._measure(link, _coordinate(link))
-        bounds = {key: float(finite(f"{key} of {name!r}", end, ())) for key, end in (
+        bounds = {key: float(finite(f"{key} of {name!r}", end, shape=())) for key, end in (
             ("lower", lower), ("upper", upper)) if end is not None}
         if not bounds or (len(bounds) == 2 and bounds["lower"] >= bounds["upper"]):
             raise InputError(f"Stop {name!r} has lower = {lower} and upper = {upper}; give one of "
@@ -1360,7 +1367,10 @@ class Multibody:
         return self._measure(joint, "speed")
 
     def measured(self, taken: Collection[str] = ()) -> dict[str, dict[str, sp.Symbol]]:
-        """Return measure → name → symbol of all measures of all joints, but for names taken."""
+        """Return measure → name → symbol of all measures of all joints.
+
+        Names are JOINT_MEASURE; those that are in ``taken`` are left out.
+        """
         symbols: dict[str, dict[str, sp.Symbol]] = {}
         for link in self._components.connections:
             for quantity in link.MEASURES:
@@ -1499,7 +1509,7 @@ class Multibody:
     ) -> dict[str, Any]:
         """Return the arguments a, b, on_a, on_b and at of a joint with a common point, by name.
 
-        A joint at an end of a beam that has no point is where that end is at the start.
+        A joint at an end of a beam for which no point is given is where that end is at the start.
         """
         frame_a, frame_b = self._components.frames(name, a, b)
         point_a, point_b = self._points(name, (a, b), (on_a, on_b))
@@ -1566,7 +1576,7 @@ class Multibody:
                              "axis, axis_on_body and axis_in_space.")
         ((key, e),) = entries.items()
         axis = _direction(name, "axis", e)
-        # the first frame with axes of its own; without any, only axes of space are left
+        # the first frame that may be tilted; without one, all axes are axes of space
         carrier = next((frame for frame in (a, b) if isinstance(frame, Body)), None)
         if carrier is None:
             return axis
@@ -1623,7 +1633,7 @@ def _begin_at(assembly: Assembly, start: HasStart) -> float:
     assembly.q0, assembly.p0 = (finite(name, x, assembly.q0.shape) for name, x in (
         ("q of start", state.q), ("p of start", state.p)))
     # a run may have had other values than the bodies: impulses depend on masses
-    assembly.store.update((name, float(finite(name, value, ())))
+    assembly.store.update((name, float(finite(name, value, shape=())))
                           for name, value in state.parameters.items() if name in assembly.store)
     return float(state.t)
 
@@ -1637,12 +1647,13 @@ def _segment_state(
     start x₀; the angular velocity is in axes of the segment, whose attitude is q.
     """
     v_turning = np.zeros(3) if omega is None else np.cross(omega, x - start)
-    return initial_state(name, q, None, x, None if v is None else v + v_turning,
-                         None if omega is None else rotation(q).T @ omega)
+    return initial_state(name, q, rotation=None, position=x,
+                         velocity=None if v is None else v + v_turning,
+                         omega=None if omega is None else rotation(q).T @ omega)
 
 
 def _matrix(q: Array) -> Array:
-    """Return R(q), for methods in which ``rotation`` is the name of an argument."""
+    """Return R(q), for a method in which the argument ``rotation`` hides that function."""
     return rotation(q)
 
 
@@ -1658,7 +1669,7 @@ def _rest(label: str, entry: Any) -> float | tuple[float, float]:
     """Return the rest length or angle of a spring: a number, or an interval (lower, upper)."""
     array = real_array(entry)
     if array is None or array.shape != (2,):
-        return float(finite(label, entry, ()))
+        return float(finite(label, entry, shape=()))
     lower, upper = finite(label, entry, (2,)).tolist()
     if lower > upper:
         raise InputError(f"The {label} is {shown(entry)}; give the lower end first.")
@@ -1667,11 +1678,11 @@ def _rest(label: str, entry: Any) -> float | tuple[float, float]:
 
 def _number_or_none(label: str, entry: Any) -> float | None:
     """Return a finite number, or None where none is given."""
-    return None if entry is None else float(finite(label, entry, ()))
+    return None if entry is None else float(finite(label, entry, shape=()))
 
 
 def _agrees(number: float | None, law: float) -> bool:
-    """Return whether a number that a joint may have is that of a law, but for its rounding."""
+    """Return whether a number of a joint is None, or a law's but for rounding."""
     return number is None or math.isclose(number, law, rel_tol=1e-12, abs_tol=1e-12)
 
 

@@ -114,14 +114,15 @@ class Rolling(Connection):
     def _height(self, store: Store) -> sp.Expr:
         """Return n·(x + R o − c) − h, the height of the shape over the plane."""
         n, from_plane = self._normal(store), self._point(self._arm(store), store)
-        return dot(n, from_plane) - self._support(store)[0]
+        h, _ = self._support(store)
+        return dot(n, from_plane) - h
 
     def _slip(self, store: Store) -> Vector:
         """Return ẋ + ω × r − Ω n × (x + r − c), the velocity of the contact relative to the plane.
 
         r = R o + ρ leads from the origin of the body to the contact.
         """
-        rho = self._support(store)[1]
+        _, rho = self._support(store)
         r = [a + b for a, b in zip(self._arm(store), rho, strict=True)]
         turning = named_number(f"{self.name}_turning", self.turning, store)
         of_plane = cross([turning * e for e in self._normal(store)], self._point(r, store))
