@@ -1,4 +1,4 @@
-"""Short files that include the engine, standalone files that contain it, and other engines."""
+"""Short files include the engine, standalone files contain it, and steppers keep their engine."""
 
 from __future__ import annotations
 
@@ -91,10 +91,10 @@ def test_amalgamation_does_what_the_preprocessor_does(features, headers, tmp_pat
 
 def test_standalone_files_contain_what_they_need():
     for path in SHORT:
-        whole = amalgamate(path.read_text(encoding="utf-8"))
-        assert "gyrospark/" not in whole, path
-        assert not re.search(r"^#\w+.*\bGS_", whole, re.MULTILINE), path
-        assert amalgamate(whole) == whole, path
+        standalone = amalgamate(path.read_text(encoding="utf-8"))
+        assert "gyrospark/" not in standalone, path
+        assert not re.search(r"^#\w+.*\bGS_", standalone, re.MULTILINE), path
+        assert amalgamate(standalone) == standalone, path
 
 
 def test_the_command_of_the_documents_builds_a_short_file(tmp_path):
@@ -164,22 +164,22 @@ def test_a_changed_header_is_another_stepper(other_engine):
     other_engine(*CHANGE)
     after = checked_in_files(NAME)
     assert {name for name in before if before[name] != after[name]} == {f"{NAME}.c"}
-    found = find_compiler()
-    assert binary_key(before, found) != binary_key(after, found)
+    compiler = find_compiler()
+    assert binary_key(before, compiler) != binary_key(after, compiler)
     assert digest(before) != digest(after)
 
 
 def test_every_header_counts_in_the_fingerprint_of_generated_sources(monkeypatch):
-    """So that no source that was kept outlives a change to any header."""
-    read, seen = type(ROOT).read_bytes, set()
+    """A change to any header invalidates the cached sources."""
+    read_bytes, paths = type(ROOT).read_bytes, set()
 
     def reads(path, *arguments, **named):
-        seen.add(path)
-        return read(path, *arguments, **named)
+        paths.add(path)
+        return read_bytes(path, *arguments, **named)
 
     monkeypatch.setattr(type(ROOT), "read_bytes", reads)
     generator_fingerprint.__wrapped__()
-    assert set(HEADERS) <= seen
+    assert set(HEADERS) <= paths
 
 
 def test_a_prebuilt_module_of_another_engine_is_not_loaded(other_engine, tmp_path, monkeypatch):
@@ -210,10 +210,10 @@ def test_a_pickle_keeps_the_engine_it_was_made_with(other_engine):
     step = gs.Stepper(NAME, checked_in_files(NAME))
     stored = pickle.dumps(step)
     other_engine(*CHANGE)
-    again = pickle.loads(stored)
-    assert again._provenance["source"] == step._provenance["source"]
-    other = gs.Stepper(NAME, checked_in_files(NAME))
-    assert other._provenance["source"] != step._provenance["source"]
+    unpickled = pickle.loads(stored)
+    assert unpickled._provenance["source"] == step._provenance["source"]
+    rebuilt = gs.Stepper(NAME, checked_in_files(NAME))
+    assert rebuilt._provenance["source"] != step._provenance["source"]
     runs = [s.integrate(START["q"], START["p"], dt=1e-3, steps=5, parameters=PARAMETERS)
-            for s in (step, again)]
+            for s in (step, unpickled)]
     assert np.array_equal(runs[0].q, runs[1].q)

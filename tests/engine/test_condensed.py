@@ -1,4 +1,4 @@
-"""Newton's method of element templates against dense Newton steps with the whole Jacobian."""
+"""Newton's method of element templates against dense Newton steps with the full Jacobian."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from structured_systems import BEADS, made_beads, start_of_beads
 def dense_newton(step, start, dt, parameters):
     """Return the unknowns of a step, and the iterations until the increment is round-off."""
     q, p, t = start
-    at = {"dt": dt, "parameters": parameters} | ({"t": t} if step.binding.is_timed else {})
-    x = step.guess(q, p, **at)
+    arguments = {"dt": dt, "parameters": parameters} | ({"t": t} if step.binding.is_timed else {})
+    x = step.guess(q, p, **arguments)
     for count in range(1, 30):
-        r, J = (f(x, q, p, **at) for f in (step.residual, step.jacobian))
+        r, J = (f(x, q, p, **arguments) for f in (step.residual, step.jacobian))
         scale = np.abs(J).max(axis=1)
         increment = np.linalg.solve(J / scale[:, None], r / scale)
         x = x - increment
@@ -89,7 +89,7 @@ def test_a_singular_mass_is_solved_with_the_whole_jacobian(kinetic):
 
 
 def test_forms_without_constraints_have_inputs():
-    """Each push is held for 80 steps: against DOP853."""
+    """Each push lasts for 80 steps; the reference is DOP853."""
     system, pushes = springs(*KINETIC.values()), [0.5, -1.0, 0.25]
     slope = sp.lambdify([system.q, system.p, PUSH], [
         *(sp.diff(system.H, p) for p in system.p),
@@ -103,5 +103,5 @@ def test_forms_without_constraints_have_inputs():
     run = {"dt": 0.005, "steps": 240, "inputs": gs.Inputs(pushes, hold=80)}
     alone = step.integrate(*START, **run)
     assert np.abs([*alone.q[-1], *alone.p[-1]] - y).max() <= 1e-9  # of order 4
-    many = step.integrate_ensemble([START[0]] * 2, [START[1]] * 2, **run)
-    assert np.abs(many.q[1] - alone.q).max() <= 256 * EPS
+    ensemble = step.integrate_ensemble([START[0]] * 2, [START[1]] * 2, **run)
+    assert np.abs(ensemble.q[1] - alone.q).max() <= 256 * EPS

@@ -55,10 +55,10 @@ class Control(Program):
     def velocities(self, parameters, q, p):
         """Return the velocities of a state."""
         names = self.manifest.system.numbers
-        made = np.zeros(sum(one.role == "velocity" for one in names), self.type)
+        velocities = np.zeros(sum(number.role == "velocity" for number in names), self.type)
         self.velocity(self.parameters(parameters), *map(self.pointer, (
-            np.array(q, self.type), np.array(p, self.type), made)))
-        return made
+            np.array(q, self.type), np.array(p, self.type), velocities)))
+        return velocities
 
     def started(self, parameters, q, velocity):
         """Return status, q and p of a start from velocities."""
@@ -117,23 +117,24 @@ def test_steps_are_those_of_the_full_stepper(small):
     assert abs((q.astype(float) * p).sum(1)).max() <= 2 * eps * abs(p).max()
 
 
-def check_another_system(own, full, parameters, q0, p0):
-    """Steps, energy, and starts from velocities, in both profiles."""
+def check_another_system(control, full, parameters, q0, p0):
+    """Compare steps, energy, and starts from velocities of both profiles."""
     run = full.integrate(q0, p0, dt=1e-3, steps=60, parameters=parameters)
-    q, p = own.begin(parameters, q0, p0, 1e-3).run(60)
+    q, p = control.begin(parameters, q0, p0, 1e-3).run(60)
     eps = np.finfo(float).eps
     assert abs(q - run.q).max() <= 400 * eps * max(1, abs(run.q).max())
     assert abs(p - run.p).max() <= 400 * eps * max(abs(run.p).max(), 1e-3)
-    assert own.energy(own.parameters(parameters), 0.0, own.pointer(q[-1]), own.pointer(
-        p[-1])) == pytest.approx(full.energy(q[-1], p[-1], parameters=parameters), rel=1e-14)
-    velocity = own.velocities(parameters, q[0], p[0])
-    status, at, momenta = own.started(parameters, q[0], velocity)
+    assert control.energy(control.parameters(parameters), 0.0, control.pointer(q[-1]),
+                          control.pointer(p[-1])) == pytest.approx(full.energy(
+                              q[-1], p[-1], parameters=parameters), rel=1e-14)
+    velocity = control.velocities(parameters, q[0], p[0])
+    status, position, momenta = control.started(parameters, q[0], velocity)
     assert status == OK
-    assert np.array_equal(at, q[0])  # on the constraints already
+    assert np.array_equal(position, q[0])  # on the constraints already
     assert abs(momenta - p[0]).max() <= 8 * eps * abs(p[0]).max()
     if full.m > 1:  # joints
-        assert own.started(parameters, q[0] + 1e-3, velocity)[0] == INVALID
-        assert own.started(parameters, q[0], velocity + 1e-3)[0] == INVALID
+        assert control.started(parameters, q[0] + 1e-3, velocity)[0] == INVALID
+        assert control.started(parameters, q[0], velocity + 1e-3)[0] == INVALID
 
 
 @pytest.mark.parametrize(("scheme", "stages", "name"), [
@@ -144,9 +145,9 @@ def test_steps_and_derivatives_of_other_systems(scheme, stages, name, tmp_path):
     case, full = systems.case(name), systems.differentiable(name, scheme, stages)
     source = generate(Spec(scheme, stages).with_profile("control"), system=case.system,
                       derivatives=True).source
-    own, state = Control(source, tmp_path), systems.start(name, full)
-    check_another_system(own, full, case.parameters, *state)
-    check_derivatives(own, full, case.parameters, *state)
+    control, state = Control(source, tmp_path), systems.start(name, full)
+    check_another_system(control, full, case.parameters, *state)
+    check_derivatives(control, full, case.parameters, *state)
 
 
 # ---------------------------------------------------------------- bounds and ends
@@ -185,15 +186,15 @@ def test_needs_nothing_but_the_maths_library(tmp_path):
         "fmaf", "fmaxf", "sqrtf", "memset", "memcpy", "__stack_chk_fail", "_GLOBAL_OFFSET_TABLE_"}
 
 
-@pytest.mark.parametrize("most", [1, 2, 12])
-def test_a_step_takes_no_more_sweeps_than_allowed(most, small):
+@pytest.mark.parametrize("max_iterations", [1, 2, 12])
+def test_a_step_takes_no_more_sweeps_than_allowed(max_iterations, small):
     """After too few sweeps the state is off by about the last change, and a status says so."""
     eps = float(np.finfo(np.float32).eps)
     exact, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(1)
-    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, max_iterations=most)
+    small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3, max_iterations=max_iterations)
     status = small.step()
-    assert status == (NOT_CONVERGED if most < 3 else OK)
-    assert small.iterations(small.w) <= most
+    assert status == (NOT_CONVERGED if max_iterations < 3 else OK)
+    assert small.iterations(small.w) <= max_iterations
     assert abs(small.q - exact[-1]).max() <= 2 * small.change(small.w) + eps
     assert eps < small.change(small.w) < 0.02 or status == OK
 
@@ -222,8 +223,8 @@ def test_no_number_is_reported_and_forgotten(small):
     assert small.step() == NOT_FINITE
     small.q[:] = q[-1]
     assert small.step() == OK
-    other, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(4)
-    assert abs(small.q - other[-1]).max() <= 4 * np.finfo(np.float32).eps
+    undisturbed, _ = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(4)
+    assert abs(small.q - undisturbed[-1]).max() <= 4 * np.finfo(np.float32).eps
 
 
 @pytest.mark.parametrize("wrong", [
@@ -232,37 +233,39 @@ def test_no_number_is_reported_and_forgotten(small):
     {"tolerance": np.nan},
 ], ids=lambda wrong: "{}={}".format(*next(iter(wrong.items()))))
 def test_arguments_outside_of_their_domains_begin_nothing(wrong, small):
-    given = {"q": TOP.q0, "p": TOP.p0, "dt": 1e-3}
+    start = {"q": TOP.q0, "p": TOP.p0, "dt": 1e-3}
     options = {key: x for key, x in wrong.items() if key not in PARAMETERS}
     small.begin(PARAMETERS | {key: x for key, x in wrong.items() if key in PARAMETERS},
-                **(given | options), status=INVALID)
+                **(start | options), status=INVALID)
     assert small.step() == INVALID
     assert small.set_parameters(small.w, small.parameters(PARAMETERS)) == INVALID
-    small.begin(PARAMETERS, **given)
+    small.begin(PARAMETERS, **start)
     assert small.step() == OK
 
 
 @pytest.mark.parametrize("name", ["small", "composition"])
 def test_memory_of_zeros_is_no_trajectory(name, request):
-    """As of `static NAME_work work;`: refused until it begins, and after a refused begin."""
-    own, parameters = request.getfixturevalue(name), PARAMETERS
-    given = parameters, TOP.q0, TOP.p0
+    """Memory as of `static NAME_work work;` is refused until it begins, and after a refused
+    begin."""
+    control, parameters = request.getfixturevalue(name), PARAMETERS
+    start = parameters, TOP.q0, TOP.p0
 
     def refuses():
-        q, p, memory = own.q.copy(), own.p.copy(), own.ffi.buffer(own.memory)[:]
-        assert own.set_parameters(own.w, own.parameters(parameters)) == INVALID
-        assert own.step() == INVALID
-        assert own.ffi.buffer(own.memory)[:] == memory
-        assert np.array_equal([own.q, own.p], [q, p])
+        q, p, memory = control.q.copy(), control.p.copy(), control.ffi.buffer(control.memory)[:]
+        assert control.set_parameters(control.w, control.parameters(parameters)) == INVALID
+        assert control.step() == INVALID
+        assert control.ffi.buffer(control.memory)[:] == memory
+        assert np.array_equal([control.q, control.p], [q, p])
 
-    own.begin(*given, 0.0, status=INVALID)  # sets q and p
-    own.ffi.memmove(own.memory, bytes(own.work_size()), own.work_size())
+    control.begin(*start, 0.0, status=INVALID)  # sets q and p
+    control.ffi.memmove(control.memory, bytes(control.work_size()), control.work_size())
     refuses()
-    assert (own.time(own.w), own.iterations(own.w), own.change(own.w)) == (0, 0, 0)
-    q, _ = own.begin(*given, 1e-3).run(3)
+    assert (control.time(control.w), control.iterations(control.w),
+            control.change(control.w)) == (0, 0, 0)
+    q, _ = control.begin(*start, 1e-3).run(3)
     assert abs(q[3] - q[0]).max() > 1e-4
-    assert own.time(own.w) == pytest.approx(3e-3)
-    assert own.library_begin(parameters, 0.0, 0.0, 50) == INVALID
+    assert control.time(control.w) == pytest.approx(3e-3)
+    assert control.library_begin(parameters, 0.0, 0.0, 50) == INVALID
     refuses()
 
 
@@ -279,38 +282,38 @@ def test_starts_from_an_attitude_and_an_angular_velocity(small):
     assert upright == pytest.approx([0, *(2 * np.multiply(moments, omega))])
     for wrong in ({"q": [0, 0, 0, 0]}, {"q": [np.nan, 0, 0, 1]}, {"velocity": [np.inf, 0, 0]},
                   {"parameters": PARAMETERS | {"I1": 0.0}}):
-        given = {"parameters": PARAMETERS, "q": [2.0, 0, 0, 0], "velocity": omega} | wrong
-        status, q, p = small.started(**given)
+        arguments = {"parameters": PARAMETERS, "q": [2.0, 0, 0, 0], "velocity": omega} | wrong
+        status, q, p = small.started(**arguments)
         assert status == INVALID
-        assert np.array_equal(q, np.float32(given["q"]), equal_nan=True)
+        assert np.array_equal(q, np.float32(arguments["q"]), equal_nan=True)
         assert not p.any()
 
 
 def test_quaternions_of_any_accepted_length_are_normalised(small, large):
-    """From a length whose square keeps its digits up to one whose square does not overflow."""
+    """A length is accepted if its square keeps its digits and does not overflow."""
     omega, unit = [0.1, -0.2, 30.0], np.array([0.6, 0.5, -0.4, 0.3])
     unit /= np.linalg.norm(unit)
-    for own in (small, large):
-        kind = np.finfo(own.type)
-        least, most = (float(x) ** 0.5 for x in (kind.tiny / kind.eps, kind.max))
-        for length in (1.01 * least, 1, 0.99 * most):
-            status, q, _ = own.started(PARAMETERS, unit * length, omega)
+    for control in (small, large):
+        kind = np.finfo(control.type)
+        shortest, longest = (float(x) ** 0.5 for x in (kind.tiny / kind.eps, kind.max))
+        for length in (1.01 * shortest, 1, 0.99 * longest):
+            status, q, _ = control.started(PARAMETERS, unit * length, omega)
             assert status == OK
             assert np.abs(q - unit).max() <= 2 * kind.eps
-        for length in (0.99 * least, kind.eps * least, 1.01 * most):
-            assert own.started(PARAMETERS, unit * length, omega)[0] == INVALID
-            own.begin(PARAMETERS, unit * length, TOP.p0, 1e-3, status=INVALID)
+        for length in (0.99 * shortest, kind.eps * shortest, 1.01 * longest):
+            assert control.started(PARAMETERS, unit * length, omega)[0] == INVALID
+            control.begin(PARAMETERS, unit * length, TOP.p0, 1e-3, status=INVALID)
 
 
 def test_a_start_without_momenta_is_singular(tmp_path):
     """H = (x y)^2/2: the velocity is x^2 y, and none at x = 0 but by chance."""
     x, y = sp.symbols("x y", real=True)
     system = gs.System((x,), (y,), (), (x * y) ** 2 / 2, name="needle")
-    own = Control(generate(Spec("IMS").with_profile("control"), system=system).source, tmp_path)
-    status, _, p = own.started({}, [0.5], [2.0])
+    control = Control(generate(Spec("IMS").with_profile("control"), system=system).source, tmp_path)
+    status, _, p = control.started({}, [0.5], [2.0])
     assert (status, *p) == (OK, 8.0)
-    assert own.velocities({}, [0.5], [8.0]) == [2.0]
-    assert own.started({}, [0.0], [2.0])[0] == SINGULAR
+    assert control.velocities({}, [0.5], [8.0]) == [2.0]
+    assert control.started({}, [0.0], [2.0])[0] == SINGULAR
 
 
 def test_parameters_outside_of_their_domains_change_nothing(small):
@@ -322,7 +325,7 @@ def test_parameters_outside_of_their_domains_change_nothing(small):
 
 
 def test_an_impulse_and_other_parameters_between_steps(small):
-    """What a controller changes holds from the next step on: as a run from there, but rounding."""
+    """A change holds from the next step on, as in a run that starts there, up to rounding."""
     q, p = small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).run(20)
     kick = np.array([-q[-1][1], q[-1][0], q[-1][3], -q[-1][2]]) * 1e-3  # on f = 0: a torque
     heavier = PARAMETERS | {"mgl": 2 * PARAMETERS["mgl"]}
@@ -362,8 +365,8 @@ def test_a_point_at_rest_at_the_origin_starts(tmp_path):
     """x'' = u from x = x' = 0, where neither position nor velocity has a scale."""
     x, y, u = sp.symbols("x y u", real=True)
     cart = gs.System((x,), (y,), (u,), y**2 / 2, name="cart", forces=(u,), inputs=(u,))
-    own = Control(generate(Spec("EMS").with_profile("control"), system=cart).source, tmp_path)
-    q, p = own.begin({"u": 3.0}, [0.0], [0.0], 0.1).run(3)
+    control = Control(generate(Spec("EMS").with_profile("control"), system=cart).source, tmp_path)
+    q, p = control.begin({"u": 3.0}, [0.0], [0.0], 0.1).run(3)
     for step in range(1, 4):
         assert q[step] == pytest.approx(3 * (0.1 * step)**2 / 2, rel=1e-14)
         assert p[step] == pytest.approx(3 * 0.1 * step, rel=1e-14)
@@ -373,7 +376,7 @@ def test_a_point_at_rest_at_the_origin_starts(tmp_path):
 
 
 def test_example_of_a_control_loop(gyrospark, tmp_path):
-    """The commands of its README: the satellite is turned, in few sweeps."""
+    """The commands of the example's README run: the satellite is turned, in few sweeps."""
     folder = ROOT / "examples" / "control_c"
     for name in ("main.c", "satellite.toml"):
         shutil.copy(folder / name, tmp_path)
@@ -384,13 +387,13 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
     assert gyrospark(*lines[0][0].split()).code == 0  # in the folder of the test
     done = call([*compiler(MAIN), *STRICT, *lines[0][1].split()[1:]], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    said = call([tmp_path / "satellite"], cwd=tmp_path).stdout.splitlines()
-    angles = [float(x) for x in re.findall(r"([0-9.e+-]+) degrees", "\n".join(said))]
+    output = call([tmp_path / "satellite"], cwd=tmp_path).stdout.splitlines()
+    angles = [float(x) for x in re.findall(r"([0-9.e+-]+) degrees", "\n".join(output))]
     assert len(angles) == 7
     assert angles == sorted(angles, reverse=True)
     assert angles[0] > 70
     assert angles[-1] < 1e-9  # a number near 0 has all its digits on a float too
-    assert re.search(r"\b[3-8] iterations .*\b[0-9]{3,4} bytes", said[-1])
+    assert re.search(r"\b[3-8] iterations .*\b[0-9]{3,4} bytes", output[-1])
 
 
 @pytest.mark.slow  # a bus with a wheel is derived for two seconds
@@ -406,19 +409,19 @@ def test_a_body_with_the_momentum_of_a_wheel_turns_as_with_the_wheel(tmp_path):
     wheel = gs.stepper("G-L", 2, system=model).integrate(  # it turns by 0.1 rad a step
         model, dt=dt / 4, steps=200)
     gyrostat = gs.load_model(ROOT / "examples" / "control_c" / "gyrostat.toml")
-    own = Control(generate(Spec("G-L", 2).with_profile("control"), system=gyrostat.system).source,
-                  tmp_path)
+    control = Control(generate(Spec("G-L", 2).with_profile("control"),
+                               system=gyrostat.system).source, tmp_path)
     values = {"I1": 12.01, "I2": 10.01, "I3": 3.0, "gamma": 25 / 3,  # and the wheel's, across it
               "u1": 0.0, "u2": 0.0, "u3": torque, "h1": 0.0, "h2": 0.0, "h3": 0.0}
-    status, q, p = own.started(values, (0.8, 0.6, 0, 0), spin)
+    status, q, p = control.started(values, (0.8, 0.6, 0, 0), spin)
     assert status == OK
-    own.begin(values, q, p, dt)
+    control.begin(values, q, p, dt)
     for k in range(50):
         values["h3"] = 0.02 * (rate + spin[2]) + torque * (k + 0.5) * dt  # in the middle of a step
-        assert own.set_parameters(own.w, own.parameters(values)) == OK
-        assert own.step() == OK
-    np.testing.assert_allclose(own.q, wheel.q[-1, :4], rtol=0, atol=1e-9)
-    assert abs(own.q - wheel.q[0, :4]).max() > 0.005
+        assert control.set_parameters(control.w, control.parameters(values)) == OK
+        assert control.step() == OK
+    np.testing.assert_allclose(control.q, wheel.q[-1, :4], rtol=0, atol=1e-9)
+    assert abs(control.q - wheel.q[0, :4]).max() > 0.005
 
 
 # ---------------------------------------------------------------- other machines
@@ -468,11 +471,11 @@ def test_same_bits_on_a_cortex_m4(tmp_path):
                      "none", "-monitor", "none", "-serial", "none", "-semihosting", "-icount",
                      "shift=0"], tmp_path).splitlines()
     assert lines[:-1] == expected[:-1]
-    sweeps, ticks, most, memory = map(int, re.findall(r"\d+", lines[-1]))
+    sweeps, ticks, ticks_max, memory = map(int, re.findall(r"\d+", lines[-1]))
     assert sweeps == int(expected[-1].split()[0])
     assert memory <= 2048
     assert 500 * sweeps < ticks * INSTRUCTIONS_A_TICK < 5000 * sweeps
-    assert most * INSTRUCTIONS_A_TICK < 25_000
+    assert ticks_max * INSTRUCTIONS_A_TICK < 25_000
     said_by([ARM, *CORTEX_M4, "-std=c11", "-Os", "-c", f"{SMALL.name}.c"], tmp_path)
     text = said_by(["arm-none-eabi-size", f"{SMALL.name}.o"], tmp_path).splitlines()[1].split()
     assert int(text[0]) <= 12 * 1024
@@ -482,42 +485,43 @@ def test_same_bits_on_a_cortex_m4(tmp_path):
 # ---------------------------------------------------------------- derivatives
 
 
-def check_derivatives(own, full, parameters, q, p):
+def check_derivatives(control, full, parameters, q, p):
     """Compare tangents and adjoint of both profiles.
 
     The end of the step and the factors of J are rounded in another way: some ulp of the largest
-    entry of a column, or, as of γ, on which a step hardly depends, of a state per parameter. What
-    rounding g costs in p by EMS is 4/Δt of that (see test_step_reference.py).
+    entry of a column, or, for γ, on which a step hardly depends, of a state per parameter. The
+    error of p by rounding g is 4/Δt times as large in EMS (see test_step_reference.py).
     """
-    own.begin(parameters, q, p, 1e-3).run(9)
-    q, p = own.q.copy(), own.p.copy()
-    assert own.step() == OK
-    time = own.time(own.w) - 1e-3
+    control.begin(parameters, q, p, 1e-3).run(9)
+    q, p = control.q.copy(), control.p.copy()
+    assert control.step() == OK
+    time = control.time(control.w) - 1e-3
     binding = full._derivative_binding()
-    x = np.zeros(binding.own.unknowns, own.type)
-    own.keep(own.w, own.options(0.0, 50), own.pointer(x))
-    memory = own.ffi.new("char[]", own.derivative_size())
-    given = binding.own.parameters(parameters, time)
-    normals = np.vstack(binding.constraint_derivatives(given, q, p))
+    x = np.zeros(binding.own.unknowns, control.type)
+    control.keep(control.w, control.options(0.0, 50), control.pointer(x))
+    memory = control.ffi.new("char[]", control.derivative_size())
+    parameter_array = binding.own.parameters(parameters, time)
+    normals = np.vstack(binding.constraint_derivatives(parameter_array, q, p))
     dz = np.eye(binding.rows) - np.linalg.pinv(normals) @ normals
-    dz = np.ascontiguousarray(dz, own.type)
-    ends, z_bar = np.zeros((2 * full.n, binding.rows), own.type), np.zeros(binding.rows, own.type)
-    w = np.linspace(1, 2, 2 * full.n).astype(own.type)
-    timed = {own.manifest.system.time: time} if own.manifest.system.time else {}
-    step = own.parameters(parameters | timed), 1e-3, *map(own.pointer, (q, p, x))
-    none, empty = own.ffi.NULL, binding.own.new(0)
-    assert own.tangent(*step, binding.rows, own.pointer(dz), own.pointer(ends), none,
-                       memory) == OK
-    assert own.adjoint(*step, own.pointer(w), none, own.pointer(z_bar), memory) == OK
-    _, expected = binding.tangent(given, 1e-3, q, p, x, dz, empty)
-    _, cotangent = binding.adjoint(given, 1e-3, q, p, x, w, empty)
-    size, state = abs(expected).max(0), max(abs(own.q).max(), abs(own.p).max())
+    dz = np.ascontiguousarray(dz, control.type)
+    ends, z_bar = np.zeros((2 * full.n, binding.rows), control.type), np.zeros(
+        binding.rows, control.type)
+    w = np.linspace(1, 2, 2 * full.n).astype(control.type)
+    timed = {control.manifest.system.time: time} if control.manifest.system.time else {}
+    step = control.parameters(parameters | timed), 1e-3, *map(control.pointer, (q, p, x))
+    none, empty = control.ffi.NULL, binding.own.new(0)
+    assert control.tangent(*step, binding.rows, control.pointer(dz), control.pointer(ends), none,
+                           memory) == OK
+    assert control.adjoint(*step, control.pointer(w), none, control.pointer(z_bar), memory) == OK
+    _, expected = binding.tangent(parameter_array, 1e-3, q, p, x, dz, empty)
+    _, cotangent = binding.adjoint(parameter_array, 1e-3, q, p, x, w, empty)
+    size, state = abs(expected).max(0), max(abs(control.q).max(), abs(control.p).max())
     values = [parameters[name] for name in binding.own.parameter_names]
     size[2 * full.n : -2] = np.maximum(size[2 * full.n : -2], state / np.abs(values))
     units = np.full((2 * full.n, 1), 16.0)
-    if not own.manifest.scheme.keeps_momentum_constraint:
+    if not control.manifest.scheme.keeps_momentum_constraint:
         units[full.n:] += 4 / 1e-3
-    allowed = np.finfo(own.type).eps * units * size
+    allowed = np.finfo(control.type).eps * units * size
     assert size.max() > 0.5
     assert (abs(ends - expected) <= allowed).all()
     assert (abs(dz.T @ (z_bar - cotangent)) <= w @ allowed).all()

@@ -1,8 +1,8 @@
-"""The engine by itself: headers compile alone, and functions that a stepper keeps to itself.
+"""The engine by itself: headers compile alone, and internal functions of a stepper.
 
 The toy (``tests/data/toy``) is a particle on a spring that is described by hand; each header
-compiles beside it in each of its variants. Steps are those of steppers: laws/ and
-test_step_reference.py have them.
+compiles beside it in each of its variants. Steps are tested with steppers, in laws/ and
+test_step_reference.py.
 """
 
 from __future__ import annotations
@@ -61,11 +61,11 @@ def is_guarded(path):
 
 
 def grouped(flags_of_header):
-    """Return flags → headers, of pairs."""
-    found = defaultdict(list)
+    """Return flags → headers, from pairs of flags and header."""
+    headers_of_flags = defaultdict(list)
     for flags, header in flags_of_header:
-        found[tuple(sorted(flags))].append(header)
-    return found
+        headers_of_flags[tuple(sorted(flags))].append(header)
+    return headers_of_flags
 
 
 def assert_compiles(command, headers, folder=None):
@@ -80,20 +80,21 @@ def in_one_unit(headers):
 
 @pytest.mark.slow  # every variant of every header that its text tells apart, alone
 def test_headers_compile_alone_in_each_variant(checking):
-    own = [(defined(macros), header) for header in HEADERS for macros in variants(header).values()]
-    for flags, headers in grouped(own).items():
+    flags_of_headers = [(defined(macros), header) for header in HEADERS
+                        for macros in variants(header).values()]
+    for flags, headers in grouped(flags_of_headers).items():
         assert_compiles([*checking, *flags], headers)
 
 
 @pytest.mark.slow  # a process for each set of features
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_an_editor_opens_headers_without_errors(name):
-    """With compile_flags.txt and .clangd, as clangd does; those that guard themselves together."""
+    """With compile_flags.txt and .clangd, as clangd does; guarded headers are opened together."""
     folder = FOLDER / "gyrospark"
     common = (folder / "compile_flags.txt").read_text(encoding="ascii").split()
     checking = [*compiler(name), "-fsyntax-only", "-Werror", *common]
-    own = [(defined(flags_of(header)), header) for header in HEADERS]
-    for flags, headers in grouped(own).items():
+    flags_of_headers = [(defined(flags_of(header)), header) for header in HEADERS]
+    for flags, headers in grouped(flags_of_headers).items():
         guarded = [header for header in headers if is_guarded(header)]
         if guarded:
             assert_compiles([*checking, *flags], in_one_unit(guarded), folder)
@@ -183,7 +184,7 @@ def test_the_length_of_a_vector_has_twice_the_digits(linear):
 
 
 def rational_system(n, seed, band=None, order=None):
-    """Return A, the exact x, and b = A x in whole numbers."""
+    """Return A, the exact x, and b = A x, all of integer entries."""
     rng = np.random.default_rng(seed)
     A = rng.integers(-9, 10, (n, n)) + 30 * np.eye(n, dtype=int)[::-1 if band is None else 1]
     if band is not None:
@@ -200,8 +201,8 @@ def test_dense_systems_with_known_solutions(linear, n):
     expected = None
     for scale in (0, 600, -600):
         rows = 2.0 ** (scale * (np.arange(n) % 2))
-        made, right = np.ascontiguousarray(A * rows[:, None]), b * rows
-        assert lib.solve_dense(n, pointer(ffi, made), pointer(ffi, right)) == 0
+        scaled, right = np.ascontiguousarray(A * rows[:, None]), b * rows
+        assert lib.solve_dense(n, pointer(ffi, scaled), pointer(ffi, right)) == 0
         np.testing.assert_allclose(right, x, rtol=0, atol=640 * n * EPS)
         expected = right if expected is None else expected
         assert np.array_equal(right, expected)
@@ -249,9 +250,9 @@ def test_velocities_from_momenta(linear, indefinite, entries):
     M = np.diag(entries[:3])
     M[[1, 2], [0, 1]] = M[[0, 1], [1, 2]] = entries[3:]
     b, v = np.array([0.5, -1.0, 2.0]), np.array([3.0, -1.0, 2.0])
-    p, found = M @ v + b, np.zeros(3)
-    lib.invert_mass(indefinite, *(pointer(ffi, a) for a in (np.array(entries), b, p, found)))
-    np.testing.assert_allclose(found, v, rtol=0, atol=32 * EPS * np.linalg.cond(M))
+    p, velocities = M @ v + b, np.zeros(3)
+    lib.invert_mass(indefinite, *(pointer(ffi, a) for a in (np.array(entries), b, p, velocities)))
+    np.testing.assert_allclose(velocities, v, rtol=0, atol=32 * EPS * np.linalg.cond(M))
 
 
 # ---------------------------------------------------------------- steppers of the toy
@@ -272,7 +273,7 @@ void toy_small_lu(const double *, double *);
 
 
 class Toy:
-    """A stepper of the toy. Its steps are those of generated files, which laws hold for."""
+    """A stepper of the toy; its steps are the steps of generated files, for which laws hold."""
 
     def __init__(self, folder, tables, macros):
         self.ffi, self.lib = compiled(folder, "calls.c", DECLARATIONS, *defined(macros),
@@ -324,16 +325,17 @@ def test_sums_of_products_have_twice_the_digits(toy):
 
 
 def test_products_by_even_and_odd_parts(tmp_path, other_tables):
-    """Against the whole tables, which are rounded once more; three numbers: a pair and one."""
+    """Products agree with the full tables, rounded once more; three numbers are a pair and a
+    single."""
     s = 7
     toy = Toy(tmp_path, other_tables, {"TOY_STAGES": s, "TOY_TABLES": f'"tables{s}.h"',
                                        "GS_EVEN_ODD": 1})
-    whole = FastTableau(gs.tableau("G-L", s)).tables(REALS["double"])
+    tables = FastTableau(gs.tableau("G-L", s)).tables(REALS["double"])
     draw = np.random.default_rng(s)
-    for which, name in enumerate(("mu", "mu_hat", "nu", "nu_tilde")):
-        table = np.array(whole[name], dtype=float)
+    for number, name in enumerate(("mu", "mu_hat", "nu", "nu_tilde")):
+        table = np.array(tables[name], dtype=float)
         base, x, y = draw.normal(size=3), draw.normal(size=(s, 3)), np.zeros((s, 3))
-        toy.lib.toy_table_product(which, *toy.pointers(base, x, y))
+        toy.lib.toy_table_product(number, *toy.pointers(base, x, y))
         expected = table @ x + base * (name != "nu")
         np.testing.assert_allclose(y, expected, rtol=0, atol=32 * EPS)
 
@@ -341,13 +343,13 @@ def test_products_by_even_and_odd_parts(tmp_path, other_tables):
 # ---------------------------------------------------------------- convergence test
 
 
-def converges(toy, changes, defects=None, tolerance=0.0, most=50):
+def converges(toy, changes, defects=None, tolerance=0.0, max_iterations=50):
     """Return the iteration that ends a sequence of changes (no squares), and whether it failed."""
     change = np.array(changes, float) ** 2
     defect = np.zeros(len(change)) if defects is None else np.array(defects, float) ** 2
     failed = toy.ffi.new("int *")
-    ended = toy.lib.toy_converges(len(change), *toy.pointers(change, defect), tolerance, most,
-                                  failed)
+    ended = toy.lib.toy_converges(len(change), *toy.pointers(change, defect), tolerance,
+                                  max_iterations, failed)
     return ended, bool(failed[0])
 
 
@@ -414,8 +416,8 @@ def test_polynomials_are_continued_exactly(toy):
     """The order rises with the steps: three series, cubic and lower."""
     k = np.arange(16.0)
     values = np.stack([2 + k, 1 - k**2, k**3 / 8], axis=1)
-    found = predictions(toy, values)
-    np.testing.assert_allclose(found[8:, 0], values[8:, 0], rtol=0, atol=1e-9)
+    predicted = predictions(toy, values)
+    np.testing.assert_allclose(predicted[8:, 0], values[8:, 0], rtol=0, atol=1e-9)
 
 
 def test_sums_of_exponentials_obey_the_fitted_recurrence(toy):
@@ -423,18 +425,18 @@ def test_sums_of_exponentials_obey_the_fitted_recurrence(toy):
     k = np.arange(120.0)
     values = np.stack([np.cos(0.7 * k) + 0.5 * np.sin(1.3 * k), np.exp(-0.01 * k) * np.cos(0.4*k),
                        1 + np.cos(0.2 * k + 1)], axis=1)
-    found = predictions(toy, values)
+    predicted = predictions(toy, values)
     fitted = 17 + 2 * 23 + 2  # after the samples of the first fit
-    assert abs(found[fitted:] - values[fitted:]).max() <= 1e-12
-    assert abs(found[20:40] - values[20:40]).max() > 1e-9  # polynomials before it
+    assert abs(predicted[fitted:] - values[fitted:]).max() <= 1e-12
+    assert abs(predicted[20:40] - values[20:40]).max() > 1e-9  # polynomials before it
 
 
 @pytest.mark.parametrize("extra", [0, 1, 40])
 def test_least_squares(toy, extra):
     """Against numpy; the ridge is of the size of round-off."""
     draw = np.random.default_rng(extra)
-    most, sides = (toy.lib.toy_least_squares_limits(which) for which in (0, 1))
-    for unknowns in (1, 4, most):
+    unknowns_max, sides = (toy.lib.toy_least_squares_limits(limit) for limit in (0, 1))
+    for unknowns in (1, 4, unknowns_max):
         A = draw.normal(size=(unknowns + extra, unknowns)) + 4 * np.eye(unknowns + extra, unknowns)
         b, x = draw.normal(size=(unknowns + extra, sides)), np.zeros((unknowns, sides))
         assert toy.lib.toy_least_squares(unknowns, sides, unknowns + extra,
@@ -495,8 +497,8 @@ def test_readme_names_what_exists():
     """Names of C and of files; those of the generated part are in the toy or in a template."""
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     sources = [*HEADERS, *TOY.iterdir(), *(FOLDER.parent / "templates").iterdir()]
-    known = set(re.findall(r"\w+", "".join(
+    words = set(re.findall(r"\w+", "".join(
         path.read_text(encoding="utf-8") for path in sources if path.is_file())))
     files = {path.stem for path in HEADERS}
     for code in re.findall(r"`([A-Za-z_]\w*)(?:\([^`]*\))?`", text):
-        assert code in known | files | {"lanes_f", "VARIANTS", "gyrospark"}, code
+        assert code in words | files | {"lanes_f", "VARIANTS", "gyrospark"}, code

@@ -74,11 +74,11 @@ def test_a_division_by_g_leaves_roots_of_momenta_alone():
     system = systems.case("relativistic").system
     fast, draw = FastSystem(system), np.random.default_rng(6)
     (W,), forces = fast.schur[0], [row[0] for row in fast.forces]
-    whole = sum(a * b for a, b in zip(system.G[0], forces, strict=True))
-    remainder = sp.reduced(sp.expand(whole), [*system.constraints], *system.q)[1]
-    for x, *rest in draw.uniform(0.2, 0.9, (2, 6)):
-        for y, expected in ((rest[0], remainder), (np.sqrt(1 - x**4), whole)):
-            state = dict(zip([*system.q, *system.p, *system.parameters], [x, y, *rest[1:]],
+    product = sum(a * b for a, b in zip(system.G[0], forces, strict=True))
+    remainder = sp.reduced(sp.expand(product), [*system.constraints], *system.q)[1]
+    for x, *values in draw.uniform(0.2, 0.9, (2, 6)):
+        for y, expected in ((values[0], remainder), (np.sqrt(1 - x**4), product)):
+            state = dict(zip([*system.q, *system.p, *system.parameters], [x, y, *values[1:]],
                              strict=True))
             assert abs(W.subs(state) / expected.subs(state) - 1) < 1e-13
 
@@ -105,11 +105,11 @@ def test_rounded_coefficients_are_symplectic_and_symmetric_exactly(tableau, real
         for i in range(s):
             for j in range(s):
                 assert tables[name][i][j] + tables[name][s - 1 - i][s - 1 - j] == 1
-    part = fast.centres
+    centres = fast.centres
     for name, exact, weights in (("mu", "A", "b"), ("mu_hat", "A_hat", "b_hat")):
         for i in range(s):
             for j in range(s):
-                error = tables[name][i][j] - part[exact][i][j] / part[weights][j]
+                error = tables[name][i][j] - centres[exact][i][j] / centres[weights][j]
                 assert abs(error) <= Fraction(1, 2**kind.bits) * max(1, abs(tables[name][i][j]))
 
 
@@ -130,7 +130,8 @@ def whole(half, rows, columns):
 @pytest.mark.parametrize("real", ["float", "double", "float128"])
 @pytest.mark.parametrize(("scheme", "s"), [("G-L", 7), ("G-L", 8), ("LIIIA-B", 8)])
 def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme, s, real):
-    """The tables that the products of lanes stand for, in rational arithmetic."""
+    """The tables that products of lanes represent are symplectic and symmetric in rational
+    arithmetic."""
     kind = REALS[real]
     tableau = gs.tableau(scheme, s)
     fast, p = FastTableau(tableau), tableau.p
@@ -141,9 +142,9 @@ def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme,
     assert all(nu_tilde[i][j] == 1 - nu[j][i] for i in range(s) for j in range(p - 1))
     exact = fast.tables(REALS["float128"])
     for name, table in (("mu", mu), ("mu_hat", mu_hat), ("nu", nu), ("nu_tilde", nu_tilde)):
-        for row, mirrored, wanted in zip(table, table[::-1], exact[name], strict=False):
+        for row, mirrored, exact_row in zip(table, table[::-1], exact[name], strict=False):
             assert all(x + y == 1 for x, y in zip(row, mirrored[::-1], strict=True))
-            for x, y in zip(row, wanted, strict=False):
+            for x, y in zip(row, exact_row, strict=False):
                 assert abs(x - y) <= Fraction(1, 2**(kind.bits - 1)) + Fraction(1, 2**112)
 
 
@@ -161,15 +162,15 @@ def test_tables_are_halved_where_that_is_less_work_and_time_can_be_reversed():
 @pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)
 def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau):
     """A polynomial of degree s − 1 sampled at the stages is continued to those of the next step."""
-    part, s = FastTableau(tableau).centres, tableau.s
+    centres, s = FastTableau(tableau).centres, tableau.s
     table = FastTableau(tableau).tables(REALS["long-double"])["onward"]
     for degree in range(s):
-        values = [c**degree * b for c, b in zip(part["c"], part["b"], strict=True)]
+        values = [c**degree * b for c, b in zip(centres["c"], centres["b"], strict=True)]
         for i in range(s):
             onward = sum(x * y for x, y in zip(table[i], values, strict=True))
             terms = sum(abs(x * y) for x, y in zip(table[i], values, strict=True))
-            wanted = (1 + part["c"][i])**degree * part["b"][i]
-            assert abs(onward - wanted) <= terms * Fraction(2, 2**64)
+            expected = (1 + centres["c"][i])**degree * centres["b"][i]
+            assert abs(onward - expected) <= terms * Fraction(2, 2**64)
 
 
 @pytest.mark.filterwarnings("ignore:The linearised motion")
@@ -206,7 +207,8 @@ def test_largest_step_of_auto_is_not_below_that_of_newton(scheme, stages, rep):
 
 
 def test_angles_of_any_size_have_the_sines_of_newton():
-    """Those of lanes are by polynomials, beyond 1e6 quarters of a turn by <math.h>, as Newton's."""
+    """Lanes take sines from polynomials, beyond 1e6 quarters of a turn from <math.h>, as Newton
+    does."""
     step = systems.stepper("tilted")
     angles = np.array([0.0, 0.7, -2.4, 31.5, -800.0, 1e5, -1.5e6, 1.6e6, 3e9, -1e16])[:, None]
     dt, steps = 0.01, 3
@@ -232,14 +234,15 @@ def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
     run = {"dt": 0.2, "steps": 30, "parameters": parameters}
     with pytest.raises(gs.StepFailed, match="diverged"):
         step.integrate(q, p, solver="fixed-point", **run)
-    made = step.integrate(q, p, solver="auto", **run)
-    assert made.report.newton_steps > 0
+    trajectory = step.integrate(q, p, solver="auto", **run)
+    assert trajectory.report.newton_steps > 0
     assert step.integrate(q, p, solver="newton", **run).report.newton_steps == 0
 
 
 @pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])
 def test_newton_stops_when_the_next_increment_is_round_off(dt, most):
-    """Increments of quadratic convergence, size (size/previous)^2 next: none is made in vain."""
-    made = gs.stepper("G-L", 2).integrate(TOP.q0, TOP.p0, dt=dt, steps=100, parameters=PARAMETERS,
-                                          solver="newton")
-    assert set(made.iterations.tolist()) == {most}
+    """Of quadratic convergence, the next size is (size/previous)^2; no increment is computed in
+    vain."""
+    trajectory = gs.stepper("G-L", 2).integrate(TOP.q0, TOP.p0, dt=dt, steps=100,
+                                                parameters=PARAMETERS, solver="newton")
+    assert set(trajectory.iterations.tolist()) == {most}

@@ -48,12 +48,12 @@ def model():
 @cache
 def tops():
     """The model's stepper with a frame, and a start on the constraints."""
-    found = model()
-    numbers = {name: float(x) for name, x in found.parameters.items()}
-    numbers |= {name: gs.gamma(x) for name, x in found.bodies.items()}
+    top_model = model()
+    numbers = {name: float(x) for name, x in top_model.parameters.items()}
+    numbers |= {name: gs.gamma(x) for name, x in top_model.bodies.items()}
     numbers |= {"a_I2": numbers["a_I1"], "b_I2": numbers["b_I1"]}
-    step = gs.stepper("G-L", 2, system=found, frame="symmetries")
-    return step, numbers, step.project(found.q0, found.p0, parameters=numbers)
+    step = gs.stepper("G-L", 2, system=top_model, frame="symmetries")
+    return step, numbers, step.project(top_model.q0, top_model.p0, parameters=numbers)
 
 
 def height(q):
@@ -63,8 +63,8 @@ def height(q):
 
 def names_of(system):
     """Return name → condition of the symmetries that are derived for a system."""
-    made = generate(Spec.from_arguments("G-L", 1).with_frame("symmetries"), system=system)
-    return {s["name"]: s["conditions"] for s in json.loads(made.source.manifest)["frame"][
+    generated = generate(Spec.from_arguments("G-L", 1).with_frame("symmetries"), system=system)
+    return {s["name"]: s["conditions"] for s in json.loads(generated.source.manifest)["frame"][
         "symmetries"]}
 
 
@@ -89,20 +89,21 @@ def test_a_top_has_its_own_axis_and_the_vertical():
 
 
 def test_a_free_body_turns_about_any_axis_of_space():
-    found = generate(Spec.from_arguments("G-L", 1, "gamma", "free_body").with_frame("symmetries"))
-    said = json.loads(found.source.manifest)["frame"]["symmetries"]
-    assert [s["name"] for s in said] == ["omega_body", "omega_space_1", "omega_space_2",
-                                         "omega_space_3"]
-    assert [s["conditions"] for s in said] == [["I1 = I2"], [], [], []]
+    generated = generate(Spec.from_arguments("G-L", 1, "gamma",
+                                             "free_body").with_frame("symmetries"))
+    symmetries = json.loads(generated.source.manifest)["frame"]["symmetries"]
+    assert [s["name"] for s in symmetries] == ["omega_body", "omega_space_1", "omega_space_2",
+                                               "omega_space_3"]
+    assert [s["conditions"] for s in symmetries] == [["I1 = I2"], [], [], []]
 
 
 def test_a_bodys_own_axis_costs_one_addition():
     """u₃(a u₃ − ω/2) has the derivative (2 a u₃ − ω/2) u₃′: the vertical alone costs terms."""
     def operations(*, frame):
         spec = Spec.from_arguments("G-L", 2, "gamma", system="heavy_top")
-        made = generate(spec.with_frame("symmetries") if frame else spec)
-        found = re.findall(r"/\* H_[pq].* w.* (\d+) add, (\d+) mul", made.source.source)
-        return np.array(found, dtype=int)
+        generated = generate(spec.with_frame("symmetries") if frame else spec)
+        counts = re.findall(r"/\* H_[pq].* w.* (\d+) add, (\d+) mul", generated.source.source)
+        return np.array(counts, dtype=int)
 
     velocity, force = operations(frame=True) - operations(frame=False)
     assert velocity.tolist() == [4 + 1, 4]
@@ -201,8 +202,8 @@ def rates_of(step, q, p, numbers):
         x[: 2 * step.n] = [*q, *p]
     H_p = -step.residual(x, q, p, dt=1.0, parameters=numbers)[: step.n]
     moves = np.stack([s.A @ np.asarray(q, float) for s in step.symmetries], axis=1)
-    found = np.linalg.lstsq(moves, H_p, rcond=None)[0]
-    return {s.name: float(w) for s, w in zip(step.symmetries, found, strict=True)}
+    rates = np.linalg.lstsq(moves, H_p, rcond=None)[0]
+    return {s.name: float(w) for s, w in zip(step.symmetries, rates, strict=True)}
 
 
 @pytest.mark.parametrize(("scheme", "stages", "order"), [("G-L", 2, 4), ("EMS", None, 2)])
@@ -229,11 +230,11 @@ def test_a_run_in_a_frame_is_one_autonomous_map():
     """S_(ωkh) Φ^k = (S_(ωh) Φ)^k: it is the same where a run is cut and its frame begins anew."""
     step, rates = framed(), {"omega_body": 75.4, "omega_space": -3.0}
     numbers = with_gamma(TOP) | rates
-    whole = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=100, parameters=numbers)
+    unsplit = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=100, parameters=numbers)
     first = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=37, parameters=numbers)
-    rest = step.integrate(first.q[-1], first.p[-1], dt=2e-3, steps=63, parameters=numbers)
-    assert abs(rest.q[-1] - whole.q[-1]).max() < 1e-12
-    back = step.integrate(whole.q[-1], whole.p[-1], dt=-2e-3, steps=100, parameters=numbers)
+    second = step.integrate(first.q[-1], first.p[-1], dt=2e-3, steps=63, parameters=numbers)
+    assert abs(second.q[-1] - unsplit.q[-1]).max() < 1e-12
+    back = step.integrate(unsplit.q[-1], unsplit.p[-1], dt=-2e-3, steps=100, parameters=numbers)
     assert abs(back.q[-1] - TOP.q0).max() < 1e-12
 
 
@@ -247,7 +248,7 @@ def test_momentum_maps_are_kept():
 
 @pytest.mark.slow  # derives a double top in its frame
 def test_multipliers_turn_with_the_constraints():
-    """Those of joints are given in axes of space: with ω_space they must be turned at each node."""
+    """Multipliers of joints are in axes of space: with ω_space each node must turn them."""
     step, numbers, (q, p) = tops()
     assert [(s.name, s.condition) for s in step.symmetries] == [
         ("omega_a", "a_I1 = a_I2"), ("omega_b", "b_I1 = b_I2"), ("omega_space", "")]
@@ -257,27 +258,27 @@ def test_multipliers_turn_with_the_constraints():
     assert abs(moved.q - still.q).max() < 1e-7
     assert abs(moved.multipliers - still.multipliers).max() < 1e-3 * abs(still.multipliers).max()
     for solver in ("newton", "python"):
-        other = integrate(step, q, p, dt=1e-3, steps=8, every=4, solver=solver,
+        python_run = integrate(step, q, p, dt=1e-3, steps=8, every=4, solver=solver,
                                parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
-        same = step.integrate(q, p, dt=1e-3, steps=8, every=4,
-                              parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
-        assert abs(other.q - same.q).max() < 1e-13
-        assert abs(other.multipliers - same.multipliers).max() < 1e-8
+        compiled_run = step.integrate(q, p, dt=1e-3, steps=8, every=4,
+                                      parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
+        assert abs(python_run.q - compiled_run.q).max() < 1e-13
+        assert abs(python_run.multipliers - compiled_run.multipliers).max() < 1e-8
 
 
 def test_an_impulse_and_a_new_rate_are_in_the_callers_coordinates():
     step, numbers = framed(), with_gamma(TOP) | {"omega_body": 75.4, "omega_space": 1.0}
-    held = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=numbers)
-    held.advance(20)
-    held.parameters = numbers | {"omega_body": 60.0, "omega_space": -2.0}
+    motion = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=numbers)
+    motion.advance(20)
+    motion.parameters = numbers | {"omega_body": 60.0, "omega_space": -2.0}
     kick = np.array([0.0, 0.0, 0.0, 1e-3])
-    kicked = step.project(held.q, held.p + kick, parameters=numbers)
-    held._run.p[:] = kicked[1]  # as a caller in C does
-    held.advance(20)
-    fresh = step.integrate(*kicked, dt=2e-3, steps=20, parameters=held.parameters)
-    assert abs(fresh.q[-1] - held.q).max() < 1e-12
-    assert abs(fresh.p[-1] - held.p).max() < 1e-12 * abs(TOP.p0).max()
-    assert held.report.energy_error_max < 1e-6
+    kicked = step.project(motion.q, motion.p + kick, parameters=numbers)
+    motion._run.p[:] = kicked[1]  # as a caller in C does
+    motion.advance(20)
+    fresh = step.integrate(*kicked, dt=2e-3, steps=20, parameters=motion.parameters)
+    assert abs(fresh.q[-1] - motion.q).max() < 1e-12
+    assert abs(fresh.p[-1] - motion.p).max() < 1e-12 * abs(TOP.p0).max()
+    assert motion.report.energy_error_max < 1e-6
 
 
 def test_a_model_file_may_ask_for_frames(tmp_path):
@@ -293,8 +294,8 @@ def test_a_model_file_may_ask_for_frames(tmp_path):
     file = tmp_path / "moving.toml"
     for frame, names in (("", []), ('frame = "symmetries"', ["omega_space"])):
         file.write_text(frame + text, encoding="utf-8")
-        made = generate(Spec.from_arguments("G-L", 1, None, str(file)))
-        symmetries = json.loads(made.source.manifest).get("frame", {}).get("symmetries", ())
+        generated = generate(Spec.from_arguments("G-L", 1, None, str(file)))
+        symmetries = json.loads(generated.source.manifest).get("frame", {}).get("symmetries", ())
         assert [symmetry["name"] for symmetry in symmetries] == names
     file.write_text('frame = "moving"' + text, encoding="utf-8")
     with pytest.raises(gs.InputError, match="symmetries"):
@@ -345,10 +346,10 @@ def test_a_rotation_turns_at_a_rate_that_binary_holds(rate, is_one):
     """Else the angle of a million steps is as wrong as the rounding of its rate times their number.
     """
     rate = Fraction(rate)
-    found = rotation_of({(0, 1): -rate, (1, 0): rate})
-    assert (found is not None) == is_one
-    if found is not None:
-        assert list(found.blocks) == [rate]
+    rotation = rotation_of({(0, 1): -rate, (1, 0): rate})
+    assert (rotation is not None) == is_one
+    if rotation is not None:
+        assert list(rotation.blocks) == [rate]
 
 
 @cache
@@ -386,6 +387,6 @@ def allowed(steady, run):
 @pytest.mark.slow  # derives the satellite
 def test_the_satellites_frames_are_its_own_axis_and_the_orbits_where_it_is_a_ball():
     """The gradient is about the vertical, n l_y about the normal: both stay for a ball only."""
-    own, normal = steady_stepper("satellite").symmetries
-    assert (own.name, own.condition) == ("omega_body", "a_I1 = a_I2")
+    axial, normal = steady_stepper("satellite").symmetries
+    assert (axial.name, axial.condition) == ("omega_body", "a_I1 = a_I2")
     assert (normal.name, normal.condition) == ("omega_space", "a_I1 = a_I3 and a_I1 = a_I2")

@@ -31,9 +31,9 @@ def ends(step, dt, parameters, spin=1.0):
     (2, 0.003, 1.0), (8, 0.01, 1.0), (8, 0.04, 0.05),
     *(pytest.param(*given, marks=pytest.mark.slow) for given in ((2, 0.015, 1.0), (8, 0.05, 0.2)))])
 def test_lanes_are_independent_with_prediction(stages, dt, spin):
-    """Between these steps some tops take what was learnt and their neighbours do not.
+    """Between these steps some tops use a fitted recurrence and their neighbours do not.
 
-    With many stages, sweeps far from rounding are judged at once where no neighbour is near it.
+    With many stages, sweeps far from rounding are tested at once where no neighbour is near it.
     Slow tops at long steps are extrapolated by polynomials in place of a recurrence.
     """
     step, tops = gs.stepper("G-L", stages, "gamma"), members(8)
@@ -49,19 +49,19 @@ def test_first_steps_too_long_for_an_euler_start_need_no_newton():
     step, count = gs.stepper("G-L", 8, "gamma"), 5
     start = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
     dt = np.array([0.01, 0.025, 0.02, 0.03, 0.04])
-    made = step.integrate_ensemble(*start, dt=dt, steps=1, parameters=PARAMETERS, workers=1)
-    for i, member in enumerate(made.members):
+    ensemble = step.integrate_ensemble(*start, dt=dt, steps=1, parameters=PARAMETERS, workers=1)
+    for i, member in enumerate(ensemble.members):
         run = {"dt": dt[i], "steps": 1, "parameters": PARAMETERS}
         newton = step.integrate(TOP.q0, TOP.p0, solver="newton", **run)
         single = step.integrate(TOP.q0, TOP.p0, **run)
         lane = step.integrate_ensemble(TOP.q0[None], TOP.p0[None], workers=1, **run).members[0]
         assert member.report == lane.report
         assert member.q.tobytes() == lane.q.tobytes()
-        for found in (member, single):
-            assert found.report.newton_steps == 0
-            assert found.report.iterations_max < 50
-            assert np.abs(found.q - newton.q).max() < 4e-15
-            assert np.abs(found.p - newton.p).max() < 4e-15 * np.abs(newton.p).max()
+        for trajectory in (member, single):
+            assert trajectory.report.newton_steps == 0
+            assert trajectory.report.iterations_max < 50
+            assert np.abs(trajectory.q - newton.q).max() < 4e-15
+            assert np.abs(trajectory.p - newton.p).max() < 4e-15 * np.abs(newton.p).max()
 
 
 def test_history_of_the_predictor_outlives_a_call(tmp_path, monkeypatch):
@@ -69,12 +69,12 @@ def test_history_of_the_predictor_outlives_a_call(tmp_path, monkeypatch):
     step = gs.stepper("G-L", 2, "gamma")
     run = {"q": TOP.q0, "p": TOP.p0, "dt": 0.01, "steps": 900, "every": 30,
            "parameters": PARAMETERS}
-    whole = integrate(step, **run)
+    full_run = integrate(step, **run)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 8)
     in_chunks = integrate(step, **run)
-    assert in_chunks.q.tobytes() == whole.q.tobytes()
-    assert in_chunks.report == whole.report
-    assert in_chunks.iterations.tobytes() == whole.iterations.tobytes()  # the most of all pieces
+    assert in_chunks.q.tobytes() == full_run.q.tobytes()
+    assert in_chunks.report == full_run.report
+    assert in_chunks.iterations.tobytes() == full_run.iterations.tobytes()  # the most of all pieces
     monkeypatch.setattr("os.fsync", lambda handle: None)
     assert check(step, tmp_path, [1, 2, 20, 40], **run) == 4
 
@@ -100,9 +100,10 @@ def test_polynomials_serve_on_where_no_recurrence_does():
 
 @pytest.mark.slow  # a hundred thousand steps of eight tops
 def test_what_sweeps_leave_does_not_add_up():
-    """Energy at small steps, where one rate for all sweeps took what was left for less: 2.5e-14."""
-    made = gs.stepper("G-L", 8, "gamma").integrate_ensemble(
+    """The energy stays at small steps, where one rate for all sweeps underestimated the rest:
+    2.5e-14."""
+    ensemble = gs.stepper("G-L", 8, "gamma").integrate_ensemble(
         np.tile(TOP.q0, (8, 1)), np.tile(TOP.p0, (8, 1)), dt=5e-4, steps=100_000, every=100_000,
         parameters=members(8), workers=1)
-    drift = [m.report.energy_error_max / abs(m.report.energy_start) for m in made.members]
+    drift = [m.report.energy_error_max / abs(m.report.energy_start) for m in ensemble.members]
     assert np.sqrt(np.mean(np.square(drift))) < 8e-15

@@ -1,4 +1,4 @@
-"""What steppers remark of their schemes, beside the numbers that the remarks are of."""
+"""Remarks of steppers on their schemes, beside the numbers that support them."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ def remarks(spec: Spec, system: gs.System | None = None) -> list[str]:
 
 
 def test_the_work_of_drag_on_an_asymmetric_body_is_remarked() -> None:
-    (said,) = remarks(Spec("splitting", order=4), DRAG)
-    assert "work of drag" in said
-    assert "order 2" in said
+    (remark,) = remarks(Spec("splitting", order=4), DRAG)
+    assert "work of drag" in remark
+    assert "order 2" in remark
     assert not remarks(Spec("splitting", order=2), DRAG)
 
 
@@ -43,5 +43,6 @@ def test_the_work_of_drag_on_an_asymmetric_body_has_order_2() -> None:
 
 @pytest.mark.parametrize("stages", [2, 3])
 def test_exact_energy_with_2_stages_costs_accuracy(stages: int) -> None:
-    said = [text for text in remarks(Spec("G-L", stages, energy=True)) if "3 stages" in text]
-    assert bool(said) == (stages == 2)
+    stage_remarks = [text for text in remarks(Spec("G-L", stages, energy=True))
+                     if "3 stages" in text]
+    assert bool(stage_remarks) == (stages == 2)

@@ -1,7 +1,7 @@
 """Profile ``run``: plain C of one trajectory against the full stepper and profile control.
 
-Newton is that of the full stepper, to the bit; sweeps are those of control, to the bit while no
-step needs Newton; and both come to where the full stepper comes, but for rounding.
+Newton's steps agree with the full stepper to the bit; sweeps agree with control, to the bit while
+no step needs Newton; and both end where the full stepper ends, up to rounding.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def made(name, profile="run"):
 
 
 class Run(Program):
-    """A stepper of either profile: whole runs, and trajectories that are held."""
+    """A stepper of either profile: runs at once, and trajectories in pieces."""
 
     def new(self, *shape):
         array = np.zeros(shape, self.type)
@@ -70,17 +70,17 @@ class Run(Program):
         return parameters, options, dt, (q, p), (q_at, p_at), self.new_work()
 
     def run(self, name, solver):
-        """Return all that a whole run leaves: rows, record, status."""
+        """Return rows, record and status of a run."""
         parameters, options, dt, _, state, memory = self.start(name, solver)
         n = len(self.manifest.system.coordinates)
         (q, q_at), (p, p_at) = self.new(ROWS, n), self.new(ROWS, n)
         counts = self.ffi.new(f"int[{ROWS}]")
         work, work_at = self.new(ROWS)
         forced = [work_at] if self.manifest.system.forces else []
-        wanted = [self.ffi.NULL] if self.manifest.profile == "full" else []  # multipliers
+        multipliers = [self.ffi.NULL] if self.manifest.profile == "full" else []
         report = self.ffi.new(f"{self.name}_report *")
-        status = self.integrate(parameters, options, dt, 2 * ROWS, 2, *state, q_at, p_at, *wanted,
-                                counts, *forced, report, memory)
+        status = self.integrate(parameters, options, dt, 2 * ROWS, 2, *state, q_at, p_at,
+                                *multipliers, counts, *forced, report, memory)
         return status, [text(q), text(p), text(work), list(counts), self.record(report)]
 
     def record(self, report):
@@ -123,73 +123,73 @@ AUTO, NEWTON, FIXED_POINT = 0, 1, 2
 @every_model
 def test_newton_is_that_of_the_full_stepper(name, programs):
     """Rows, iterations, work and records, to the bit."""
-    own, full = programs(name, "run"), programs(name, "full")
-    status, of_run = own.run(name, NEWTON)
+    run_program, full = programs(name, "run"), programs(name, "full")
+    status, of_run = run_program.run(name, NEWTON)
     assert (status, of_run) == full.run(name, NEWTON)
     assert status == 0
 
 
 @every_model
 def test_steps_are_those_of_the_full_stepper(name, programs):
-    """Where sweeps end does not depend on where they began, but for rounding, which adds up."""
-    own, full = programs(name, "run"), programs(name, "full")
-    (status, of_run), (_, of_full) = own.run(name, AUTO), full.run(name, AUTO)
+    """The end of sweeps depends on their start only by rounding, which adds up."""
+    run_program, full = programs(name, "run"), programs(name, "full")
+    (status, of_run), (_, of_full) = run_program.run(name, AUTO), full.run(name, AUTO)
     assert status == 0
-    bound = (4000 if name == "long steps" else 400) * float(np.finfo(own.type).eps)
-    for found, wanted in zip(of_run[:3], of_full[:3], strict=True):
-        numbers, expected = (np.array(x, np.longdouble) for x in (found, wanted))
+    bound = (4000 if name == "long steps" else 400) * float(np.finfo(run_program.type).eps)
+    for run_texts, full_texts in zip(of_run[:3], of_full[:3], strict=True):
+        numbers, expected = (np.array(x, np.longdouble) for x in (run_texts, full_texts))
         assert abs(numbers - expected).max() <= bound * max(abs(expected).max(), 1e-3)
-    record, other = of_run[-1], of_full[-1]
-    assert record["steps"] == other["steps"] == 2 * ROWS
-    assert record["energy_error_max"] <= 2 * other["energy_error_max"] + bound * (
+    record, full_record = of_run[-1], of_full[-1]
+    assert record["steps"] == full_record["steps"] == 2 * ROWS
+    assert record["energy_error_max"] <= 2 * full_record["energy_error_max"] + bound * (
         1 + abs(record["energy_start"]))
-    assert record["constraint_max"] <= 2 * other["constraint_max"] + bound / 100
+    assert record["constraint_max"] <= 2 * full_record["constraint_max"] + bound / 100
     if name == "long steps":
         assert 0 < record["newton_steps"] <= 2 * ROWS
 
 
 @every_model
 def test_any_split_is_a_run_to_the_bit(name, programs):
-    own = programs(name, "run")
+    run_program = programs(name, "run")
     for solver in (AUTO, NEWTON):
-        _, of_run = own.run(name, solver)
-        held = own.hold(name, solver, (1, 0, 16, 30, 33))
-        n = len(held[0])
-        assert held == [of_run[0][-n:], of_run[1][-n:], of_run[-1]]
+        _, of_run = run_program.run(name, solver)
+        pieces = run_program.hold(name, solver, (1, 0, 16, 30, 33))
+        n = len(pieces[0])
+        assert pieces == [of_run[0][-n:], of_run[1][-n:], of_run[-1]]
 
 
 @pytest.mark.parametrize("name", [name for name in EVERY if name.values[0] not in (
     "long steps", "LIIIA-B3 long-double")])
 def test_sweeps_are_those_of_profile_control(name, programs):
-    own, control = programs(name, "run"), programs(name, "control")
-    assert own.hold(name, FIXED_POINT, (60,))[:2] == control.steps(name, 60)
+    run_program, control = programs(name, "run"), programs(name, "control")
+    assert run_program.hold(name, FIXED_POINT, (60,))[:2] == control.steps(name, 60)
 
 
 @pytest.mark.parametrize("name", [  # two programs each
     "G-L2 double", pytest.param("forces EMS float", marks=pytest.mark.slow)])
 def test_project(name, programs):
-    found = []
+    states = []
     for profile in ("run", "full"):
         program = programs(name, profile)
         parameters, _, _, (q, p), state, _ = program.start(name)
         q *= program.type(1.001)
         p += q / 7
         assert program.project(parameters, *state) == 0
-        found.append([text(q), text(p)])
-    assert found[0] == found[1]
+        states.append([text(q), text(p)])
+    assert states[0] == states[1]
 
 
 def test_quantities(programs):
-    found = []
+    texts = []
     for profile in ("run", "full"):
         program = programs("forces EMS float", profile)
         parameters, _, _, _, state, _ = program.start("forces EMS float")
-        values, at = program.new(len(program.manifest.system.quantities))
+        values, pointer = program.new(len(program.manifest.system.quantities))
         t, t_at = program.new(1)
         t[:] = 0.5
-        program.quantities(parameters, 1, t_at, *state, at)
-        found.append(text(values))
-    assert found[0] == found[1]
+        program.quantities(parameters, 1, t_at, *state, pointer)
+        texts.append(text(values))
+    assert texts[0] == texts[1]
 
 
 def test_nothing_but_what_the_header_declares(programs):
@@ -200,9 +200,9 @@ def test_nothing_but_what_the_header_declares(programs):
     assert functions == {"work_size", "begin", "advance", "set_parameters", "report_of",
                          "integrate", "project"}
     symbols = [line.split() for line in call(["nm", program.path]).stdout.splitlines()]
-    own = {words[-1].removeprefix(f"{source.name}_") for words in symbols
-           if words[-2] == "T" and words[-1].startswith(source.name)}
-    assert own == functions
+    defined = {words[-1].removeprefix(f"{source.name}_") for words in symbols
+               if words[-2] == "T" and words[-1].startswith(source.name)}
+    assert defined == functions
     assert source.source.count("\n") <= 1850
     for word in ("vector_size", "__asm__", "batch", "trajectories_", "malloc"):
         assert word not in source.source
@@ -221,5 +221,6 @@ def test_header_is_for_cplusplus(programs, tmp_path):
 
 
 def test_float128_is_taken():
-    """What both plain profiles refuse is in ``test_control_profile.py``."""
+    """Profile run accepts float128; refusals of both plain profiles are in
+    ``test_control_profile.py``."""
     assert "_Float128" in generate(Spec("IMS", real="float128").with_profile("run")).source.header

@@ -65,16 +65,16 @@ def test_bodies_in_space_forces_and_drag_against_gauss_lobatto(pair):
     model.torque(top, [-c * sp.Symbol(f"t_I{i}", positive=True) * w + u * top.rotation[2, 0]
                        for i, w in zip((1, 2, 3), top.angular_velocity, strict=True)])
     model.potential(0.3 * sp.cos(2 * model.time) * top.rotation[0, 2])
-    for one in (pair, model.model()):
-        start = one.q0, one.p0
-        reference = gs.stepper("G-L", stages=5, system=one.system)
-        exact, run = end(reference, start, one.parameters, 1.0, 400)
+    for system_model in (pair, model.model()):
+        start = system_model.q0, system_model.p0
+        reference = gs.stepper("G-L", stages=5, system=system_model.system)
+        exact, run = end(reference, start, system_model.parameters, 1.0, 400)
         for order, bound in ((4, 2e-6), (8, 1e-11)):
-            step = gs.stepper("splitting", order=order, system=one.system)
-            found, own = end(step, start, one.parameters, 1.0, 40)
-            assert np.abs(found - exact).max() < bound
-            assert own.report.work == pytest.approx(run.report.work, abs=20 * bound)
-            assert own.report.energy_error_max < 20 * bound
+            step = gs.stepper("splitting", order=order, system=system_model.system)
+            split_end, split_run = end(step, start, system_model.parameters, 1.0, 40)
+            assert np.abs(split_end - exact).max() < bound
+            assert split_run.report.work == pytest.approx(run.report.work, abs=20 * bound)
+            assert split_run.report.energy_error_max < 20 * bound
 
 
 @pytest.fixture(scope="module")
@@ -90,14 +90,14 @@ def turntable():
     model.torque(a, [-c * sp.Symbol(f"a_I{i}", positive=True) * x
                      for i, x in zip((1, 2, 3), a.angular_velocity, strict=True)])
     momentum = sp.Matrix(a.angular_momentum)
-    for one in (a, b):
-        momentum += sp.Matrix(one.x).cross(sp.Matrix(one.p_x))
+    for body in (a, b):
+        momentum += sp.Matrix(body.x).cross(sp.Matrix(body.p_x))
     model.potential(-sp.Matrix(w).dot(momentum))
     return model.model()
 
 
 def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
-    """Of bodies and points."""
+    """The motion of a body and of a point, each rotated by R, agrees with the motion at rest."""
     step = gs.stepper("splitting", order=4, system=turntable)
     start, values = (turntable.q0, turntable.p0), dict(turntable.parameters)
     still = step.integrate(*start, dt=0.01, steps=100, parameters=values | dict.fromkeys(
@@ -106,8 +106,8 @@ def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
     w, t = np.array([values[f"w{i}"] for i in range(3)]), 1.0
     half = 0.5 * t * np.linalg.norm(w)
     R = rotation_matrix(np.array([np.cos(half), *(-np.sin(half) * w / np.linalg.norm(w))]))
-    for one in ("a", "b"):
-        rows = [turning.coordinates.index(f"{one}_{x}") for x in "xyz"]
+    for name in ("a", "b"):
+        rows = [turning.coordinates.index(f"{name}_{x}") for x in "xyz"]
         assert np.abs(turning.q[-1][rows] - R @ still.q[-1][rows]).max() < 1e-13
         assert np.abs(turning.p[-1][rows] - R @ still.p[-1][rows]).max() < 1e-13
     assert np.abs(turning.body("a").angular_momentum()[-1]
@@ -120,16 +120,16 @@ def test_a_bead_in_a_plane_that_turns():
     x, y, u, v, w = sp.symbols("x y u v w", real=True)
     top = gs.models.lagrange_top()
     bead = (u**2 + v**2 + x**2 + 4 * y**2) / 2 - w * (x * v - y * u)
-    both = gs.System((*top.system.q, x, y), (*top.system.p, u, v), (*top.system.parameters, w),
-                     top.system.H + bead, top.system.constraints, name="bead")
+    system = gs.System((*top.system.q, x, y), (*top.system.p, u, v), (*top.system.parameters, w),
+                       top.system.H + bead, top.system.constraints, name="bead")
     start = np.append(top.q0, [1.0, 0.0]), np.append(top.p0, [0.0, 0.5])
     values = dict(top.parameters) | {"w": 0.4, "a_gamma": 1.0}
-    run = gs.stepper("splitting", order=8, system=both).integrate(
+    run = gs.stepper("splitting", order=8, system=system).integrate(
         *start, dt=0.01, steps=200, parameters=values)
     slow, fast = np.linalg.eig([[0, 0.4, 1, 0], [-0.4, 0, 0, 1], [-1, 0, 0, 0.4], [0, -4, -0.4, 0]])
     exact = fast @ (np.exp(2 * slow) * np.linalg.solve(fast, [1.0, 0.0, 0.0, 0.5]))
-    found = np.concatenate([run.q[-1, 4:], run.p[-1, 4:]])
-    assert np.abs(found - exact).max() < 1e-12
+    state = np.concatenate([run.q[-1, 4:], run.p[-1, 4:]])
+    assert np.abs(state - exact).max() < 1e-12
 
 
 def test_a_run_has_the_same_bits_in_pieces_in_ensembles_and_stored_seldom():
@@ -138,30 +138,30 @@ def test_a_run_has_the_same_bits_in_pieces_in_ensembles_and_stored_seldom():
             for i in range(count)]
     q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
     dt = np.linspace(1e-3, 3e-3, count)
-    many = step.integrate_ensemble(q, p, dt=dt, steps=70, parameters=sets, every=7)
+    ensemble = step.integrate_ensemble(q, p, dt=dt, steps=70, parameters=sets, every=7)
     for i in (0, 1, 33, 39):
         alone = step.integrate(TOP.q0, TOP.p0, dt=dt[i], steps=70, parameters=sets[i])
-        assert np.array_equal(many.q[i], alone.q[::7])
-        assert np.array_equal(many.p[i], alone.p[::7])
-        assert many.members[i].report == alone.report
-        held = step.start(TOP.q0, TOP.p0, dt=dt[i], parameters=sets[i])
+        assert np.array_equal(ensemble.q[i], alone.q[::7])
+        assert np.array_equal(ensemble.p[i], alone.p[::7])
+        assert ensemble.members[i].report == alone.report
+        motion = step.start(TOP.q0, TOP.p0, dt=dt[i], parameters=sets[i])
         for steps in (1, 20, 49):
-            held.advance(steps)
-        assert np.array_equal(held.q, alone.q[-1])
-        assert np.array_equal(held.p, alone.p[-1])
+            motion.advance(steps)
+        assert np.array_equal(motion.q, alone.q[-1])
+        assert np.array_equal(motion.p, alone.p[-1])
 
 
 def test_parameters_change_between_steps():
     step = gs.stepper("splitting", order=4)
-    held = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=SYMMETRIC)
-    held.advance(30)
+    motion = step.start(TOP.q0, TOP.p0, dt=2e-3, parameters=SYMMETRIC)
+    motion.advance(30)
     heavier = SYMMETRIC | {"mgl": 1.2 * SYMMETRIC["mgl"], "I2": 1.1 * SYMMETRIC["I1"]}
-    held.parameters = heavier
-    fresh = step.integrate(held.q, held.p, dt=2e-3, steps=5, parameters=heavier)
-    held.advance(5)
-    assert np.array_equal(held.q, fresh.q[-1])
-    assert np.array_equal(held.p, fresh.p[-1])
-    assert held.report.energy_error_max < 1e-6
+    motion.parameters = heavier
+    fresh = step.integrate(motion.q, motion.p, dt=2e-3, steps=5, parameters=heavier)
+    motion.advance(5)
+    assert np.array_equal(motion.q, fresh.q[-1])
+    assert np.array_equal(motion.p, fresh.p[-1])
+    assert motion.report.energy_error_max < 1e-6
 
 
 @pytest.mark.slow  # a long run: 20,000 steps of 32 tops
@@ -187,12 +187,12 @@ def test_a_step_that_fails_keeps_what_was_before_it():
     assert done.report.steps == failed.value.step - 1
     assert np.isfinite(done.q).all()
     q, p = np.tile(TOP.q0, (3, 1)), np.tile(TOP.p0, (3, 1))
-    many = step.integrate_ensemble(q, p, dt=[1e-3, 1e4, 1e-3], steps=50,
-                                   parameters=[SYMMETRIC, bad, SYMMETRIC])
-    assert list(many.failures) == [1]
-    assert many.failures[1].step == failed.value.step
+    ensemble = step.integrate_ensemble(q, p, dt=[1e-3, 1e4, 1e-3], steps=50,
+                                       parameters=[SYMMETRIC, bad, SYMMETRIC])
+    assert list(ensemble.failures) == [1]
+    assert ensemble.failures[1].step == failed.value.step
     alone = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=50, parameters=SYMMETRIC)
-    assert np.array_equal(many.q[2], alone.q)
+    assert np.array_equal(ensemble.q[2], alone.q)
 
 
 def test_what_a_splitting_does_not_have_is_refused():
@@ -232,12 +232,12 @@ def test_work_of_drag_has_the_order_of_the_motion(turntable):
         run = step.integrate(*start, dt=1 / steps, steps=steps, parameters=values)
         errors.append(np.abs(run.energy_error()).max())
     assert errors[0] / errors[1] > 12
-    held = step.start(*start, dt=0.025, parameters=values)
+    motion = step.start(*start, dt=0.025, parameters=values)
     for _ in range(40):
-        held.advance(1)
-        held.parameters = dict(values)
-    assert held.report.work == pytest.approx(run.report.work, rel=1e-4)
-    assert held.report.energy_error_max < 2 * errors[0]
+        motion.advance(1)
+        motion.parameters = dict(values)
+    assert motion.report.work == pytest.approx(run.report.work, rel=1e-4)
+    assert motion.report.energy_error_max < 2 * errors[0]
 
 
 @pytest.mark.slow  # derivatives compiled for this
@@ -265,14 +265,15 @@ def test_a_rotation_near_pi_between_kicks_is_warned_of():
 
 
 def begun(program, parameters, q0, p0, dt):
-    """Begin a trajectory; return the status, what ``advance`` takes, and arrays of the state."""
+    """Begin a trajectory; return the status, the arguments of ``advance``, and arrays of the
+    state."""
     q, p = np.array(q0, float), np.array(p0, float)
-    held = program.new_work(), program.pointer(q), program.pointer(p)
+    arguments = program.new_work(), program.pointer(q), program.pointer(p)
     values = {name: float(x) for name, x in parameters.items()}
     limits = dict(zip(("tolerance", "max_iterations"), (0.0, 50), strict=True))
-    status = program.begin(held[0], program.parameters(values),
-                           program.ffi.new(f"{program.name}_options *", limits), dt, *held[1:])
-    return status, held, q, p
+    status = program.begin(arguments[0], program.parameters(values),
+                           program.ffi.new(f"{program.name}_options *", limits), dt, *arguments[1:])
+    return status, arguments, q, p
 
 
 @pytest.fixture(scope="module")
@@ -285,13 +286,13 @@ def control(tmp_path_factory):
 @pytest.mark.parametrize("parameters", [SYMMETRIC, ASYMMETRIC], ids=["symmetric", "asymmetric"])
 def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control):
     assert begun(control, parameters, TOP.q0, TOP.p0, 0.0)[0] == 6
-    status, held, q, p = begun(control, parameters, TOP.q0, TOP.p0, 2e-3)
+    status, memory, q, p = begun(control, parameters, TOP.q0, TOP.p0, 2e-3)
     assert status == 0
     finite, p[1] = p[1], np.inf
-    assert control.advance(*held) == control.advance(*held) == 3  # as often as it is tried
+    assert control.advance(*memory) == control.advance(*memory) == 3  # as often as it is tried
     p[1] = finite
     for _ in range(50):
-        assert control.advance(*held) == 0
+        assert control.advance(*memory) == 0
     run = gs.stepper("splitting", order=4).integrate(TOP.q0, TOP.p0, dt=2e-3, steps=50,
                                                      parameters=parameters)
     assert np.abs(q - run.q[-1]).max() < 1e-14
@@ -299,18 +300,18 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control
 
 
 def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
-    """Whole runs and pieces; asymmetric, with drag and its work."""
+    """Runs at once and in pieces; asymmetric, with drag and its work."""
     step, start, values = with_drag(turntable)
     program = Program(generate(Spec.from_arguments("splitting", order=4).with_profile("run"),
                                model=turntable, system=turntable.system).source, tmp_path)
-    wanted, ends = step.integrate(*start, dt=5e-3, steps=40, parameters=values), []
+    expected, ends = step.integrate(*start, dt=5e-3, steps=40, parameters=values), []
     for pieces in ((40,), (1, 20, 19)):
         _, (work, *state), q, p = begun(program, values, *start, 5e-3)
         for steps in pieces:
             assert program.advance(work, steps, *state) == 0
         ends.append([*q, *p])
-        assert np.abs(q - wanted.q[-1]).max() < 1e-14
-        assert np.abs(p - wanted.p[-1]).max() < 1e-13
+        assert np.abs(q - expected.q[-1]).max() < 1e-14
+        assert np.abs(p - expected.p[-1]).max() < 1e-13
     assert ends[0] == ends[1]
     _, (work, *state), q, p = begun(program, values, *start, 5e-3)
     rows, done, null = np.zeros((4, step.n)), np.zeros(4), program.ffi.NULL
@@ -319,5 +320,5 @@ def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
                              program.pointer(rows), null, null, program.pointer(done),
                              program.ffi.new(f"{program.name}_report *"), work) == 0
     assert [*q, *p] == ends[0]
-    assert np.abs(rows - wanted.q[10::10]).max() < 1e-14
-    assert np.abs(done - wanted.work[10::10]).max() < 1e-13
+    assert np.abs(rows - expected.q[10::10]).max() < 1e-14
+    assert np.abs(done - expected.work[10::10]).max() < 1e-13

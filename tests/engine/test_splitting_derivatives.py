@@ -68,20 +68,21 @@ class HeavyTop:
 def reference(q, p, h, values, steps):
     """Return the end of steps of order 4, of the composition that the parameters choose."""
     top, even = HeavyTop(*values), values[0] == values[1]
-    one = COMPOSITIONS[splitting().manifest.scheme.compositions[even]]
+    composition = COMPOSITIONS[splitting().manifest.scheme.compositions[even]]
     q, l = list(q), [x / 2 for x in product(p, conjugate(q))[1:]]  # noqa: E741
     for _ in range(steps):
-        for i, b in enumerate(one.kicks):
-            q = top.drift(q, l, h * mp.mpf(one.drifts[i].numerator) / one.drifts[i].denominator)
+        for i, b in enumerate(composition.kicks):
+            q = top.drift(q, l, h * mp.mpf(composition.drifts[i].numerator)
+                          / composition.drifts[i].denominator)
             t = h * mp.mpf(b.numerator) / b.denominator
             if even:
-                c = -one.gradients[i] / b
+                c = -composition.gradients[i] / b
                 l = top.kick(q, l, t, h**2 * mp.mpf(c.numerator) / c.denominator)  # noqa: E741
                 continue
             l = top.kick(q, l, t / 2)  # noqa: E741
             q = top.turn(q, l, 2, t)
             l = top.kick(q, l, t / 2)  # noqa: E741
-        a = one.drifts[-1]
+        a = composition.drifts[-1]
         q = top.drift(q, l, h * mp.mpf(a.numerator) / a.denominator)
     return q + [2 * x for x in product([0, *l], q)]
 
@@ -95,48 +96,49 @@ def test_tangents_against_differences_in_50_digits(case):
     run = splitting().integrate(TOP.q0, p0, dt=h, steps=steps, parameters=values,
                          tangents=gs.Tangents(parameters=free, dt=True))
     tangents = np.concatenate([run.tangents.q, run.tangents.p], axis=1)
-    first, found = tangents[0], tangents[-1]
+    first, final = tangents[0], tangents[-1]
     with mp.workdps(50):
         numbers = [mp.mpf(values[name]) for name in MOMENTS]
 
         def end(row, name, by):
             z = [mp.mpf(float(x)) + by * mp.mpf(float(d))
                  for x, d in zip([*TOP.q0, *p0], row, strict=True)]
-            own = [x + by * (m == name) for m, x in zip(MOMENTS, numbers, strict=True)]
-            return mp.matrix(reference(z[:4], z[4:], mp.mpf(h) + by * (name == "dt"), own, steps))
+            parameters = [x + by * (m == name) for m, x in zip(MOMENTS, numbers, strict=True)]
+            return mp.matrix(reference(z[:4], z[4:], mp.mpf(h) + by * (name == "dt"), parameters,
+                                       steps))
 
         for k, name in enumerate(run.tangents.names):
             exact = (end(first[:, k], name, mp.mpf(10)**-15)
                      - end(first[:, k], name, -mp.mpf(10)**-15)) / (2 * mp.mpf(10)**-15)
             exact = np.array([float(x) for x in exact])
-            assert np.abs(found[:, k] - exact).max() <= 2e-13 * np.abs(exact).max()
+            assert np.abs(final[:, k] - exact).max() <= 2e-13 * np.abs(exact).max()
     omega = np.kron([[0, 1], [-1, 0]], np.eye(4))
-    kept = found[:, :6].T @ omega @ found[:, :6] - first[:, :6].T @ omega @ first[:, :6]
-    assert np.abs(kept).max() < 1e-15 * np.abs(found[:, :6]).max()**2 + 1e-14
+    defect = final[:, :6].T @ omega @ final[:, :6] - first[:, :6].T @ omega @ first[:, :6]
+    assert np.abs(defect).max() < 1e-15 * np.abs(final[:, :6]).max()**2 + 1e-14
     w = np.random.default_rng(1).normal(size=8)
     back = splitting().gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt"]).vector()
-    assert np.abs(back - w @ found).max() <= 1e-14 * np.abs(w[:, None] * found).max()
+    assert np.abs(back - w @ final).max() <= 1e-14 * np.abs(w[:, None] * final).max()
 
 
 def test_runs_backwards_from_checkpoints_and_in_reverse():
     run = splitting().integrate(TOP.q0, TOP.p0, dt=2e-3, steps=200, parameters=ASYMMETRIC, every=10)
     cotangents = {"q": run.q, "p": 3 * run.q}
-    kept, pieces, reverse = (splitting().gradient(run, cotangents, memory=memory).vector()
-                             for memory in ("256 MB", "10 kB", "none"))
-    assert np.array_equal(kept, pieces)
-    assert np.allclose(kept, reverse, rtol=1e-9, atol=1e-9 * np.abs(kept).max())
+    stored, pieces, reverse = (splitting().gradient(run, cotangents, memory=memory).vector()
+                               for memory in ("256 MB", "10 kB", "none"))
+    assert np.array_equal(stored, pieces)
+    assert np.allclose(stored, reverse, rtol=1e-9, atol=1e-9 * np.abs(stored).max())
 
 
 def test_symmetric_bodies_have_the_derivative_by_what_breaks_the_symmetry():
-    """Of order 2: it approaches that of a body that is nearly symmetric."""
-    near = SYMMETRIC | {"I2": SYMMETRIC["I1"] * (1 + 1e-9)}
+    """The derivative of order 2 approaches the derivative of a nearly symmetric body."""
+    nearly_symmetric = SYMMETRIC | {"I2": SYMMETRIC["I1"] * (1 + 1e-9)}
     errors = []
     for steps in (20, 40):
-        found = [splitting().integrate(
+        derivatives = [splitting().integrate(
             TOP.q0, TOP.p0, dt=0.04 / steps, steps=steps, parameters=values,
             tangents=gs.Tangents(start=None, parameters=["I2"])).tangents.q[-1]
-            for values in (SYMMETRIC, near)]
-        errors.append(np.abs(found[0] - found[1]).max() / np.abs(found[1]).max())
+            for values in (SYMMETRIC, nearly_symmetric)]
+        errors.append(np.abs(derivatives[0] - derivatives[1]).max() / np.abs(derivatives[1]).max())
     assert errors[1] < 1e-3
     assert errors[0] / errors[1] > 3.5
 
@@ -166,7 +168,7 @@ def everything(torque: float = 0.0) -> gs.Model:
     model.torque(a, [-c * (1 + torque * i) * sp.Symbol(f"a_I{i}", positive=True) * w
                      for i, w in zip((1, 2, 3), a.angular_velocity, strict=True)])
     model.force(b, [u, 0, 0])
-    momentum = sum((sp.Matrix(one.x).cross(sp.Matrix(one.p_x)) for one in (a, b)),
+    momentum = sum((sp.Matrix(body.x).cross(sp.Matrix(body.p_x)) for body in (a, b)),
                    sp.Matrix(a.angular_momentum))
     model.potential(-model.parameter("w", 0.3) * (momentum[0] + momentum[2] / 2))
     return model.model()
@@ -176,16 +178,16 @@ def everything(torque: float = 0.0) -> gs.Model:
 @pytest.mark.parametrize(("torque", "even"), [(0.0, False), (0.3, False), (0.3, True)])
 def test_forces_points_inputs_and_time(torque, even):
     """Tangents by differences; adjoints and Hessians by tangents and each other."""
-    one, h, rng = everything(torque), 0.05, np.random.default_rng(3)
-    step = gs.stepper("splitting", order=2 if torque else 4, system=one.system)
-    n, own = step.n, [x for x in one.parameters if x != "u"]
-    names = [*own, "dt", "t0"]
+    model, h, rng = everything(torque), 0.05, np.random.default_rng(3)
+    step = gs.stepper("splitting", order=2 if torque else 4, system=model.system)
+    n, parameters = step.n, [x for x in model.parameters if x != "u"]
+    names = [*parameters, "dt", "t0"]
     by = [dict(zip([*names, "u"], rng.normal(size=len(names) + 1), strict=True))
           for _ in range(2)]
-    values = one.parameters | ({"a_I2": one.parameters["a_I1"]} if even else {})
+    values = model.parameters | ({"a_I2": model.parameters["a_I1"]} if even else {})
     for d in by if even else ():
         d["a_I2"] = d["a_I1"]
-    ways = rng.normal(size=(2, 2 * n))
+    directions = rng.normal(size=(2, 2 * n))
     w = rng.normal(size=2 * n)
 
     def start(q, p, d, s):
@@ -194,43 +196,44 @@ def test_forces_points_inputs_and_time(torque, even):
     def arguments(d, s):
         return {"dt": h + s * d["dt"], "parameters": {k: v + s * d[k] for k, v in values.items()}}
 
-    def at(way, s):
-        return on_constraints(np.concatenate([one.q0, one.p0]) + s * way)
+    def state_at(direction, s):
+        return on_constraints(np.concatenate([model.q0, model.p0]) + s * direction)
 
-    def differences(f, d, way, s):
+    def differences(f, d, direction, s):
         def slope(s):
-            return (f(start(*at(way, s), d, s), **arguments(d, s))
-                    - f(start(*at(way, -s), d, -s), **arguments(d, -s))) / (2 * s)
+            return (f(start(*state_at(direction, s), d, s), **arguments(d, s))
+                    - f(start(*state_at(direction, -s), d, -s), **arguments(d, -s))) / (2 * s)
         return (slope(2 * s) - 20 * slope(s) + 64 * slope(s / 2)) / 45
 
-    def end(begin, **given):
-        return np.concatenate(step.step(begin, **given)[:2])
+    def end(begin, **arguments_of_step):
+        return np.concatenate(step.step(begin, **arguments_of_step)[:2])
 
-    def cotangent(begin, **given):
-        back = step.vjp(begin, wrt=["q", "p", *own, "inputs", "dt", "t0"], **given)[2](w[:n], w[n:])
+    def cotangent(begin, **arguments_of_step):
+        back = step.vjp(begin, wrt=["q", "p", *parameters, "inputs", "dt", "t0"],
+                        **arguments_of_step)[2](w[:n], w[n:])
         return np.concatenate([back.q, back.p, [back[name] for name in names],
                                back["inputs"].ravel()])
 
-    at_start, begin = arguments(by[0], 0), start(one.q0, one.p0, by[0], 0)
-    projected = [np.concatenate([one.q0, one.p0]) * 0 for _ in ways]
+    at_start, begin = arguments(by[0], 0), start(model.q0, model.p0, by[0], 0)
+    projected = [np.concatenate([model.q0, model.p0]) * 0 for _ in directions]
     pairs = []
-    for k, (d, way) in enumerate(zip(by, ways, strict=True)):
-        x = way.copy()
-        x[:4] -= one.q0[:4] * (one.q0[:4] @ x[:4])
-        x[n : n + 4] -= one.q0[:4] * (x[:4] @ one.p0[:4] + one.q0[:4] @ x[n : n + 4])
+    for k, (d, direction) in enumerate(zip(by, directions, strict=True)):
+        x = direction.copy()
+        x[:4] -= model.q0[:4] * (model.q0[:4] @ x[:4])
+        x[n : n + 4] -= model.q0[:4] * (x[:4] @ model.p0[:4] + model.q0[:4] @ x[n : n + 4])
         projected[k] = x
-        found = np.concatenate(step.jvp(begin, x[:n], x[n:], d=d, **at_start)[2:])
+        derivative = np.concatenate(step.jvp(begin, x[:n], x[n:], d=d, **at_start)[2:])
         exact = differences(end, d, x, 1e-3)
-        assert np.abs(found - exact).max() < 1e-11 * np.abs(exact).max()
+        assert np.abs(derivative - exact).max() < 1e-11 * np.abs(exact).max()
         along = np.concatenate([x, [d[name] for name in [*names, "u"]]])
         pairs.append(along)
-        assert w @ found == pytest.approx(cotangent(begin, **at_start) @ along,
-                                          abs=1e-14 * np.abs(w * found).sum())
+        assert w @ derivative == pytest.approx(cotangent(begin, **at_start) @ along,
+                                               abs=1e-14 * np.abs(w * derivative).sum())
     hessian = []
     for d, x in zip(by, projected, strict=True):
-        made = step.hvp(begin, x[:n], x[n:], w[:n], w[n:], d=d, **at_start)
-        hessian.append(np.concatenate([made.q, made.p, [made[name] for name in names],
-                                       made["inputs"].ravel()]))
+        product = step.hvp(begin, x[:n], x[n:], w[:n], w[n:], d=d, **at_start)
+        hessian.append(np.concatenate([product.q, product.p, [product[name] for name in names],
+                                       product["inputs"].ravel()]))
     assert hessian[0] @ pairs[1] == pytest.approx(hessian[1] @ pairs[0], rel=1e-11)
     exact = differences(cotangent, by[0], projected[0], 1e-3)[2 * n :]
     assert np.abs(hessian[0][2 * n :] - exact).max() < 1e-9 * np.abs(exact).max()
@@ -240,12 +243,12 @@ def test_analyses_of_runs():
     """A pendulum's period and Floquet multipliers, and exponents that cancel in pairs."""
     q = np.array([np.cos((np.pi - 0.6) / 2), np.sin((np.pi - 0.6) / 2), 0, 0])
     small = 2 * np.pi * np.sqrt(ASYMMETRIC["I1"] / ASYMMETRIC["mgl"])
-    found = gs.periodic_orbit(splitting(), q, np.zeros(4), dt=1.02 * small / 60, steps=60,
+    orbit = gs.periodic_orbit(splitting(), q, np.zeros(4), dt=1.02 * small / 60, steps=60,
                               parameters=ASYMMETRIC)
     exact = small * 2 / np.pi * float(mp.ellipk(mp.sin(0.3)**2))
-    assert found.residuals[-1] < 1e-13
-    assert float(found.period) == pytest.approx(exact, rel=1e-6)
-    assert np.prod(found.multipliers) == pytest.approx(1, abs=1e-12)
+    assert orbit.residuals[-1] < 1e-13
+    assert float(orbit.period) == pytest.approx(exact, rel=1e-6)
+    assert np.prod(orbit.multipliers) == pytest.approx(1, abs=1e-12)
     chaos = gs.lyapunov(splitting(), TOP.q0, TOP.p0 / 20, dt=2e-3, steps=1000,
                         parameters=ASYMMETRIC)
     assert chaos.exponents + chaos.exponents[::-1] == pytest.approx(0, abs=1e-2 * max(
@@ -257,19 +260,19 @@ def test_points_without_bodies():
     x, p, k, m = sp.symbols("x p k m", real=True)
     step = gs.stepper("splitting", order=4, system=gs.System(
         (x,), (p,), (k, m), p**2 / (2 * m) + k * x**2 / 2, [], name="oscillator"))
-    given = {"dt": 0.3, "parameters": {"k": 1.2, "m": 0.7}}
-    columns = np.column_stack([np.concatenate(step.step(*e, **given)[:2])
+    arguments = {"dt": 0.3, "parameters": {"k": 1.2, "m": 0.7}}
+    columns = np.column_stack([np.concatenate(step.step(*e, **arguments)[:2])
                                for e in ([[1], [0]], [[0], [1]])])
     assert columns == pytest.approx(np.concatenate(step.jvp(
-        [0.4], [0.1], [[1, 0]], [[0, 1]], **given)[2:]), abs=1e-15)
+        [0.4], [0.1], [[1, 0]], [[0, 1]], **arguments)[2:]), abs=1e-15)
     assert np.linalg.det(columns) == pytest.approx(1, abs=1e-15)
-    back = step.vjp([0.4], [0.1], **given)[2]([0.6], [-0.8])
+    back = step.vjp([0.4], [0.1], **arguments)[2]([0.6], [-0.8])
     assert [*back.q, *back.p] == pytest.approx([0.6, -0.8] @ columns, abs=1e-15)
-    made = step.hvp([0.4], [0.1], [0.3], [-0.2], [0.6], [-0.8], d={"k": 0.5}, **given)
+    hessian = step.hvp([0.4], [0.1], [0.3], [-0.2], [0.6], [-0.8], d={"k": 0.5}, **arguments)
     cotangents = [step.vjp([0.4 + s * 0.3], [0.1 - s * 0.2], wrt=["q", "p", "k"], dt=0.3,
                            parameters={"k": 1.2 + s * 0.5, "m": 0.7})[2]([0.6], [-0.8])
                   for s in (1e-5, -1e-5)]
     for name in ("q", "p"):
-        after, before = (getattr(one, name) for one in cotangents)
-        assert getattr(made, name) == pytest.approx((after - before) / 2e-5, abs=1e-9)
-    assert made["k"] == pytest.approx((cotangents[0]["k"] - cotangents[1]["k"]) / 2e-5, abs=1e-9)
+        after, before = (getattr(gradient, name) for gradient in cotangents)
+        assert getattr(hessian, name) == pytest.approx((after - before) / 2e-5, abs=1e-9)
+    assert hessian["k"] == pytest.approx((cotangents[0]["k"] - cotangents[1]["k"]) / 2e-5, abs=1e-9)

@@ -58,10 +58,10 @@ def stiffness(spec):
 def errors(spec, case):
     """Return the errors of one step: of q and p in units of ε, of Λ in units of its bound."""
     exact = reference(spec, case).step()
-    made = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
+    trajectory = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
     # Subtracted before rounding: the reference is not blurred to a double first.
-    dq, dp = doubles(made.q[1] - exact.q), doubles(made.p[1] - exact.p)
-    dL = doubles(made.multipliers[0] - exact.multipliers[:, 0])
+    dq, dp = doubles(trajectory.q[1] - exact.q), doubles(trajectory.p[1] - exact.p)
+    dL = doubles(trajectory.multipliers[0] - exact.multipliers[:, 0])
     unit = abs(case.weight / case.dt)
     L_bound = (stiffness(spec) * unit / abs(case.dt) * EPS
                + BOUND * largest(doubles(exact.multipliers)))
@@ -72,10 +72,10 @@ def errors(spec, case):
     }
 
 
-def check(spec, found):
-    assert found["q"] <= 32
-    assert found["p"] <= 32
-    assert found["multipliers_of_bound"] <= 1
+def check(spec, sizes):
+    assert sizes["q"] <= 32
+    assert sizes["p"] <= 32
+    assert sizes["multipliers_of_bound"] <= 1
 
 
 def check_many(spec, count):
@@ -86,9 +86,9 @@ def check_many(spec, count):
         case = random_case(rng, spec.rep)
         if index % 2:
             case = replace(case, dt=-case.dt)
-        found = errors(spec, case)
-        check(spec, found)
-        worst = {name: max(worst.get(name, 0.0), value) for name, value in found.items()}
+        sizes = errors(spec, case)
+        check(spec, sizes)
+        worst = {name: max(worst.get(name, 0.0), value) for name, value in sizes.items()}
     print("WORST", identify(spec), *(f"{name} {value:.2f}" for name, value in worst.items()))
 
 
@@ -122,14 +122,14 @@ def test_special_states(spec, data):
 
 
 def test_a_wrong_digit_shows():
-    """The bound is worth something: 3e-13 of one moment is seen in q of most steps."""
-    spec, seen = Spec("G-L", 3), 0
+    """An error of 3e-13 in one moment exceeds the bound of q in most steps."""
+    spec, detected = Spec("G-L", 3), 0
     rng = np.random.default_rng(1)
     for _ in range(8):
         case = random_case(rng, "gamma", turn=(0.2, 0.3))
         spoiled = replace(case, parameters=case.parameters | {
             "I1": case.parameters["I1"] * (1 + 3e-13)})
         exact = reference(spec, spoiled).step()
-        made = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
-        seen += largest(doubles(made.q[1] - exact.q)) > BOUND
-    assert seen >= 4
+        trajectory = stepper_of(spec).integrate(case.q, case.p, steps=1, **case.run)
+        detected += largest(doubles(trajectory.q[1] - exact.q)) > BOUND
+    assert detected >= 4

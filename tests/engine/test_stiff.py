@@ -85,10 +85,10 @@ def test_steps_that_have_a_root_are_done(scheme, solver):
     step = stepper(scheme)
     for k in STIFFNESSES:
         for angle in ANGLES[: 3 if solver == "fixed-point" else None]:
-            made = step.integrate(*start(k), solver=solver, **run_of(k, angle))
-            assert len(made) == STEPS + 1
+            trajectory = step.integrate(*start(k), solver=solver, **run_of(k, angle))
+            assert len(trajectory) == STEPS + 1
             if scheme[0] == "EMS":
-                assert made.report.energy_error_max <= 16 * EPSILON * GRAVITY * LENGTH
+                assert trajectory.report.energy_error_max <= 16 * EPSILON * GRAVITY * LENGTH
 
 
 @every_scheme
@@ -119,40 +119,41 @@ def test_ensembles_do_them_too(scheme):
     step = stepper(scheme)
     k = np.array(STIFFNESSES)
     q, p = zip(*map(start, STIFFNESSES), strict=True)
-    made = step.integrate_ensemble(
+    ensemble = step.integrate_ensemble(
         np.array(q), np.array(p), dt=0.3 / np.sqrt(k), steps=STEPS,
         parameters={"k": k, "g": GRAVITY, "l": LENGTH})
-    assert not made.failures
+    assert not ensemble.failures
 
 
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 @pytest.mark.parametrize("scheme", SCHEMES, ids=identify)
 def test_what_is_at_rest_stays_there(scheme, solver):
-    """There is nothing that a first increment would be small beside."""
+    """At rest a first increment has no size to be small beside."""
     free = gs.stepper(*scheme)
     inertia = (0.002, 0.0015, 0.0008)
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
         "mgl": 0.0, "gamma": gs.gamma(inertia)}
     for q in ([1.0, 0, 0, 0], [np.cos(0.3), np.sin(0.3), 0, 0], [0.1, 0.3, 0.3, 0.9]):
-        made = free.integrate(q, np.zeros(4), dt=1e-3, steps=50, parameters=parameters,
-                              solver=solver)
-        assert np.abs(made.q - q).max() <= 2 * EPSILON
+        trajectory = free.integrate(q, np.zeros(4), dt=1e-3, steps=50, parameters=parameters,
+                                    solver=solver)
+        assert np.abs(trajectory.q - q).max() <= 2 * EPSILON
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("scheme", SCHEMES, ids=identify)
 def test_what_has_no_root_is_no_step(scheme):
-    """With huge steps iterations go astray; rounding explains nothing there, and g = 0 tells."""
+    """With huge steps iterations go astray; rounding explains no error there, and g = 0 shows
+    it."""
     top = gs.problems.fast_top()
     step = gs.stepper(*scheme)
     parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
     for dt in np.geomspace(0.03, 1.0, 12):
         for solver in ("auto", "newton"):
             try:
-                made = step.integrate(top.q0, top.p0, dt=dt, steps=20, parameters=parameters,
-                                      solver=solver)
+                trajectory = step.integrate(top.q0, top.p0, dt=dt, steps=20, parameters=parameters,
+                                            solver=solver)
             except gs.StepFailed as failure:
-                made = failure.trajectory
-            assert made.g_errors.max() <= 1e-14
+                trajectory = failure.trajectory
+            assert trajectory.g_errors.max() <= 1e-14
             if scheme[0] == "EMS":
-                assert np.abs(made.energies - made.energies[0]).max() <= 1e-12
+                assert np.abs(trajectory.energies - trajectory.energies[0]).max() <= 1e-12
