@@ -1,4 +1,4 @@
-"""Chunks are filled up, rounded and packed, and written whole."""
+"""Chunks are filled up, rounded and packed, and written at once."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ def new_array(path: Path, shape, chunks, dtype, fill):
 @settings(max_examples=20)
 @given(st.data())
 def test_files_are_those_of_an_assignment(tmp_path_factory, data):
-    """Whole chunks, and short ones at the end of the array or of what is known."""
+    """The files equal files of an assignment, for full chunks and for short ones at either end."""
     folder = tmp_path_factory.mktemp("chunks")
     dtype, fill = data.draw(st.sampled_from(
         [("f8", np.nan), ("f4", np.nan), ("f8", 0.0), ("i8", 0), ("i4", 7), ("i1", -1),
          ("u1", 255)]))
     shape = tuple(data.draw(st.lists(st.integers(1, 9), min_size=1, max_size=3)))
     chunks = tuple(data.draw(st.integers(1, length)) for length in shape)
-    place = tuple(data.draw(st.integers(0, (length - 1) // size))
-                  for length, size in zip(shape, chunks, strict=True))
-    corner = [i * size for i, size in zip(place, chunks, strict=True)]
+    position = tuple(data.draw(st.integers(0, (length - 1) // size))
+                     for length, size in zip(shape, chunks, strict=True))
+    corner = [i * size for i, size in zip(position, chunks, strict=True)]
     inside = [min(size, length - start) for size, length, start in
               zip(chunks, shape, corner, strict=True)]
-    known = tuple(data.draw(st.integers(1, length)) for length in inside)
-    values = np.random.default_rng(len(shape)).integers(0, 100, known).astype(dtype)
+    size = tuple(data.draw(st.integers(1, length)) for length in inside)
+    values = np.random.default_rng(len(shape)).integers(0, 100, size).astype(dtype)
     ours, its = (new_array(folder / name, shape, chunks, dtype, fill) for name in ("ours", "its"))
-    write_chunks([Chunk(ours, place, values)])
+    write_chunks([Chunk(ours, position, values)])
     its = its.with_config({"write_empty_chunks": True})
-    its[tuple(slice(i, i + n) for i, n in zip(corner, known, strict=True))] = values
+    its[tuple(slice(i, i + n) for i, n in zip(corner, size, strict=True))] = values
     assert differences(folder / "ours", folder / "its") == []
 
 

@@ -16,7 +16,7 @@ KEPT = DATA / "stores"
 
 
 def run_again(real: str = "double"):
-    """Return the stepper, its projected start and parameters of the kept runs."""
+    """Return the stepper, its projected start and parameters of the stored runs."""
     top = gs.problems.fast_top()
     step = gs.stepper("G-L", 2, rep="gamma", real=real)
     parameters = top.parameters | {"gamma": gs.gamma(top.inertia)}
@@ -26,7 +26,7 @@ def run_again(real: str = "double"):
 
 @pytest.fixture
 def store(tmp_path: Path) -> Path:
-    """Return the kept Zarr store, unpacked."""
+    """Return the Zarr store of an earlier version, unpacked."""
     with zipfile.ZipFile(KEPT / "heavy_top_gl2_gamma.zarr.zip") as packed:
         packed.extractall(tmp_path / "run.zarr")
     return tmp_path / "run.zarr"
@@ -34,15 +34,15 @@ def store(tmp_path: Path) -> Path:
 
 @pytest.mark.parametrize("real", ["double", "float128"])
 def test_a_kept_file_is_read(real: str) -> None:
-    """Its states are those of the same run made now, but for another order of additions."""
+    """Its states equal the states of the same run of today, up to the order of additions."""
     suffix = "" if real == "double" else f"_{real}"
-    kept = gs.load(KEPT / f"heavy_top_gl2_gamma{suffix}.npz")
+    stored = gs.load(KEPT / f"heavy_top_gl2_gamma{suffix}.npz")
     step, q0, p0, parameters = run_again(real)
     now = step.integrate(q0, p0, dt=1e-3, steps=300, every=10, parameters=parameters)
-    assert kept.t.shape == now.t.shape
+    assert stored.t.shape == now.t.shape
     # 300 steps, each of which may end on another neighbour of the root
     bound = 300 * 16 * (2.0 ** -52 if real == "double" else 2.0 ** -112)
-    assert np.max(np.abs(kept.q - now.q)) < bound
+    assert np.max(np.abs(stored.q - now.q)) < bound
 
 
 def test_an_earlier_store_is_read(store: Path) -> None:
@@ -55,7 +55,7 @@ def test_an_earlier_store_is_read(store: Path) -> None:
 
 
 def test_an_earlier_store_is_not_resumed_by_other_code(store: Path) -> None:
-    """The bits would not be those of one run: what differs is said."""
+    """The bits would differ from the bits of one run: the message names the difference."""
     step, q0, p0, parameters = run_again()
     before = sorted((file, file.stat().st_size) for file in store.rglob("*"))
     with pytest.raises(gs.InputError, match=r"another.*code\.source"):

@@ -1,4 +1,4 @@
-"""A stored run is that of integrate, to the bit; what readers of Zarr and xarray find of it."""
+"""A stored run equals ``integrate`` to the bit; Zarr and xarray read it."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from stores import ARRAYS, START, assert_same, bits, record, recorded, small_blo
 def check(step, out, **arguments):
     """Check that a run is stored as ``integrate`` returns it; return its recording."""
     recording = recorded(step, out, **arguments)
-    whole = integrate(step, **arguments)
+    computed = integrate(step, **arguments)
     assert recording.status == "complete"
-    assert (recording.steps_done, len(recording)) == (arguments["steps"], len(whole))
-    assert recording.report == whole.report
-    assert_same(recording[:], whole)
+    assert (recording.steps_done, len(recording)) == (arguments["steps"], len(computed))
+    assert recording.report == computed.report
+    assert_same(recording[:], computed)
     return recording
 
 
@@ -50,12 +50,12 @@ def test_counts(steps, every, gl3, tmp_path, monkeypatch):
 
 
 def test_searched_gamma(tmp_path):
-    """A search of the model is made before the run begins; the store has the number."""
+    """A search of the model happens before the run begins; the store has the number."""
     step, out = systems.stepper("heavy_top"), tmp_path / "run.zarr"
     start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
-    found = record(step, start, out=out, dt=1e-3, steps=50)
+    recording = record(step, start, out=out, dt=1e-3, steps=50)
     run = step.integrate(start, dt=1e-3, steps=50)
-    assert found.attributes["run"]["parameters"] == run.parameters
+    assert recording.attributes["run"]["parameters"] == run.parameters
     assert run.parameters["gamma"] != gs.gamma(TOP.inertia)
 
 
@@ -65,47 +65,48 @@ def test_failed_step(failures, tmp_path, monkeypatch):
     (step, options, failure), *_ = failures
     out = tmp_path / "run.zarr"
     for resume in (False, True):  # a run that has failed fails again at once
-        with pytest.raises(gs.StepFailed) as again:
+        with pytest.raises(gs.StepFailed) as second_failure:
             record(step, *LATE, out=out, steps=200, resume=resume, **options)
-        assert (again.value.step, again.value.t) == (failure.step, failure.t)
-        assert again.value.reason == failure.reason
-        assert_same(again.value.trajectory, failure.trajectory)
-    found = gs.load(out)
-    assert found.status == f"failed: {failure.reason}"
-    assert found.steps_done == failure.step - 1
+        assert (second_failure.value.step, second_failure.value.t) == (failure.step, failure.t)
+        assert second_failure.value.reason == failure.reason
+        assert_same(second_failure.value.trajectory, failure.trajectory)
+    recording = gs.load(out)
+    assert recording.status == f"failed: {failure.reason}"
+    assert recording.steps_done == failure.step - 1
 
 
 def test_about_a_recording(gl3, tmp_path):
-    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20, every=5)
-    assert "run.zarr" in repr(found)
-    assert "complete, 20 of 20" in repr(found)
-    assert found.manifest == gl3.manifest
-    assert found.attributes["run"]["parameters"] == PARAMETERS
-    assert found.attributes["run"]["code"] == gl3._provenance
-    assert set(found.attributes["versions"]) == {"gyrospark", "numpy", "zarr", "python"}
+    recording = record(gl3, **START, out=tmp_path / "run.zarr", steps=20, every=5)
+    assert "run.zarr" in repr(recording)
+    assert "complete, 20 of 20" in repr(recording)
+    assert recording.manifest == gl3.manifest
+    assert recording.attributes["run"]["parameters"] == PARAMETERS
+    assert recording.attributes["run"]["code"] == gl3._provenance
+    assert set(recording.attributes["versions"]) == {"gyrospark", "numpy", "zarr", "python"}
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != ".run.zarr.lock") == ["run.zarr"]
 
 
 @pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatch):
-    """Whatever the chunk and the place to begin: the rows of the whole, and one chunk at a time."""
-    step, read, rows = systems.stepper("heavy_top", real=real), recordings.stored_values, []
+    """From any start and for any chunk the rows agree, and one chunk is read at a time."""
+    step, reader, rows = systems.stepper("heavy_top", real=real), recordings.stored_values, []
     monkeypatch.setattr(recordings, "stored_values", lambda array, first, count, *what: [
-        rows.append(count), read(array, first, count, *what)][1])
+        rows.append(count), reader(array, first, count, *what)][1])
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     for chunk in (4, 8) if real == "double" else (4,):
         small_blocks(monkeypatch, chunk)
-        found = recorded(step, tmp_path / "run.zarr", **START | {"q": q, "p": p}, steps=21)
-        whole = found[:]
-        assert bits(found[3:].q) == bits(whole.q[3:])
+        recording = recorded(step, tmp_path / "run.zarr", **START | {"q": q, "p": p}, steps=21)
+        trajectory = recording[:]
+        assert bits(recording[3:].q) == bits(trajectory.q[3:])
         del rows[:]
         for first, thin in zip((0, 4, 7, 21), (2, 5, 30, 2), strict=True):
-            part = found[first::thin]
-            assert part.every == thin
-            assert bits(part.iterations) == bits(whole[first::thin].iterations)
+            selection = recording[first::thin]
+            assert selection.every == thin
+            assert bits(selection.iterations) == bits(trajectory[first::thin].iterations)
             for name in {*ARRAYS} - {"iterations"}:
-                place = slice(first + thin - 1 if name == "multipliers" else first, None, thin)
-                assert bits(getattr(part, name)) == bits(getattr(whole, name)[place]), name
+                window = slice(first + thin - 1 if name == "multipliers" else first, None, thin)
+                assert bits(getattr(selection, name)) == bits(getattr(
+                    trajectory, name)[window]), name
         assert max(rows) == chunk
 
 
@@ -144,17 +145,17 @@ def test_dimensions_and_units(opened, gl3):
 
 
 def test_values(opened, gl3, tmp_path):
-    """t0 + k dt, the last one off the grid; what belongs to steps has nothing at the start."""
+    """Times are t0 + k dt, the last one off the grid; entries of steps are empty at the start."""
     names = {path.name for path in (tmp_path / "run.zarr").rglob("*") if path.is_file()}
     assert names <= {"zarr.json", "0"}  # nothing but metadata and blocks
-    whole = integrate(gl3, **START, steps=20, every=3, t0=1.0)
-    np.testing.assert_array_equal(opened["time"], whole.t)
-    np.testing.assert_array_equal(opened["q"], whole.q)
-    np.testing.assert_array_equal(opened["multipliers"][1:], whole.multipliers)
-    np.testing.assert_array_equal(opened["iterations"][1:], whole.iterations)
+    computed = integrate(gl3, **START, steps=20, every=3, t0=1.0)
+    np.testing.assert_array_equal(opened["time"], computed.t)
+    np.testing.assert_array_equal(opened["q"], computed.q)
+    np.testing.assert_array_equal(opened["multipliers"][1:], computed.multipliers)
+    np.testing.assert_array_equal(opened["iterations"][1:], computed.iterations)
     assert np.isnan(opened["multipliers"][0]).all()
     assert opened["iterations"][0] == 0
-    assert float(opened["q"].sel(time=1.003)[0]) == whole.q[1, 0]
+    assert float(opened["q"].sel(time=1.003)[0]) == computed.q[1, 0]
 
 
 def test_attributes(opened, gl3):
@@ -190,16 +191,16 @@ def test_rows_to_come(gl3, tmp_path, monkeypatch):
 
     with pytest.raises(RuntimeError):
         record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=progress)
-    found = gs.load(tmp_path / "run.zarr")
+    recording = gs.load(tmp_path / "run.zarr")
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        whole = xarray.open_zarr(tmp_path / "run.zarr").load()
-    assert 0 < found.states < whole.sizes["time"] == 61
-    assert not np.isnan(whole["q"][: found.states]).any()
-    last = -(-found.states // 4) * 4 + 4  # the block that may have been written, uncommitted
-    assert np.isnan(whole["q"][last:]).all()
-    assert np.isnan(whole["time"][last:]).all()
-    assert (whole["iterations"][last:] == 0).all()
+        dataset = xarray.open_zarr(tmp_path / "run.zarr").load()
+    assert 0 < recording.states < dataset.sizes["time"] == 61
+    assert not np.isnan(dataset["q"][: recording.states]).any()
+    last = -(-recording.states // 4) * 4 + 4  # the block that may have been written, uncommitted
+    assert np.isnan(dataset["q"][last:]).all()
+    assert np.isnan(dataset["time"][last:]).all()
+    assert (dataset["iterations"][last:] == 0).all()
 
 
 def test_slices_have_the_most_iterations_of_their_steps(tmp_path, monkeypatch):

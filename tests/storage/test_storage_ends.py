@@ -112,8 +112,8 @@ def test_stopped_says_where(gl3, tmp_path):
     assert isinstance(stopped.value, KeyboardInterrupt)
     assert stopped.value.signal == signal.SIGTERM
     assert signal.getsignal(signal.SIGTERM) is before
-    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
-    np.testing.assert_array_equal(found[:].q, integrate(gl3, **START, steps=20_000).q)
+    recording = record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
+    np.testing.assert_array_equal(recording[:].q, integrate(gl3, **START, steps=20_000).q)
 
 
 def test_runs_in_threads(gl3, tmp_path):
@@ -138,19 +138,20 @@ def test_runs_in_threads(gl3, tmp_path):
 
 
 def test_run_that_was_done_before_says_so(gyrospark):
-    """No step is left, so there is no time of one; the numbers are those of the store."""
+    """No step remains, so the time of a step is None; the numbers come from the store."""
     command = [*TOP, "--steps", "50", *OUT]
-    first, said = (gyrospark(*command, "--json").document for _ in range(2))
-    assert (said["ns_per_step"], said["done_before"], said["resumed_at"]) == (None, True, 50)
+    first, repeated = (gyrospark(*command, "--json").document for _ in range(2))
+    assert (repeated["ns_per_step"], repeated["done_before"], repeated["resumed_at"]) == (
+        None, True, 50)
     assert "done_before" not in first
     for key in first.keys() - {"seconds", "ns_per_step"}:
-        assert said[key] == first[key]
+        assert repeated[key] == first[key]
     text = gyrospark(*command).stdout
     assert "  done before: " in text
     assert "µs a step" not in text
-    more = gyrospark(*TOP, "--steps", "80", *OUT).stdout
-    assert " step 50\n" in more
-    assert "µs a step" in more
+    continued = gyrospark(*TOP, "--steps", "80", *OUT).stdout
+    assert " step 50\n" in continued
+    assert "µs a step" in continued
 
 
 EVERY_STEP = [*TOP, "--steps", "80000"]
@@ -175,11 +176,11 @@ def killed(command, seconds, kills, folder, seed):
                  str(kills), str(seed), *command, "--out", "{store}"],
                 KILLING_SECONDS=seconds, **FAST)
     assert done.returncode == 0, done.stderr
-    found = json.loads(done.stdout)
-    assert found["kills"] == kills
-    assert found["completed"] == found["same"] > 0
-    assert not found["differing"]
-    return found
+    outcome = json.loads(done.stdout)
+    assert outcome["kills"] == kills
+    assert outcome["completed"] == outcome["same"] > 0
+    assert not outcome["differing"]
+    return outcome
 
 
 @pytest.mark.slow

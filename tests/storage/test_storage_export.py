@@ -1,4 +1,4 @@
-"""Files made from stored runs: the same numbers, to the bit; or a sentence that says why not."""
+"""Files of stored runs have the same numbers, to the bit, or a sentence says why not."""
 
 from __future__ import annotations
 
@@ -81,32 +81,34 @@ def read_netcdf(path):
 
 def test_files_have_the_numbers_of_the_store(stored, tmp_path):
     """To the bit in each kind of file, exported or saved without a store; xarray has no warning."""
-    whole, trajectory = stored.dataset().load(), stored[:]
+    dataset, trajectory = stored.dataset().load(), stored[:]
     exported, saved = ({end: write(tmp_path / f"{name}{end}") for end in ENDS}
                        for name, write in (("stored", stored.save), ("saved", trajectory.save)))
     assert sorted(tmp_path.glob(".*.part")) == []
     assert_same(gs.load(exported[".npz"]), trajectory)
 
     columns = read_csv(exported[".csv"])
-    wanted = [array.values.reshape(len(array), -1)
-              for array in (whole["time"], *whole.data_vars.values()) if "byte" not in array.dims]
+    expected = [array.values.reshape(len(array), -1)
+                for array in (dataset["time"], *dataset.data_vars.values())
+                if "byte" not in array.dims]
     numbers = np.stack(list(columns.values()), axis=1)
     # Times of wide types have more digits there, and may lie halfway between doubles.
-    np.testing.assert_array_max_ulp(numbers[:, 0], wanted[0][:, 0].astype(float))
-    np.testing.assert_array_equal(numbers[:, 1:], np.concatenate(wanted[1:], axis=1).astype(float))
+    np.testing.assert_array_max_ulp(numbers[:, 0], expected[0][:, 0].astype(float))
+    np.testing.assert_array_equal(numbers[:, 1:],
+                                  np.concatenate(expected[1:], axis=1).astype(float))
     assert saved[".csv"].read_bytes() == exported[".csv"].read_bytes()
 
-    file, other = read_netcdf(exported[".nc"]), read_netcdf(saved[".nc"])
-    xarray.testing.assert_equal(file, whole)
-    assert set(file.variables) == set(whole.variables) == set(other.variables)
+    file, saved_file = read_netcdf(exported[".nc"]), read_netcdf(saved[".nc"])
+    xarray.testing.assert_equal(file, dataset)
+    assert set(file.variables) == set(dataset.variables) == set(saved_file.variables)
     wide = [name for name in file if name.endswith("_bytes")]  # a NaN has many
-    xarray.testing.assert_equal(file.drop_vars(wide), other.drop_vars(wide))
-    assert file.attrs["report"] == other.attrs["report"]
+    xarray.testing.assert_equal(file.drop_vars(wide), saved_file.drop_vars(wide))
+    assert file.attrs["report"] == saved_file.attrs["report"]
     for key in ("manifest", "run"):
         assert json.loads(file.attrs[key]) == stored.attributes[key]
-    for name in whole.variables:
-        assert file[name].attrs["long_name"] == whole[name].attrs["long_name"]
-        kinds = {file[name].dtype, whole[name].dtype}
+    for name in dataset.variables:
+        assert file[name].attrs["long_name"] == dataset[name].attrs["long_name"]
+        kinds = {file[name].dtype, dataset[name].dtype}
         assert len(kinds) == 1 or {kind.kind for kind in kinds} <= set("OUT")  # text
 
     with warnings.catch_warnings():
@@ -115,12 +117,12 @@ def test_files_have_the_numbers_of_the_store(stored, tmp_path):
     group = zarr.open_group(stored.path, mode="r")
     assert {name for name, _ in group.arrays()} == {*stored.attributes["arrays"], "checkpoint",
                                                      "source"}
-    assert opened.sizes["time"] == whole.sizes["time"] == stored.states
-    assert {"checkpoint", "source"}.isdisjoint(whole)
+    assert opened.sizes["time"] == dataset.sizes["time"] == stored.states
+    assert {"checkpoint", "source"}.isdisjoint(dataset)
     if stored.attributes["manifest"]["real"] == "long-double":
-        assert whole["q_bytes"].dims == ("time", "coordinate", "byte")
-        assert whole.sizes["byte"] == 16
-        np.testing.assert_array_equal(whole["q"], trajectory.q.astype(float))
+        assert dataset["q_bytes"].dims == ("time", "coordinate", "byte")
+        assert dataset.sizes["byte"] == 16
+        np.testing.assert_array_equal(dataset["q"], trajectory.q.astype(float))
         assert (trajectory.q != trajectory.q.astype(float)).any()
 
 
@@ -131,8 +133,8 @@ def test_files_go_by_the_systems_names(name, tmp_path):
     assert " ".join(read_csv(stored.save(tmp_path / "run.csv"))) == NAMES[name]
     coordinates, momenta = stored[:].coordinates, stored[:].momenta
     for dataset in (stored.dataset(), read_netcdf(stored.save(tmp_path / "run.nc"))):
-        at = coordinates[1]
-        np.testing.assert_array_equal(dataset["p"].sel(coordinate=at), stored[:].p[:, 1])
+        coordinate = coordinates[1]
+        np.testing.assert_array_equal(dataset["p"].sel(coordinate=coordinate), stored[:].p[:, 1])
     assert stored.dataset()["p"].attrs["components"] == [*momenta]
     with np.load(stored.save(tmp_path / "run.npz")) as file:  # for readers without a manifest
         assert file["coordinates"].tolist() == [*coordinates]
@@ -141,7 +143,7 @@ def test_files_go_by_the_systems_names(name, tmp_path):
 
 
 def test_headings_differ_whatever_the_names():
-    """A name that is taken is told apart by what it is the name of."""
+    """A heading that occurs twice gets a prefix of its array."""
     system = SimpleNamespace(coordinates=("energy", "work"), momenta=("p", "q0"),
                              velocity_names=(), constraint_names=(),
                              velocity_constraint_names=(),
@@ -154,14 +156,14 @@ def test_headings_differ_whatever_the_names():
 
 
 def test_unfinished_run(gl3, tmp_path, monkeypatch):
-    """What was stored of it, and no more."""
+    """Files hold the states stored before the end, and no more."""
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
     with pytest.raises(Interrupted):
         record(gl3, **START, steps=60, out=tmp_path / "run.zarr", progress=ends_after(6))
-    found = gs.load(tmp_path / "run.zarr")
-    exact = integrate(gl3, **START, steps=60).q[: found.states]
-    csv_file, netcdf, npz = (found.save(tmp_path / f"run{end}") for end in ENDS)
+    recording = gs.load(tmp_path / "run.zarr")
+    exact = integrate(gl3, **START, steps=60).q[: recording.states]
+    csv_file, netcdf, npz = (recording.save(tmp_path / f"run{end}") for end in ENDS)
     np.testing.assert_array_equal(gs.load(npz).q, exact)
     np.testing.assert_array_equal(read_csv(csv_file)["q3"], exact[:, 3])
     np.testing.assert_array_equal(read_netcdf(netcdf)["q"], exact)
@@ -169,7 +171,7 @@ def test_unfinished_run(gl3, tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["x.nc", "x.zarr", "a b γ.csv"])
 def test_run_writes_what_its_name_says(name, gyrospark, tmp_path):
-    """Numbers on stdout and states in the file are those of any other --out; nothing else stays."""
+    """Numbers on stdout and states in the file do not depend on --out; no other file stays."""
     answer = gyrospark(*RUN, "--every", "3", "--out", name, "--json")
     assert answer.code == 0, answer.stderr
     plain = gyrospark(*RUN, "--every", "3", "--json")
@@ -213,16 +215,16 @@ def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
     assert gyrospark(*RUN, "--out", "run.zarr", "--event", "q1=0.25").code == 0
     answer = gyrospark("export", "run.zarr", "stored.csv", *angles)
     assert answer.code == 0, answer.stderr
-    made = gs.load("run.zarr")[:]
-    asked = made.save("asked.csv", euler="ZXZ", degrees=True)
-    assert (tmp_path / "stored.csv").read_bytes() == asked.read_bytes()
-    found = made.body().euler("ZXZ", degrees=True)
-    columns = read_csv(asked)
+    trajectory = gs.load("run.zarr")[:]
+    saved = trajectory.save("asked.csv", euler="ZXZ", degrees=True)
+    assert (tmp_path / "stored.csv").read_bytes() == saved.read_bytes()
+    euler = trajectory.body().euler("ZXZ", degrees=True)
+    columns = read_csv(saved)
     for k, axis in enumerate("ZXZ"):
-        assert [float(x) for x in columns[f"body_euler{k + 1}_{axis}"]] == found[:, k].tolist()
+        assert [float(x) for x in columns[f"body_euler{k + 1}_{axis}"]] == euler[:, k].tolist()
     events = {(tmp_path / f"{name}.events.csv").read_bytes() for name in ("stored", "asked")}
     assert len(events) == 1
-    assert len(made.events["q1"]) == len(events.pop().splitlines()) - 1 > 0
+    assert len(trajectory.events["q1"]) == len(events.pop().splitlines()) - 1 > 0
 
 
 def test_export_that_is_refused(gyrospark, tmp_path):

@@ -25,16 +25,16 @@ UNREAD = ("simulation.options.", "simulation.report.", "simulation.state_changed
           "effort", "exponents", "pivots")
 
 
-def state_of(one, data=None):
-    found = unpack(one.binding, one.sound if data is None else data, one.events)
-    assert found is not None
-    return found
+def state_of(stored, data=None):
+    state = unpack(stored.binding, stored.sound if data is None else data, stored.events)
+    assert state is not None
+    return state
 
 
-def gone_on(one, state):
+def gone_on(stored, state):
     """Return the bytes of a state after some more steps."""
-    rows, run = Rows.allocate(one.binding, STEPS), state.run
-    status = one.binding.integrate(one.run.constants(one.binding), STEPS, 1, run, rows)
+    rows, run = Rows.allocate(stored.binding, STEPS), state.run
+    status = stored.binding.integrate(stored.run.constants(stored.binding), STEPS, 1, run, rows)
     return status, run.q.tobytes(), run.p.tobytes(), rows.iterations.tobytes()
 
 
@@ -45,63 +45,63 @@ def signed(body):
 @pytest.mark.slow  # 2 CPU s each: every integer of a struct
 @pytest.mark.parametrize("number", [0, 1, 2])
 def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
-    """The list is that of the structs as they are compiled: what is added is found here."""
-    one = case(number)
-    places = integers_of(one.stepper.name, one.stepper.files, tmp_path)
+    """The list comes from the structs as they are compiled: a new field is included here."""
+    stored = case(number)
+    places = integers_of(stored.stepper.name, stored.stepper.files, tmp_path)
     assert len(places["fast"]) > 10
-    sound = gone_on(one, state_of(one))
+    sound = gone_on(stored, state_of(stored))
     assert sound[0] == 0
-    ignored = state_of(one)
-    for kind, found in places.items():
-        for place in found:
-            if kind == "work" and place.path.startswith(UNREAD):
-                image = one.binding.image(ignored.run.work)
-                image[place.offset : place.offset + place.size] = 0x5A
+    ignored = state_of(stored)
+    for kind, integers in places.items():
+        for integer in integers:
+            if kind == "work" and integer.path.startswith(UNREAD):
+                image = stored.binding.image(ignored.run.work)
+                image[integer.offset : integer.offset + integer.size] = 0x5A
                 continue
-            for at in range(place.offset, place.offset + place.size, place.item):
-                for value in (-(2 ** (8 * place.item - 1)), 2 ** (8 * place.item - 1) - 1):
-                    run = state_of(one).run
+            for offset in range(integer.offset, integer.offset + integer.size, integer.item):
+                for value in (-(2 ** (8 * integer.item - 1)), 2 ** (8 * integer.item - 1) - 1):
+                    run = state_of(stored).run
                     struct = run.record if kind == "report" else run.work
-                    one.binding.image(struct)[at : at + place.item] = np.frombuffer(
-                        value.to_bytes(place.item, "little", signed=True), np.uint8)
-                    is_valid = one.binding.function("is_valid")(run.record, run.work)
-                    counts = kind == "report" and place.path != "newton_steps" and value > 0
-                    assert is_valid == counts, (kind, place, value)
-    assert gone_on(one, ignored) == sound
+                    stored.binding.image(struct)[offset : offset + integer.item] = np.frombuffer(
+                        value.to_bytes(integer.item, "little", signed=True), np.uint8)
+                    is_valid = stored.binding.function("is_valid")(run.record, run.work)
+                    counts = kind == "report" and integer.path != "newton_steps" and value > 0
+                    assert is_valid == counts, (kind, integer, value)
+    assert gone_on(stored, ignored) == sound
 
 
 def test_a_damaged_checkpoint_is_found_by_its_digest():
     """One bit of a number, which no check of a range can tell."""
-    one = case(1)
-    forged = one.sound.copy()
+    stored = case(1)
+    forged = stored.sound.copy()
     forged[60] ^= 1
     with pytest.raises(ValueError, match="damaged"):
-        unpack(one.binding, forged, one.events)
-    assert unpack(one.binding, signed(forged[32:]), one.events) is not None
-    assert pack(one.binding, state_of(one)).tobytes() == one.sound.tobytes()
+        unpack(stored.binding, forged, stored.events)
+    assert unpack(stored.binding, signed(forged[32:]), stored.events) is not None
+    assert pack(stored.binding, state_of(stored)).tobytes() == stored.sound.tobytes()
 
 
-@pytest.mark.parametrize("at", [0, 8])
-def test_status_and_iterations_are_checked(at):
+@pytest.mark.parametrize("offset", [0, 8])
+def test_status_and_iterations_are_checked(offset):
     """A status names a reason, or an event that there is."""
-    one, allowed = case(1), {-1, *range(6), 7} if at else range(2**31)
+    stored, allowed = case(1), {-1, *range(6), 7} if offset else range(2**31)
     for value in EDGES:
-        body = one.sound[32:].copy()
-        body[at : at + 8] = np.array([value % 2**64], "<u8").view(np.uint8)
+        body = stored.sound[32:].copy()
+        body[offset : offset + 8] = np.array([value % 2**64], "<u8").view(np.uint8)
         if value in allowed:
-            assert unpack(one.binding, signed(body), one.events) is not None
+            assert unpack(stored.binding, signed(body), stored.events) is not None
         else:
             with pytest.raises(ValueError, match="checkpoint"):
-                unpack(one.binding, signed(body), one.events)
+                unpack(stored.binding, signed(body), stored.events)
 
 
 def test_more_steps_than_the_run_has_are_refused(tmp_path):
     """A forged count of steps would write rows that are not there."""
-    one, path = case(1), tmp_path / "run.zarr"
-    shutil.copytree(one.path, path)
-    state = state_of(one)
+    stored, path = case(1), tmp_path / "run.zarr"
+    shutil.copytree(stored.path, path)
+    state = state_of(stored)
     state.run.record.steps = 121
     group = array_layout.open_group(path, write=True)
-    array_layout.array_of(group, array_layout.CHECKPOINT)[:] = pack(one.binding, state)
+    array_layout.array_of(group, array_layout.CHECKPOINT)[:] = pack(stored.binding, state)
     with pytest.raises(gs.InputError, match="checkpoint"):
-        record(one.stepper, **one.arguments, out=path, resume=True)
+        record(stored.stepper, **stored.arguments, out=path, resume=True)

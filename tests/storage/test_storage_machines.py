@@ -147,17 +147,17 @@ def test_a_file(dirty, tmp_path):
         for name in ("q", "p", "energies"):  # as a compiler that copies all 16 bytes leaves them
             getattr(run, name).view(np.uint8).reshape(-1, 16)[:, 10:] = pattern
         files.append(run.save(tmp_path / f"{pattern}.npz").read_bytes())
-        again = gs.load(tmp_path / f"{pattern}.npz")
-        assert np.array_equal(again.q, run.q)
+        loaded = gs.load(tmp_path / f"{pattern}.npz")
+        assert np.array_equal(loaded.q, run.q)
     assert files[0] == files[1]
 
 
 def test_numbers_stay_what_they_are():
     x = np.array([[1, -3], [7, 1e4000]], dtype=np.longdouble) / 3
     for array in (x, x.T, x[::2], x[:0], np.array(x[0, 0])):
-        kept = without_padding(array)
-        assert kept.dtype == array.dtype
-        assert np.array_equal(kept, array)
+        cleared = without_padding(array)
+        assert cleared.dtype == array.dtype
+        assert np.array_equal(cleared, array)
     doubles = np.arange(3.0)
     assert without_padding(doubles) is doubles
 
@@ -185,9 +185,9 @@ class Disk:
 @pytest.mark.parametrize(("number", "every"), [
     (errno.EIO, 97), pytest.param(errno.ENOSPC, 1, marks=pytest.mark.slow)])  # each operation
 def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
-    """All operations of a small run in turn: made a store, wrote rows, checkpoint, attributes.
+    """Each operation of a small run fails in turn: store, rows, checkpoint, attributes.
 
-    The store is gone on with when the disk is well again, and ends with the same bytes.
+    The store is resumed when the disk is well again, and ends with the same bytes.
     """
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
@@ -221,11 +221,11 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
 @pytest.mark.parametrize("end", [".csv", ".nc"])
 def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
     """The file appears complete or not at all."""
-    found = record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
+    recording = record(gl3, **START, out=tmp_path / "run.zarr", steps=100)
     disk = Disk(monkeypatch, errno.ENOSPC)
     disk.good_until = 0
     with pytest.raises(gs.GyrosparkError, match=f"run{end}'.*space"):
-        found.save(tmp_path / f"run{end}")
+        recording.save(tmp_path / f"run{end}")
     disk.good_until = None
     assert sorted(path.name for path in tmp_path.iterdir()) == [".run.zarr.lock", "run.zarr"]
 
@@ -238,9 +238,9 @@ def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
     def fsync(handle):
         done.append(("sync", os.fstat(handle).st_ino))
 
-    def replace(part, target):
-        done.append(("name", part.stat().st_ino, part.read_bytes()))
-        os.replace(part, target)  # noqa: PTH105
+    def replace(source, target):
+        done.append(("name", source.stat().st_ino, source.read_bytes()))
+        os.replace(source, target)  # noqa: PTH105
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(Path, "replace", replace)

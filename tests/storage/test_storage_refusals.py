@@ -1,4 +1,4 @@
-"""What a run does not begin in, nor go on with: a sentence that says why, and nothing written."""
+"""Places where a run neither begins nor continues: a sentence says why, and no file is written."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def store(begun, tmp_path):
 
 
 def sentence(error):
-    """Check that an error is one sentence or two for people."""
+    """Return the text of an error; check that it is one or two sentences for people."""
     text = str(error)
     assert text.endswith(".")
     assert "\n" not in text
@@ -90,8 +90,8 @@ def test_another_run_is_refused(gl3, begun):
     for change, words in OTHERS:
         with pytest.raises(gs.InputError, match="another run") as error:
             record(gl3, **ARGUMENTS | change, out=begun, resume=True)
-        said = sentence(error.value)
-        assert all(word in said for word in words), said
+        message = sentence(error.value)
+        assert all(word in message for word in words), message
     assert as_files(begun) == before
 
 
@@ -114,25 +114,25 @@ def test_another_stepper_is_refused(begun):
 
 
 def test_another_version_is_refused(gl3, begun, monkeypatch):
-    """It is told as what it is, with what else differs, and can be read."""
+    """The message names the version and every other difference; the store can be read."""
     monkeypatch.setattr("gyrospark.storage.identity.__version__", "9.9")
     before = as_files(begun)
     with pytest.raises(gs.InputError) as error:
         record(gl3, **ARGUMENTS | {"dt": 2e-3}, out=begun, resume=True)
-    said = sentence(error.value)
+    message = sentence(error.value)
     for word in (repr(str(begun)), f"gyrospark {gs.__version__}", "gyrospark 9.9", "0.002"):
-        assert word in said
+        assert word in message
     assert gs.load(begun)[:].q.shape == (42, 4)
     assert as_files(begun) == before
 
 
 def test_store_of_another_version_with_the_same_layout_is_read(store):
-    """Fields more than are known here are left alone; those that came later have their default."""
-    whole = gs.load(store)
+    """Unknown fields are ignored; later fields have their default."""
+    original = gs.load(store)
     changed(store, run__gyrospark="0.0.1", report__later=3.5, run__later="x", later=[1])
-    found = gs.load(store)
-    assert found.report == whole.report
-    np.testing.assert_array_equal(found[:].q, whole[:].q)
+    changed_store = gs.load(store)
+    assert changed_store.report == original.report
+    np.testing.assert_array_equal(changed_store[:].q, original[:].q)
     changed(store, report__work=...)
     assert gs.load(store).report.work == 0.0
 
@@ -172,29 +172,29 @@ def test_store_that_is_there(gyrospark, begun):
     assert as_files(begun) == before
 
 
-@pytest.mark.parametrize("what", ["file", "folder", "array", "loop"])
-def test_what_is_no_store(what, gl3, gyrospark, tmp_path):
-    place = tmp_path / "run.zarr"
-    if what == "file":
-        place.write_text("mine")
-    elif what == "loop":
-        place.symlink_to(place)
+@pytest.mark.parametrize("kind", ["file", "folder", "array", "loop"])
+def test_what_is_no_store(kind, gl3, gyrospark, tmp_path):
+    path = tmp_path / "run.zarr"
+    if kind == "file":
+        path.write_text("mine")
+    elif kind == "loop":
+        path.symlink_to(path)
     else:
-        (place / "mine").mkdir(parents=True)
-        if what == "array":
-            (place / "zarr.json").write_text('{"zarr_format": 3, "node_type": "array"}')
+        (path / "mine").mkdir(parents=True)
+        if kind == "array":
+            (path / "zarr.json").write_text('{"zarr_format": 3, "node_type": "array"}')
     for resume in (False, True):
         with pytest.raises((gs.InputError, gs.errors.StorageError)) as error:
-            record(gl3, **ARGUMENTS, out=place, resume=resume)
+            record(gl3, **ARGUMENTS, out=path, resume=resume)
         sentence(error.value)
     with pytest.raises(gs.InputError, match="gyrospark stored"):
-        gs.load(place)
+        gs.load(path)
     refused(gyrospark(*RUN, "--out", "run.zarr"), "'run.zarr'")
     refused(gyrospark("export", "run.zarr", "run.csv"), "'run.zarr'", "not a run")
-    if what == "file":
-        assert place.read_text() == "mine"
-    elif what != "loop":
-        assert (place / "mine").is_dir()
+    if kind == "file":
+        assert path.read_text() == "mine"
+    elif kind != "loop":
+        assert (path / "mine").is_dir()
 
 
 @pytest.mark.parametrize("name", ["", ".", "/", "..", "a\0b", 3, b"run.zarr"])
@@ -216,34 +216,34 @@ def test_names(name, gl3, tmp_path, monkeypatch):
 
 def test_links(gl3, begun, tmp_path):
     """A link to a store is that store; one that leads nowhere says where to put it."""
-    place = Path(shutil.copytree(begun, tmp_path / "disk" / "run.zarr"))
+    target = Path(shutil.copytree(begun, tmp_path / "disk" / "run.zarr"))
     link, nowhere = tmp_path / "link.zarr", tmp_path / "nowhere.zarr"
-    link.symlink_to(place)
+    link.symlink_to(target)
     nowhere.symlink_to(tmp_path / "disk" / "new.zarr")
     (tmp_path / "folder").symlink_to(tmp_path / "disk")
-    for way in (link, tmp_path / "folder" / "run.zarr"):
-        with writer_lock(place), pytest.raises(gs.errors.StorageError, match="Another process"):
-            record(gl3, **ARGUMENTS, out=way, resume=True)
+    for path in (link, tmp_path / "folder" / "run.zarr"):
+        with writer_lock(target), pytest.raises(gs.errors.StorageError, match="Another process"):
+            record(gl3, **ARGUMENTS, out=path, resume=True)
     record(gl3, **ARGUMENTS, out=link, resume=True)
     record(gl3, **ARGUMENTS, out=nowhere)
     assert link.is_symlink()
     assert nowhere.is_symlink()
-    assert gs.load(place).status == "complete"
+    assert gs.load(target).status == "complete"
     small = gs.load(tmp_path / "disk" / "new.zarr")[:]
-    np.testing.assert_array_equal(gs.load(place)[:].q, small.q)
+    np.testing.assert_array_equal(gs.load(target)[:].q, small.q)
 
 
 @pytest.mark.skipif(AS_ROOT, reason="root may write everywhere")
 def test_folder_that_cannot_be_written(gl3, begun, tmp_path):
-    place = Path(shutil.copytree(begun, tmp_path / "disk" / "run.zarr"))
-    place.parent.chmod(0o555)
+    path = Path(shutil.copytree(begun, tmp_path / "disk" / "run.zarr"))
+    path.parent.chmod(0o555)
     try:
         for resume in (False, True):
             with pytest.raises(gs.errors.StorageError, match="written"):
-                record(gl3, **ARGUMENTS, out=place, resume=resume)
-        assert gs.load(place)[:].q.shape == (42, 4)
+                record(gl3, **ARGUMENTS, out=path, resume=resume)
+        assert gs.load(path)[:].q.shape == (42, 4)
     finally:
-        place.parent.chmod(0o755)
+        path.parent.chmod(0o755)
 
 
 # ---------------------------------------------------------------- damage
@@ -253,14 +253,14 @@ def changed(path, **entries):
     """Change attributes of a store; a__b is entry b of a, None takes an entry away."""
     document = json.loads((path / "zarr.json").read_text())
     for name, value in entries.items():
-        *way, last = name.split("__")
-        at = document["attributes"]
-        for part in way:
-            at = at[part]
+        *keys, last = name.split("__")
+        entry = document["attributes"]
+        for key in keys:
+            entry = entry[key]
         if value is Ellipsis:
-            del at[last]
+            del entry[last]
         else:
-            at[last] = value
+            entry[last] = value
     (path / "zarr.json").write_text(json.dumps(document))
 
 
@@ -330,14 +330,14 @@ def test_arrays_of_another_form(name, store, gl3):
 
 
 def test_blocks_of_other_lengths(store):
-    """Each array is sound by itself; together they are of no run."""
+    """Each array is sound by itself; together they belong to no run."""
     array = zarr.open_group(store)["q"]
     values, attributes = array[:], dict(array.attrs)
     rows, columns = values.shape
-    made = zarr.open_group(store).create_array(
+    rewritten = zarr.open_group(store).create_array(
         "q", shape=values.shape, dtype=values.dtype, chunks=(rows // 2, columns), overwrite=True)
-    made[:] = values
-    made.attrs.update(attributes)
+    rewritten[:] = values
+    rewritten.attrs.update(attributes)
     with pytest.raises(gs.InputError, match="blocks"):
         gs.load(store)
 
@@ -367,9 +367,9 @@ def test_missing_block(name, block, store, tmp_path):
     """Zarr would read it as NaN."""
     inner = "/0" if name == "q" else ""
     (store / name / "c" / f"{block}{inner}").unlink()
-    found = gs.load(store)
-    for use in (lambda: found[:], found.dataset, lambda: found.save(tmp_path / "x.csv"),
-                lambda: found.save(tmp_path / "x.nc")):
+    recording = gs.load(store)
+    for use in (lambda: recording[:], recording.dataset, lambda: recording.save(tmp_path / "x.csv"),
+                lambda: recording.save(tmp_path / "x.nc")):
         with pytest.raises(gs.InputError, match=f"rows {block * 16} .*'{name}'"):
             use()
     assert sorted(p.name for p in tmp_path.iterdir()) == ["run.zarr"]
@@ -380,11 +380,11 @@ def test_missing_block(name, block, store, tmp_path):
     ("q/c/1/0", lambda data: data[:-5], ".nc"), ("time/c/0", lambda data: b"", ".npz"),
     ("energy/c/2", lambda data: data + bytes(4), ".csv")])
 def test_damaged_block(name, change, end, store):
-    """A single bit is found by its checksum, and no file is exported."""
+    """The checksum detects a single wrong bit, and no file is exported."""
     (store / name).write_bytes(change((store / name).read_bytes()))
-    found, target = gs.load(store), store.with_name("run" + end)
+    recording, target = gs.load(store), store.with_name("run" + end)
     with pytest.raises(gs.InputError, match="damaged") as error:
-        found.save(target)
+        recording.save(target)
     sentence(error.value)
     assert [p.name for p in store.parent.iterdir()] == ["run.zarr"]
 
@@ -401,12 +401,12 @@ def test_damaged_checkpoint(store, gl3):
 
 
 def test_any_byte_of_a_damaged_store(store, gl3, tmp_path):
-    """A bit anywhere: an error of ours, or a run that ends with the right bytes but for it."""
-    whole = tmp_path / "whole.zarr"
+    """A wrong bit anywhere leads to an error of ours or to a run that ends with the right bytes."""
+    uninterrupted = tmp_path / "whole.zarr"
     random = np.random.default_rng(11)
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, 16)
-        record(gl3, **ARGUMENTS, out=whole)
+        record(gl3, **ARGUMENTS, out=uninterrupted)
         shutil.copytree(store, tmp_path / "kept.zarr")
         files = sorted(p.relative_to(store) for p in store.rglob("*") if p.is_file())
         for _ in range(8):
@@ -421,4 +421,4 @@ def test_any_byte_of_a_damaged_store(store, gl3, tmp_path):
             shutil.rmtree(store)
             shutil.copytree(tmp_path / "kept.zarr", store)
         record(gl3, **ARGUMENTS, out=store, resume=True)
-    assert_same_bytes(whole, store)
+    assert_same_bytes(uninterrupted, store)

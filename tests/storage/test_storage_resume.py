@@ -77,14 +77,14 @@ def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, schem
     with pytest.MonkeyPatch.context() as patch:
         small_blocks(patch, rows, seconds)
         check(step, tmp_path, calls, chunk, **arguments)
-        found = gs.load(tmp_path / "pieces.zarr")[:]
-        assert_same(found, integrate(step, **arguments))
+        trajectory = gs.load(tmp_path / "pieces.zarr")[:]
+        assert_same(trajectory, integrate(step, **arguments))
 
 
 @given(calls=st.lists(st.integers(1, 6), min_size=1, max_size=6))
 @settings(max_examples=2, suppress_health_check=list(HealthCheck))
 def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
-    """After any end the states are the first ones of the whole run, and go as far as it says."""
+    """After any end the states are the first ones of the uninterrupted run, as many as it says."""
     out = tmp_path / "run.zarr"
     shutil.rmtree(out, ignore_errors=True)
     with pytest.MonkeyPatch.context() as patch:
@@ -94,27 +94,27 @@ def test_store_is_a_run_up_to_a_commit(calls, gl3, tmp_path):
             with contextlib.suppress(Interrupted):
                 record(gl3, **START, out=out, steps=90, every=2, resume=True,
                           progress=ends_after(count))
-            found = gs.load(out)
-            if found.report is None:
-                assert found.states == found.steps_done == 0
+            recording = gs.load(out)
+            if recording.report is None:
+                assert recording.states == recording.steps_done == 0
                 continue
-            assert found.status in ("running", "complete")
-            assert found.states == found.steps_done // 2 + 1
-            part = found[:]
-            end = integrate(gl3, **START, steps=found.steps_done)
-            np.testing.assert_array_equal(part.q, end.q[::2])
-            assert found.report == end.report
-            assert found.dataset().sizes["time"] == found.states
-            assert not found.dataset()["q"].isnull().any()
+            assert recording.status in ("running", "complete")
+            assert recording.states == recording.steps_done // 2 + 1
+            stored = recording[:]
+            end = integrate(gl3, **START, steps=recording.steps_done)
+            np.testing.assert_array_equal(stored.q, end.q[::2])
+            assert recording.report == end.report
+            assert recording.dataset().sizes["time"] == recording.states
+            assert not recording.dataset()["q"].isnull().any()
 
 
 def copies_after_each_file(monkeypatch, step, folder, **arguments):
     """Return copies of the store of a run, one after each of its files that is written."""
-    copies, one, out = [], threading.Lock(), folder / "run.zarr"
+    copies, lock, out = [], threading.Lock(), folder / "run.zarr"
 
     def copy(_):
         """Copy the store as it is; in Zarr's own threads nothing of Zarr can be waited for."""
-        with one:
+        with lock:
             if out.exists():
                 copies.append(folder / f"{len(copies)}.zarr")
                 shutil.copytree(out, copies[-1], ignore=shutil.ignore_patterns("*.part"))
@@ -138,45 +138,46 @@ def test_killed_before_the_last_attributes(gl3, tmp_path, monkeypatch):
 
 @pytest.mark.slow  # 2 CPU s: a copy after each of a hundred files
 def test_store_after_each_file_that_is_written(tmp_path, monkeypatch):
-    """A process may end between any two of them: what the store says of itself fits its arrays."""
+    """A process may end between any two files: the counts in the store agree with its arrays."""
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 9)
     small_blocks(monkeypatch, 4)
     step = systems.stepper("heavy_top")
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     arguments = START | {"q": q, "p": p, "steps": 36, "every": 2}
-    whole, seen = integrate(step, **arguments), []
+    computed, steps_done = integrate(step, **arguments), []
     for path in copies_after_each_file(monkeypatch, step, tmp_path, **arguments):
-        found = gs.load(path)
-        seen.append(found.steps_done)
-        if found.states:
-            assert_same_states(found[:], whole)
-            assert found.dataset().sizes["time"] == found.states
-    assert len(seen) > 40
-    assert len(set(seen)) > 3
-    assert seen == sorted(seen)
+        recording = gs.load(path)
+        steps_done.append(recording.steps_done)
+        if recording.states:
+            assert_same_states(recording[:], computed)
+            assert recording.dataset().sizes["time"] == recording.states
+    assert len(steps_done) > 40
+    assert len(set(steps_done)) > 3
+    assert steps_done == sorted(steps_done)
 
 
 def test_before_the_first_commit(gl3, tmp_path):
-    """A store without a state can be opened, says so, and is gone on with."""
+    """A store without a state can be opened, says so, and can be resumed."""
     out = tmp_path / "run.zarr"
     with pytest.raises(Interrupted):
         record(gl3, **START, out=out, steps=200, progress=ends_after(0))
-    found = gs.load(out)
-    assert (found.status, found.states, found.steps_done) == ("running", 0, 0)
-    assert found.report is None
-    for use in (lambda: found[:], lambda: found[0], lambda: found.save(tmp_path / "run.csv")):
+    recording = gs.load(out)
+    assert (recording.status, recording.states, recording.steps_done) == ("running", 0, 0)
+    assert recording.report is None
+    for use in (lambda: recording[:], lambda: recording[0],
+                lambda: recording.save(tmp_path / "run.csv")):
         with pytest.raises(gs.InputError, match=r"state.*run"):
             use()
     assert record(gl3, **START, out=out, steps=200, resume=True).status == "complete"
 
 
 def test_done_twice(gl3, tmp_path):
-    """A run that is complete is read, not written; also when it is gone on with as a new one."""
+    """A complete run is read, not written, even if it is resumed like a new one."""
     first = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
     before = {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")}
-    again = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
+    resumed = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
     assert {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")} == before
-    assert_same(again[:], first[:])
+    assert_same(resumed[:], first[:])
 
 
 def test_what_others_left_behind(gl3, tmp_path):
@@ -194,7 +195,7 @@ def test_what_others_left_behind(gl3, tmp_path):
 
 
 def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
-    """A store made with other blocks, by a later version say, is gone on with in its own."""
+    """A store with other blocks, say of a later version, is continued in its own blocks."""
     arguments = START | {"steps": 60}
     small_blocks(monkeypatch, 8)
     recorded(gl3, tmp_path / "whole.zarr", **arguments)
@@ -215,10 +216,10 @@ def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path,
     out = tmp_path / "run.zarr"
     record(gl3, **START, out=out, steps=first, every=every)
     for steps in (second, second + 5):
-        found = record(gl3, **START, out=out, steps=steps, every=every, resume=True)
-        assert_same(found[:], integrate(gl3, **START, steps=steps, every=every))
-        assert found.dataset().sizes["time"] == found.states
-        assert found.attributes["title"].endswith(f"{steps} steps of 0.001 s")
+        recording = record(gl3, **START, out=out, steps=steps, every=every, resume=True)
+        assert_same(recording[:], integrate(gl3, **START, steps=steps, every=every))
+        assert recording.dataset().sizes["time"] == recording.states
+        assert recording.attributes["title"].endswith(f"{steps} steps of 0.001 s")
     with pytest.raises(gs.InputError, match=rf"steps.*\b{second + 5}\b.*\b{second}\b"):
         record(gl3, **START, out=out, steps=second, every=every, resume=True)
 
@@ -231,8 +232,8 @@ def test_run_that_was_ended_goes_on_to_more_steps(gl3, tmp_path, monkeypatch):
         with pytest.raises(Interrupted):
             record(gl3, **arguments, out=out, steps=steps, resume=True,
                       progress=ends_after(count))
-    found = record(gl3, **arguments, out=out, steps=120, resume=True)
-    assert_same(found[:], integrate(gl3, **arguments, steps=120))
+    recording = record(gl3, **arguments, out=out, steps=120, resume=True)
+    assert_same(recording[:], integrate(gl3, **arguments, steps=120))
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -247,7 +248,7 @@ def test_failed_run_has_no_more_steps(failures, tmp_path):
 
 @pytest.mark.slow  # 1 CPU s: a copy after each of many files
 def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
-    """The process ended after any of the files: old states are there, either number goes on."""
+    """The process ended after any of the files: old states are there, either number continues."""
     small_blocks(monkeypatch, 16)
     out, copies = tmp_path / "run.zarr", []
     old = record(gl3, **START, out=out, steps=40)[:]
@@ -261,14 +262,14 @@ def test_store_that_was_being_extended(gl3, tmp_path, monkeypatch):
         patch.setattr(recorder.Recorder, "run_to_end", lambda self, progress: None)
         with pytest.raises(gs.StepFailed):  # it is not complete
             record(gl3, **START, out=out, steps=90, resume=True)
-    whole = integrate(gl3, **START, steps=90)
+    computed = integrate(gl3, **START, steps=90)
     assert len(copies) > 8
     for number, path in enumerate(copies):
-        assert_same_states(gs.load(path)[:], whole)
+        assert_same_states(gs.load(path)[:], computed)
         assert gs.load(path).dataset().sizes["time"] == 41
         if number < len(copies) - 1 and number % 2:
-            again = record(gl3, **START, out=path, steps=40, resume=True)
-            assert_same(again[:], old)
+            resumed = record(gl3, **START, out=path, steps=40, resume=True)
+            assert_same(resumed[:], old)
         else:
-            again = record(gl3, **START, out=path, steps=90, resume=True)
-            assert_same(again[:], whole)
+            resumed = record(gl3, **START, out=path, steps=90, resume=True)
+            assert_same(resumed[:], computed)

@@ -1,4 +1,4 @@
-"""Events of stored runs: to the bit those of ``integrate``, however often the run was ended."""
+"""Stored runs have the events of ``integrate`` to the bit, however often they were ended."""
 
 from __future__ import annotations
 
@@ -55,75 +55,75 @@ def small(patch, chunk, rows, seconds=0.0):
     pytest.param([STOP, DIP], "ended: touch", 16, 99, 64, 1, [], marks=pytest.mark.slow)])
 def test_a_stored_run_finds_what_integrate_finds(
         ends, status, steps, chunk, rows, every, calls, tmp_path, monkeypatch) -> None:
-    """Also the state where an event ends it; each run of pieces has the same files."""
+    """The state where an event ends the run agrees too; each run of pieces has the same files."""
     step, run = arguments(every=every, events=EVENTS + ends)
-    whole = integrate(step, **run)
+    computed = integrate(step, **run)
     small(monkeypatch, chunk, rows)
     once = recorded(step, tmp_path / "whole.zarr", **run)
     assert (once.status, once.steps_done) == (status, steps)
-    for found in (once, in_pieces(step, tmp_path / "pieces.zarr", calls, **run)):
-        assert_same(found[:], whole)
-        assert_same_events(found.events, whole.events)
-        assert_same_events(found[:].events, whole.events)
+    for recording in (once, in_pieces(step, tmp_path / "pieces.zarr", calls, **run)):
+        assert_same(recording[:], computed)
+        assert_same_events(recording.events, computed.events)
+        assert_same_events(recording[:].events, computed.events)
     assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "pieces.zarr")
 
 
 def test_a_wide_run_ended_often(tmp_path, monkeypatch) -> None:
-    """With all digits of the times and the states, up to the event that ends it."""
+    """Times and states agree in all digits, up to the event that ends the run."""
     step, case = systems.stepper("heavy_top", real="float128"), systems.case("heavy_top")
     q, p = systems.start("heavy_top", step)
     low = gs.Event("q1", level=0.2, direction=-1, name="low")
     run = {"q": q, "p": p, "dt": 1e-3, "steps": 400, "every": 40, "parameters": case.parameters,
            "events": [low, gs.Event("q0", level=float(q[0]) - 0.05, terminal=True, name="stop")]}
     small(monkeypatch, 40, 4)
-    whole = integrate(step, **run)
-    found = in_pieces(step, tmp_path / "run.zarr", [2, 2], **run)
-    assert_same(found[:], whole)
-    assert_same_events(found.events, whole.events)
-    assert len(found.events["stop"]) == 1
+    computed = integrate(step, **run)
+    recording = in_pieces(step, tmp_path / "run.zarr", [2, 2], **run)
+    assert_same(recording[:], computed)
+    assert_same_events(recording.events, computed.events)
+    assert len(recording.events["stop"]) == 1
 
 
 def test_a_store_is_a_run_up_to_a_commit(tmp_path, monkeypatch) -> None:
-    """Whenever it is looked at, its events are those of as many steps."""
+    """At any time the events in the store are the events of the steps in the store."""
     step, run = arguments(events=EVENTS[:2])
     small(monkeypatch, 9, 4)
-    out, seen = tmp_path / "run.zarr", []
+    out, steps_done = tmp_path / "run.zarr", []
     for count in (1, 2, 2):
         with contextlib.suppress(Interrupted):
             record(step, out=out, resume=True, progress=ends_after(count), **run)
-        found = gs.load(out)
-        part = integrate(step, **run | {"steps": found.steps_done})
-        assert_same_events(found.events, part.events)
-        assert found.dataset().sizes["event_angle"] == len(part.events["angle"])
-        seen.append(found.steps_done)
-    assert seen == sorted(set(seen))
-    assert seen[-1] > 17
+        recording = gs.load(out)
+        computed = integrate(step, **run | {"steps": recording.steps_done})
+        assert_same_events(recording.events, computed.events)
+        assert recording.dataset().sizes["event_angle"] == len(computed.events["angle"])
+        steps_done.append(recording.steps_done)
+    assert steps_done == sorted(set(steps_done))
+    assert steps_done[-1] > 17
 
 
 @pytest.mark.parametrize(("first", "second"), [
     (16, 17), pytest.param(18, 51, marks=pytest.mark.slow)])
 def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypatch) -> None:
-    """Also from a dip in its last step, of which the neighbour behind was not known."""
+    """The last step may have a dip whose neighbour behind was not known."""
     step, run = arguments()
     small(monkeypatch, 20, 16)
     record(step, out=tmp_path / "run.zarr", **run | {"steps": first})
-    found = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": second})
-    whole = integrate(step, **run | {"steps": second})
-    assert_same(found[:], whole)
-    assert_same_events(found.events, whole.events)
+    recording = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": second})
+    computed = integrate(step, **run | {"steps": second})
+    assert_same(recording[:], computed)
+    assert_same_events(recording.events, computed.events)
 
 
 def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
-    """It is told so, whatever number of steps is asked for, and nothing is written."""
+    """The status says so for any number of steps, and no file changes."""
     step, run = arguments(events=[STOP, *EVENTS])
     record(step, out=tmp_path / "run.zarr", **run)
     before = as_files(tmp_path / "run.zarr")
     for steps in (60, 200):
-        found = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
-        assert found.status == "ended: stop"
-        assert "ended: stop, 29 of 60" in repr(found)
+        recording = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
+        assert recording.status == "ended: stop"
+        assert "ended: stop, 29 of 60" in repr(recording)
     assert as_files(tmp_path / "run.zarr") == before
-    assert_same(found[:], integrate(step, **run))
+    assert_same(recording[:], integrate(step, **run))
 
 
 def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
@@ -131,10 +131,10 @@ def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
     small(monkeypatch, 9, 4)
     with pytest.raises(Interrupted):
         record(step, out=tmp_path / "run.zarr", progress=ends_after(2), **run)
-    found = record(step, out=tmp_path / "run.zarr", resume=True,
+    recording = record(step, out=tmp_path / "run.zarr", resume=True,
                       **run | {"events": [STOP, *EVENTS[::-1]]})
-    assert_same_events(found.events, integrate(step, **run).events)
-    assert found.status == "ended: stop"
+    assert_same_events(recording.events, integrate(step, **run).events)
+    assert recording.status == "ended: stop"
 
 
 def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
@@ -159,23 +159,23 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
 
 
 def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:
-    """At times on the way, and up to the event that ended it."""
+    """States at times on the way, and up to the event that ended the run, agree."""
     step, run = arguments(events=[STOP], every=4)
     stored = record(step, out=tmp_path / "run.zarr", **run)[:]
-    whole = integrate(step, **run)
-    times = [0.0, 1.234, 2.8, float(whole.t[-2]) + 0.01, whole.t[-1]]
-    assert_same(stored.at(times, stepper=step), whole.at(times))
-    assert bits(stored.at(times, stepper=step).q[-1]) == bits(whole.events["stop"].q[0])
+    computed = integrate(step, **run)
+    times = [0.0, 1.234, 2.8, float(computed.t[-2]) + 0.01, computed.t[-1]]
+    assert_same(stored.at(times, stepper=step), computed.at(times))
+    assert bits(stored.at(times, stepper=step).q[-1]) == bits(computed.events["stop"].q[0])
     with pytest.raises(gs.InputError, match="outside"):
         stored.at([5.0], stepper=step)
 
 
 def test_parts_of_a_stored_run(tmp_path) -> None:
-    """From a state on there are the events behind it; thinned, there are all."""
+    """A part from a state on has the events behind it; a thinned run has all events."""
     step, run = arguments(every=10)
     stored = record(step, out=tmp_path / "run.zarr", **run)
-    whole = integrate(step, **run).events["angle"]
-    assert whole.steps.tolist() == [16, 50]
+    events = integrate(step, **run).events["angle"]
+    assert events.steps.tolist() == [16, 50]
     assert stored[2:].events["angle"].steps.tolist() == [50]
     assert stored[::3].events["angle"].steps.tolist() == [16, 50]
 
@@ -226,15 +226,15 @@ def test_events_in_arrays_of_another_form_are_damaged(real, array, types, tmp_pa
 
 
 def test_an_end_before_the_first_stored_state(tmp_path) -> None:
-    """One row beside the start, in memory and in a store."""
+    """One row beside the start is stored, in memory and in a store."""
     step, run = arguments(events=STOP, every=1000)
-    whole = integrate(step, **run)
-    assert whole.t.tolist() == [0.0, whole.events["stop"].t[0]]
-    assert_same(record(step, out=tmp_path / "run.zarr", **run)[:], whole)
+    computed = integrate(step, **run)
+    assert computed.t.tolist() == [0.0, computed.events["stop"].t[0]]
+    assert_same(record(step, out=tmp_path / "run.zarr", **run)[:], computed)
 
 
 def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
-    """Work in the last row: that of whole steps, and of the part of a step up to the event."""
+    """The work in the last row is the work of all steps and of the last step up to the event."""
     small_blocks(monkeypatch, 4)
     step = systems.stepper("dragged_pendulum")
     q, p = systems.start("dragged_pendulum", step)
