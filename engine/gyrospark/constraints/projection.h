@@ -57,7 +57,7 @@ static void constraint_force(const constants *c, const real q[N], const real lam
     }
 }
 
-#if !(GS_SPLITTING && GS_PROFILE_RUN)
+#if !GS_SPLITTING
 /* reach[mu] = max_a |G[mu][a]|: largest change of g_mu per unit displacement of one coordinate */
 static void constraint_reach(const constants *c, const real q[N], real reach[M])
 {

@@ -56,7 +56,7 @@ static real state_norm(int rows, const real *x)
 }
 #endif
 
-#if !GS_PROFILE_CONTROL && !(GS_SPLITTING && GS_PROFILE_RUN)
+#if !GS_PROFILE_CONTROL && !GS_SPLITTING
 /* A relative perturbation of +-2 ulp, with pseudo-random sign, to estimate round-off errors. */
 static real perturbation(unsigned *seed)
 {
