@@ -45,9 +45,9 @@ def gradient_of(e):
     return discrete_gradient(e, X, MEANS, STEPS)
 
 
-def check(e, at, direction, size, weights):
+def check(e, means, direction, size, weights):
     """Check the identity in doubles and in mpmath, symmetry and consistency."""
-    values = named(at, [size * d for d in direction], weights)
+    values = named(means, [size * d for d in direction], weights)
     with mp.workdps(DIGITS):
         try:
             ends = [evaluate([e], point, DIGITS) for point in end_points(values)]
@@ -56,7 +56,7 @@ def check(e, at, direction, size, weights):
             assume(False)
         sizes = [abs(v) for end in ends for v in end.values()]
         assume(max(sizes) < LARGEST)
-        # what underflows, as exp(-1000), has no digits in doubles
+        # a value that underflows, as exp(-1000), has no digits in doubles
         assume(all(size == 0 or size > mp.mpf(10) ** -280 for size in sizes))
         assume(largest < LARGEST)
         assume(keeps_off_edges(e, ends, 64 * EPS))
@@ -66,9 +66,9 @@ def check(e, at, direction, size, weights):
     check_identity(e, values, ends, largest)
 
 
-def named(at, steps, weights):
+def named(means, steps, weights):
     """Return the values of means, steps and parameters."""
-    return dict(zip((*MEANS, *STEPS, *PARAMETERS), (*at, *steps, *weights), strict=True))
+    return dict(zip((*MEANS, *STEPS, *PARAMETERS), (*means, *steps, *weights), strict=True))
 
 
 def end_points(values):
@@ -89,41 +89,41 @@ def sizes_of_steps(values):
 def check_identity(e, values, ends, largest):
     """Check D·Δx = e₁ − e₀ in doubles to 64 eps of the largest term, and more in mpmath."""
     D = gradient_of(e)
-    found = [mp.mpf(d) for d in in_doubles(D, values)]
+    gradient = [mp.mpf(d) for d in in_doubles(D, values)]
     with mp.workdps(DIGITS):
         change = ends[1][e] - ends[0][e]
-        total = mp.fsum(d * mp.mpf(values[s]) for d, s in zip(found, STEPS, strict=True))
+        total = mp.fsum(d * mp.mpf(values[s]) for d, s in zip(gradient, STEPS, strict=True))
         error = abs(total - change)
         assert error <= 64 * EPS * largest, f"{mp.nstr(error / largest / EPS, 4)} eps"
     check_exactly(e, D, values, change, ends[0])
 
 
 def has_positive_bases(e, ends):
-    """Powers that are no whole or half ones go through logarithms: not for bases up to 0."""
+    """Return whether powers that take logarithms, no multiples of ½, have positive bases."""
     return all(
-        values.get(part.base, part.base) > 0
-        for part in parts_of([e]) if part.is_Pow and not (2 * part.exp).is_Integer
+        values.get(power.base, power.base) > 0
+        for power in parts_of([e]) if power.is_Pow and not (2 * power.exp).is_Integer
         for values in ends)
 
 
 def has_no_jumps(e, ends):
-    """Across its cut atan2 jumps by 2π and its discrete gradient does not: no identity there."""
+    """Return whether no atan2 crosses its cut, where it jumps, unlike its discrete gradient."""
     start, end = ends
-    return all(abs(end[part] - start[part]) < mp.pi for part in parts_of([e])
-               if part.func == sp.atan2)
+    return all(abs(end[angle] - start[angle]) < mp.pi for angle in parts_of([e])
+               if angle.func == sp.atan2)
 
 
 def has_finite_cosines(e, ends):
-    """The rule of tanh has cosh u₁ cosh u₀ and sinh Δu, which overflow where tanh itself is 1."""
-    return all(abs(values[part.args[0]]) < 350 for part in parts_of([e]) if part.func == sp.tanh
-               for values in ends)
+    """Return whether cosh u₁ cosh u₀ and sinh Δu in the rule of tanh do not overflow."""
+    return all(abs(values[tangent.args[0]]) < 350
+               for tangent in parts_of([e]) if tangent.func == sp.tanh for values in ends)
 
 
 def check_exactly(e, D, values, change, start):
     """Check the identity and the symmetry with 60 digits, and D = ∂e/∂x for Δx = 0."""
     point = {s: Fraction(v) for s, v in values.items()}
     back = point | {s: -point[s] for s in STEPS}
-    rest = point | dict.fromkeys(STEPS, Fraction(0))
+    at_rest = point | dict.fromkeys(STEPS, Fraction(0))
     gradient = [sp.diff(e, x) for x in X]
     at_mean = {x: point[m] for x, m in zip(X, MEANS, strict=True)} | point
     there, again = (evaluate(D, p, DIGITS) for p in (point, back))
@@ -134,12 +134,12 @@ def check_exactly(e, D, values, change, start):
         for d in D:
             assert abs(there[d] - again[d]) <= mp.mpf(10) ** -25 * (1 + abs(there[d]))
     try:
-        found, wanted = evaluate(D, rest, DIGITS), evaluate(gradient, at_mean, DIGITS)
+        limits, slopes = evaluate(D, at_rest, DIGITS), evaluate(gradient, at_mean, DIGITS)
     except (ValueError, ArithmeticError):
         return  # no derivative there, though the ends have values
     with mp.workdps(DIGITS):
         for d, g in zip(D, gradient, strict=True):
-            assert abs(found[d] - wanted[g]) <= mp.mpf(10) ** -25 * (1 + abs(wanted[g]))
+            assert abs(limits[d] - slopes[g]) <= mp.mpf(10) ** -25 * (1 + abs(slopes[g]))
 
 
 RANDOM = (
@@ -155,15 +155,15 @@ QUIET = [HealthCheck.filter_too_much, HealthCheck.too_slow, HealthCheck.data_too
 
 @settings(max_examples=6, derandomize=True, suppress_health_check=QUIET)
 @given(*RANDOM)
-def test_identity_of_random_expressions(e, at, direction, size, weights):
-    check(e, at, direction, size, weights)
+def test_identity_of_random_expressions(e, means, direction, size, weights):
+    check(e, means, direction, size, weights)
 
 
 @pytest.mark.slow
 @settings(max_examples=10_000, derandomize=True, suppress_health_check=QUIET)
 @given(*RANDOM)
-def test_identity_of_ten_thousand_random_expressions(e, at, direction, size, weights):
-    check(e, at, direction, size, weights)
+def test_identity_of_ten_thousand_random_expressions(e, means, direction, size, weights):
+    check(e, means, direction, size, weights)
 
 
 @settings(max_examples=20, derandomize=True)
@@ -173,9 +173,9 @@ def test_identity_of_ten_thousand_random_expressions(e, at, direction, size, wei
 def test_periodic_functions_of_an_angle_do_not_see_its_cut(
     function, k, angles, radii, clockwise, phase,
 ):
-    """From one side of the negative x axis to the other, where atan2 itself jumps by 2π.
+    """The identity holds across the negative x axis, where atan2 itself jumps by 2π.
 
-    The largest term is that of the motion turned by π, where nothing jumps.
+    The largest term is taken from the motion turned by π, where nothing jumps.
     """
     x, y = X[:2]
     e = function(k * sp.atan2(y, x) + PARAMETERS[0])
@@ -208,8 +208,7 @@ HALF = sp.Rational(1, 2)
     sp.sqrt(a**2 + x**2) + y * x,
 ], ids=str)
 def test_powers_quotients_and_roots(e):
-    """The identity, the symmetry, the gradient where the ends meet; the mean is that of the ends.
-    """
+    """Identity, symmetry and gradient hold, and the mean of e is the mean of its end values."""
     values = named([1.25, 0.75, 1.5, 1.0], [0.5, -0.25, 0.75, 0.0], [0.7, 1.2])
     leaves = {s: DiscreteDifference(mean, {i: sp.Integer(1)}, STEPS)
               for i, (s, mean) in enumerate(zip(X, MEANS, strict=True))}
@@ -217,8 +216,8 @@ def test_powers_quotients_and_roots(e):
     with mp.workdps(DIGITS):
         ends = [evaluate([e], point, DIGITS) for point in end_points(values)]
         largest = largest_term(e, ends, sizes_of_steps(values))
-        found = evaluate([mean], {s: Fraction(v) for s, v in values.items()}, DIGITS)[mean]
-        assert abs(found - (ends[0][e] + ends[1][e]) / 2) < mp.mpf(10) ** -50
+        mean_value = evaluate([mean], {s: Fraction(v) for s, v in values.items()}, DIGITS)[mean]
+        assert abs(mean_value - (ends[0][e] + ends[1][e]) / 2) < mp.mpf(10) ** -50
     check_identity(e, values, ends, largest)
 
 
@@ -236,7 +235,7 @@ def test_powers_quotients_and_roots(e):
     (1 / Min(2 * x, x * y - a), 1.0, 0.4),
 ])
 def test_ends_far_apart_cost_no_digits(e, mean, step):
-    """From one branch of a function to the other, where sums of its two ends cancel."""
+    """The identity holds from one branch to another, where sums of the two ends cancel."""
     values = named([mean, 1.0, 1.0, 1.0], [step, 0.0, 0.0, 0.0], [0.7, 1.2])
     with mp.workdps(DIGITS):
         ends = [evaluate([e], point, DIGITS) for point in end_points(values)]

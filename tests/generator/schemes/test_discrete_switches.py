@@ -72,10 +72,10 @@ def moves(seed):
     """Yield exact ends: x from each end to each, y from and to some, every third one at rest."""
     rng = np.random.default_rng(seed)
     for index, (start, end) in enumerate(PAIRS):
-        other = [float(v) for v in rng.choice(ENDS, 2)]
+        y_ends = [float(v) for v in rng.choice(ENDS, 2)]
         if index % 3 == 0:
-            other[1] = other[0]
-        yield [[Fraction(start), Fraction(other[0])], [Fraction(end), Fraction(other[1])]]
+            y_ends[1] = y_ends[0]
+        yield [[Fraction(start), Fraction(y_ends[0])], [Fraction(end), Fraction(y_ends[1])]]
 
 
 def at(ends):
@@ -95,15 +95,16 @@ def values_at(e, ends):
 
 @named
 def test_change_is_exact_and_right_in_doubles(name):
-    """To 40 digits, wherever H has values, and the same D for the ends exchanged.
+    """D·Δ = ΔH to 40 digits wherever H has values, and D is the same for the ends exchanged.
 
-    In doubles to 64 ε of H, and of what rounding mean and step is worth in it; no 0/0 anywhere.
+    In doubles the error stays below 64 ε of H and of the effect of rounding mean and step in H,
+    and no 0/0 occurs.
     """
     e, D = as_switches(ZOO[name]), gradient_of(name)
     checked = 0
     for given_ends in moves(1):
         rounded = {s: float(v) for s, v in at(given_ends).items()}
-        # a mean and a step are what the scheme has: the ends are those that they say exactly
+        # the scheme has a mean and a step: the ends are exactly mean ∓ step/2
         ends = [[Fraction(rounded[m]) + sign * Fraction(rounded[d]) / 2
                  for m, d in zip(MEANS, STEPS, strict=True)] for sign in (-1, 1)]
         values = values_at(e, ends)
@@ -112,24 +113,24 @@ def test_change_is_exact_and_right_in_doubles(name):
         steps = [rounded[s] for s in STEPS]
         with mp.workdps(60):
             change = values[1] - values[0]
-            there, back = (evaluate(D, at(way)) for way in (ends, ends[::-1]))
+            there, back = (evaluate(D, at(order)) for order in (ends, ends[::-1]))
             assert all(abs(there[d] - back[d]) < mp.mpf(10) ** -40 * (1 + abs(there[d])) for d in D)
             total = mp.fsum(there[d] * mp.mpf(step) for d, step in zip(D, steps, strict=True))
             assert abs(total - change) < mp.mpf(10) ** -40 * max(1, *map(abs, values)), ends
         checked += 1
         if "rope" in name and any(0 < abs(u) + abs(v) < 1e-6 for u, v in ends):
             continue  # the root of a sum of squares has no digits beside a step of 1
-        found = in_doubles(D, rounded)
-        assert np.isfinite(found).all(), (name, ends)
+        gradient = in_doubles(D, rounded)
+        assert np.isfinite(gradient).all(), (name, ends)
         reach = [max(abs(float(p)) for p in pair) for pair in zip(*ends, strict=True)]
-        scale = 1 + sum(abs(d) * s for d, s in zip(found, reach, strict=True)) + max(
+        scale = 1 + sum(abs(d) * s for d, s in zip(gradient, reach, strict=True)) + max(
             abs(float(v)) for v in values)
-        assert abs(np.dot(found, steps) - float(change)) <= 64 * EPS * scale, (name, ends)
+        assert abs(np.dot(gradient, steps) - float(change)) <= 64 * EPS * scale, (name, ends)
     assert checked > 10
 
 
 def test_a_slope_that_is_not_chosen_may_be_infinite():
-    """That of √y, at rest at 0, below x + 4."""
+    """The infinite slope of √y, at rest at 0, does not enter max(√y, x + 4)."""
     D = discrete_gradient(as_switches(sp.Max(x + 4, sp.sqrt(y))), X, MEANS, STEPS)
     ends = [[Fraction(1), Fraction(0)], [Fraction(2), Fraction(0)]]
     assert [*in_doubles(D, {s: float(v) for s, v in at(ends).items()})] == [1.0, 0.0]
@@ -137,19 +138,19 @@ def test_a_slope_that_is_not_chosen_may_be_infinite():
 
 @named
 def test_at_rest_it_is_the_gradient(name):
-    """Away from kinks: ends that meet have D = ∂H/∂x."""
+    """Away from kinks, ends that meet have D = ∂H/∂x."""
     e, D = as_switches(ZOO[name]), gradient_of(name)
     slopes = [sp.diff(e, s) for s in X]
-    for place in ((-1.7, 0.4), (0.2, -0.9), (0.7, 1.3), (1.9, 0.6)):
-        point = dict(zip(X, map(Fraction, place), strict=True)) | PARAMETERS
-        rest = dict(zip(MEANS, point.values(), strict=False)) | dict.fromkeys(STEPS, Fraction(0))
+    for position in ((-1.7, 0.4), (0.2, -0.9), (0.7, 1.3), (1.9, 0.6)):
+        point = dict(zip(X, map(Fraction, position), strict=True)) | PARAMETERS
+        at_rest = dict(zip(MEANS, point.values(), strict=False)) | dict.fromkeys(STEPS, Fraction(0))
         try:
-            wanted = evaluate(slopes, point)
+            expected = evaluate(slopes, point)
         except (ValueError, ArithmeticError):
             continue
-        found = evaluate(D, rest | PARAMETERS)
+        gradient = evaluate(D, at_rest | PARAMETERS)
         with mp.workdps(60):
-            assert all(abs(found[d] - wanted[s]) < mp.mpf(10) ** -40 * (1 + abs(wanted[s]))
+            assert all(abs(gradient[d] - expected[s]) < mp.mpf(10) ** -40 * (1 + abs(expected[s]))
                        for d, s in zip(D, slopes, strict=True))
 
 
@@ -168,11 +169,11 @@ def test_at_rest_it_is_the_gradient(name):
     (P((0, x < a), ((x - a) ** 2, x < r), ((r - a) * (2 * x - a - r), True)), x, [a, r]),
 ])
 def test_pieces_are_found(e, variable, limits):
-    found = piecewise_form_of(as_switches(e), set(X))
-    assert found.variable == variable
-    assert found.limits == limits
-    assert len(found.parts) == len(limits) + 1
-    assert not any(part.free_symbols & set(X) for part in found.parts)
+    form = piecewise_form_of(as_switches(e), set(X))
+    assert form.variable == variable
+    assert form.limits == limits
+    assert len(form.parts) == len(limits) + 1
+    assert not any(piece.free_symbols & set(X) for piece in form.parts)
 
 
 REFUSED = [
@@ -216,7 +217,7 @@ FAIR_PARAMETERS = {"k": 3.0, "a": 0.4, "r": 0.3, "b": 2.0}
 
 @pytest.mark.parametrize("steps", [200, pytest.param(4_000, marks=pytest.mark.slow)])
 def test_EMS_keeps_the_energy(steps):
-    """Across hundreds of kinks, or tens: a random walk of roundings of H, which is 2."""
+    """Across hundreds of kinks, or tens, H = 2 changes by a random walk of its roundings."""
     step = gs.stepper("EMS", system=FAIR)
     run = step.integrate(*FAIR_START, dt=0.02, steps=steps, parameters=FAIR_PARAMETERS)
     crossings = (np.diff(np.sign(run.q[:, 1:3]), axis=0) != 0).sum()
@@ -227,7 +228,7 @@ def test_EMS_keeps_the_energy(steps):
 
 @pytest.mark.parametrize("stiffness", [1e2, 1e8])
 def test_steps_across_a_kink_are_found(stiffness):
-    """2000 starts about to hit a wall, h ω from 0.5 to 500: no step is refused, and EMS keeps H."""
+    """Of 2000 starts about to hit a wall, h ω from 0.5 to 500, all take a step that keeps H."""
     rng, h = np.random.default_rng(1), 0.05
     p0 = rng.uniform(-1, 1, 2000)
     q0 = -p0 * h * rng.uniform(-0.5, 1.5, 2000) + 10 ** rng.uniform(-18, -2, 2000)
@@ -244,7 +245,7 @@ def test_steps_across_a_kink_are_found(stiffness):
 
 
 def test_jacobian_is_that_of_the_residual():
-    """Against central differences at random unknowns, half of them across a kink."""
+    """The Jacobian equals central differences at random unknowns, half of them across a kink."""
     step = gs.stepper("EMS", system=FAIR)
     run = {"dt": 0.5, "parameters": FAIR_PARAMETERS}
     rng = np.random.default_rng(3)
@@ -252,8 +253,8 @@ def test_jacobian_is_that_of_the_residual():
         at_q, at_p, unknowns = (rng.uniform(-1, 1, n) for n in (5, 5, 10))
         J = step.jacobian(unknowns, at_q, at_p, **run)
         assert np.isfinite(J).all()
-        found = jacobian_by_differences(step, unknowns, at_q, at_p, **run)
-        assert np.abs(found - J).max() <= 1e-7 * np.abs(J).max()
+        differences = jacobian_by_differences(step, unknowns, at_q, at_p, **run)
+        assert np.abs(differences - J).max() <= 1e-7 * np.abs(J).max()
 
 
 def test_conditions_hold():
@@ -266,15 +267,15 @@ def test_conditions_hold():
 
 @pytest.mark.slow  # a stepper of eight springs
 def test_many_of_them():
-    """A chain of one-sided springs: one form, looped over; the energy is kept all the same."""
+    """A chain of one-sided springs has one form, which the C loops over, and keeps its energy."""
     n = 8
     u, v = sp.symbols(f"u0:{n}", real=True), sp.symbols(f"v0:{n}", real=True)
-    slack = [sp.Max(0, other - one - a) for one, other in pairwise(u)]
+    slack = [sp.Max(0, upper - lower - a) for lower, upper in pairwise(u)]
     chain = gs.System(u, v, (k, a), sum(z**2 for z in v) / 2 + k * sum(s**2 for s in slack)
                       + sp.Abs(u[0]) + sum(P((z**2, z < 0), (0, True)) for z in u), name="slack")
-    made = generate(Spec.from_arguments("EMS"), system=chain)
-    assert made.source.source.count("term0_count = ") == 1
-    assert len(re.findall(r"static \w+ term\d+_energy", made.source.source)) <= 5
+    generated = generate(Spec.from_arguments("EMS"), system=chain)
+    assert generated.source.source.count("term0_count = ") == 1
+    assert len(re.findall(r"static \w+ term\d+_energy", generated.source.source)) <= 5
     step = gs.stepper("EMS", system=chain)
     start = np.linspace(-1, 5, n)
     run = step.integrate(start, -start / 2, dt=0.02, steps=500, parameters={"k": 2.0, "a": 0.5})

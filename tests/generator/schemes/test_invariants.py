@@ -1,4 +1,4 @@
-"""What steppers of the top keep at random states; studies have the paper's tables."""
+"""Invariants of steppers of the top at random states; studies have the paper's tables."""
 
 import numpy as np
 import pytest
@@ -27,11 +27,11 @@ def test_steps_too_long_fail_or_are_right(spec):
     """
     rng = np.random.default_rng(3)
     drawn = [random_case(rng, spec.rep, turn=(0.5, 30)) for _ in range(200)]
-    many = stepper_of(spec).integrate_ensemble(
+    ensemble = stepper_of(spec).integrate_ensemble(
         np.array([case.q for case in drawn]), np.array([case.p for case in drawn]),
         dt=np.array([case.dt for case in drawn]), steps=1,
         parameters=[case.parameters for case in drawn])
-    q = many.q[:, 1]
+    q = ensemble.q[:, 1]
     done = np.isfinite(q).all(axis=1)
     assert 20 < done.sum() < 180
     # Stages far from the unit sphere, |Q|² up to 100, leave that many ε in the last constraint.
@@ -40,7 +40,7 @@ def test_steps_too_long_fail_or_are_right(spec):
 
 @pytest.mark.parametrize("spec", few(MEAN_SPECS), ids=identify)
 def test_states_of_ims_and_ems_are_starts(spec):
-    """Also of a top let go at rest, whose qᵀp exceeds |Δt H_p|²|p|: every state goes on."""
+    """Every state is a start, also of a top let go at rest, whose qᵀp exceeds |Δt H_p|²|p|."""
     step, fast = stepper_of(spec), gs.problems.fast_top()
     parameters = fast.parameters | {spec.rep: gs.gamma(fast.inertia)}
     for dt, p0 in ((1e-3, fast.p0), (1e-2, 0 * fast.p0)):

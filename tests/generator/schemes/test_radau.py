@@ -1,4 +1,4 @@
-"""Radau-L: coefficients, order, what it does not keep, and stiff dampers that do not ring."""
+"""Radau-L: coefficients, order, properties that it gives up, and dampers that do not ring."""
 
 from __future__ import annotations
 
@@ -41,14 +41,14 @@ def test_coefficients_are_those_of_ehle_and_axelsson_and_rounding_is_dropped():
                                   (sp.Rational(3, 4), sp.Rational(1, 4)))
     first = (88 - 7 * SIX) / 360, (296 - 169 * SIX) / 1800, (-2 + 3 * SIX) / 225
     weights = (16 - SIX) / 36, (16 + SIX) / 36, sp.Rational(1, 9)
-    for found, known in ((three.A[0], first), (three.A[-1], weights), (three.b, weights)):
-        assert all(sp.expand(a - b) == 0 for a, b in zip(found, known, strict=True))
+    for derived, published in ((three.A[0], first), (three.A[-1], weights), (three.b, weights)):
+        assert all(sp.expand(a - b) == 0 for a, b in zip(derived, published, strict=True))
     # A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept.
     unit = sp.Rational(1, 100)
     small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")
     assert _drop_round_off(small, unit) == small  # 8^4/10^4 is no rounding beside 1
-    rest = sp.Poly(1 + sp.Rational(1, 10**7) * z**4, z, domain="QQ")
-    assert _drop_round_off(rest, unit) == sp.Poly(1, z, domain="QQ")
+    tiny = sp.Poly(1 + sp.Rational(1, 10**7) * z**4, z, domain="QQ")
+    assert _drop_round_off(tiny, unit) == sp.Poly(1, z, domain="QQ")
 
 
 @pytest.mark.parametrize("s", STAGES)
@@ -83,7 +83,7 @@ def pade(k, j):
 
 @pytest.mark.parametrize("s", range(1, 7))
 def test_R_is_the_approximant_of_pade(s):
-    """(s − 1, s) of Radau IIA, (s, s) of Gauss: the highest order that their degrees allow."""
+    """R is Padé's (s − 1, s) for Radau IIA and (s, s) for Gauss, of the highest order possible."""
     radau, gauss = stability(radau_lobatto(s)), stability(gauss_lobatto(s))
     assert (radau.numerator, radau.denominator) == pade(s - 1, s)
     assert (gauss.numerator, gauss.denominator) == pade(s, s)
@@ -92,10 +92,11 @@ def test_R_is_the_approximant_of_pade(s):
     assert abs(gauss.at_infinity) == 1
     assert gauss.damping is None
     share, power = radau.damping  # |R(iy)|² = 1 − 2Cy^2k + …
-    less, whole = (sp.expand(part.as_expr().subs("z", sp.I * X) * part.as_expr().subs(
-        "z", -sp.I * X)) for part in (radau.numerator, radau.denominator))
-    left = sp.Poly(less - whole * (1 - 2 * share * X**power), X)
-    assert min(k for (k,), c in left.terms()) > power
+    numerator, denominator = (
+        sp.expand(polynomial.as_expr().subs("z", sp.I * X) * polynomial.as_expr().subs(
+            "z", -sp.I * X)) for polynomial in (radau.numerator, radau.denominator))
+    remainder = sp.Poly(numerator - denominator * (1 - 2 * share * X**power), X)
+    assert min(k for (k,), c in remainder.terms()) > power
     assert radau.constrained
     assert gauss.constrained
 
@@ -114,9 +115,9 @@ def test_R_of_given_tableaux_and_of_those_that_have_none(tmp_path):
         table = make().collocation("theta", [sp.S(1) / 3], [sp.S(0), sp.S(1)], 1)
         path = tmp_path / "theta.json"
         path.write_text(make().text(table | {"A": [[sp.S(entry)]], "A_hat": [[sp.S(entry)]]}))
-        found = stability(read_tableau(path))
-        assert found.kind == kind
-        assert found.at_infinity is None if size is None else abs(found.at_infinity) == size
+        method = stability(read_tableau(path))
+        assert method.kind == kind
+        assert method.at_infinity is None if size is None else abs(method.at_infinity) == size
 
 
 @pytest.mark.parametrize("digits", [10, 16])
@@ -124,9 +125,9 @@ def test_decimals_are_checked_to_their_digits(tmp_path, digits):
     rounded = in_decimals({key: getattr(radau_lobatto(3), key) for key in FIELDS}, digits)
     path = tmp_path / "radau_3.json"
     path.write_text(json.dumps({"name": "radau_3"} | rounded), encoding="utf-8")
-    found = stability(read_tableau(path))
-    assert found.kind == "L-stable"
-    assert found.damping[1] == 6
+    method = stability(read_tableau(path))
+    assert method.kind == "L-stable"
+    assert method.damping[1] == 6
 
 
 few = pytest.mark.parametrize("s", [2, *(pytest.param(s, marks=pytest.mark.slow) for s in (1, 3))])
@@ -145,7 +146,7 @@ def test_a_step_is_the_root_that_fifty_digits_find(s):
 
 @cache
 def held() -> gs.System:
-    """A particle on a line in space, 2x + y − 2z = 0 and x = y: damped along z, or on a spring."""
+    """Return a particle on the line 2x + y − 2z = 0, x = y: damped along z, or on a spring."""
     q, p = sp.symbols("x y z", real=True), sp.symbols("u v w", real=True)
     c, k = sp.symbols("c k")
     return gs.System(q, p, (c, k), (p[0]**2 + p[1]**2 / 2 + p[2]**2 / 3 + k * q[2]**2) / 2,
@@ -157,12 +158,12 @@ def held() -> gs.System:
 @pytest.mark.parametrize("scheme", [("Radau-L", 1), ("Radau-L", 2), ("Radau-L", 3), ("G-L", 2)])
 def test_a_constrained_damper_falls_by_R(scheme):
     """q = (2, 2, 3) r: T = ½ (4 + 8 + 27) ṙ², and the damper takes 3c · 9ṙ: λ = 27c/39."""
-    step, found = gs.stepper(*scheme, system=held()), stability(gs.tableau(*scheme))
+    step, method = gs.stepper(*scheme, system=held()), stability(gs.tableau(*scheme))
     start = np.array([2.0, 4.0, 9.0])  # M (2, 2, 3)
     for size in (0.1, 10.0, 1e3, 1e6):
         run = step.integrate(np.zeros(3), start, dt=0.01, steps=1,
                              parameters={"c": size * 39 / 27 / 0.01, "k": 0})
-        R = float(found.numerator.eval(-sp.Rational(size)) / found.denominator.eval(
+        R = float(method.numerator.eval(-sp.Rational(size)) / method.denominator.eval(
             -sp.Rational(size)))
         assert run.p[1] == pytest.approx(R * start, abs=64 * EPS * 9)
 

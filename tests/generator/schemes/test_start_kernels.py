@@ -1,4 +1,4 @@
-"""Momenta of velocities: H_p of them is the rate that the velocities say, in numbers."""
+"""Momenta of velocities: H_p at these momenta equals the rates of the velocities, in numbers."""
 
 import numpy as np
 import pytest
@@ -25,31 +25,32 @@ SYSTEMS = {
 @pytest.mark.parametrize("name", SYSTEMS)
 def test_velocities_of_momenta_are_those_of_h(name):
     system = SYSTEMS[name]()
-    own = StartKernels(system)
-    assert own.exists
+    kernels = StartKernels(system)
+    assert kernels.exists
     random = np.random.default_rng(5)
     q = {x: float(random.normal()) for x in system.q}
     for body in system.bodies:
         size = np.linalg.norm([q[x] for x in body.q])
         q |= {x: q[x] / size for x in body.q}
     values = q | {x: float(random.uniform(1, 2)) for x in system.parameters}
-    u = {x: float(random.normal()) for x in own.symbols}
+    u = {x: float(random.normal()) for x in kernels.symbols}
 
-    def numbers(expressions, more):
-        given = values | more
-        return np.array([float(e.evalf(30, subs=given)) for e in map(sp.sympify, expressions)])
+    def numbers(expressions, extra):
+        substitutions = values | extra
+        return np.array([float(e.evalf(30, subs=substitutions))
+                         for e in map(sp.sympify, expressions)])
 
-    p = dict(zip(system.p, numbers(own.momenta(own.symbols), u), strict=True))
-    rates = numbers(own.rates(own.symbols), u)
+    p = dict(zip(system.p, numbers(kernels.momenta(kernels.symbols), u), strict=True))
+    rates = numbers(kernels.rates(kernels.symbols), u)
     assert numbers(system.H_p, p) == pytest.approx(rates, rel=1e-12, abs=1e-13)
-    assert numbers(own.velocities, p) == pytest.approx(list(u.values()), rel=1e-12)
+    assert numbers(kernels.velocities, p) == pytest.approx(list(u.values()), rel=1e-12)
     for body in system.bodies:  # the condition of a unit quaternion on its momenta
         assert sum(q[x] * p[y] for x, y in zip(system.q, system.p, strict=True)
                    if x in body.q) == pytest.approx(0, abs=1e-13)
 
 
 def test_conditions_of_quaternions_and_systems_without_momenta_of_velocities():
-    """D of four rows is not inverted; H of fourth degree has none."""
+    """D of four rows is not inverted; an H of fourth degree has no momenta of velocities."""
     assert not StartKernels(heavy_top("gamma")).conditions
     assert len(StartKernels(gs.models.four_bar().system).conditions) == 17
     x, y = sp.symbols("x y", real=True)

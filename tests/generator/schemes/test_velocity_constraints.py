@@ -25,14 +25,14 @@ from rolling_systems import (
 
 
 def test_order_on_the_sleigh():
-    """A trigonometric row and no g, against the closed form of θ and p."""
+    """With a trigonometric row and no g, θ and p converge to their closed form with order 4."""
     u, w, th = sleigh_end(0.7, 1.5, 0.3, 2.0)
-    p, found = sleigh_state(u, w, th)[1], []
+    p, errors = sleigh_state(u, w, th)[1], []
     for count in (32, 64):
         run = stepper_of(sleigh, 2).integrate(*sleigh_state(0.7, 1.5), dt=2 / count, steps=count,
                                               parameters=SLEIGH)
-        found.append([abs(run.q[-1, 2] - th), np.abs(run.p[-1] - p).max()])
-    assert np.log2(np.divide(*found)) == pytest.approx([4, 4], abs=0.12)
+        errors.append([abs(run.q[-1, 2] - th), np.abs(run.p[-1] - p).max()])
+    assert np.log2(np.divide(*errors)) == pytest.approx([4, 4], abs=0.12)
 
 
 @pytest.mark.slow
@@ -44,12 +44,12 @@ def test_orders_in_113_bits(make, parameters, start, s):
     step, best = (stepper_of(make, count, real="float128") for count in (s, 7))
     start = step.project(*start, parameters=parameters)
     run = best.integrate(*start, dt=0.0125, steps=40, parameters=parameters)
-    found = []
+    errors = []
     for steps in (40, 80):
         ours = step.integrate(*start, dt=0.5 / steps, steps=steps, parameters=parameters)
-        found.append([float(abs(ours.q[-1] - run.q[-1]).max()),
-                      float(abs(ours.p[-1] - run.p[-1]).max())])
-    assert np.log2(np.divide(*found)) == pytest.approx([2 * s, 2 * s], abs=0.1)
+        errors.append([float(abs(ours.q[-1] - run.q[-1]).max()),
+                       float(abs(ours.p[-1] - run.p[-1]).max())])
+    assert np.log2(np.divide(*errors)) == pytest.approx([2 * s, 2 * s], abs=0.1)
 
 
 def driven_sleigh():
@@ -66,14 +66,14 @@ def driven_sleigh():
 def test_jacobian_of_rows_that_move_is_the_derivative_of_the_residual():
     step, start = stepper_of(driven_sleigh, 2), sleigh_state(0.7, 1.5)
     x = np.random.default_rng(3).standard_normal(step.unknowns)
-    at = {"dt": 0.3, "parameters": SLEIGH, "t": 0.4}
-    J = step.jacobian(x, *start, **at)
-    found = jacobian_by_differences(step, x, *start, **at)
-    assert np.abs(found - J).max() < 1e-8 * np.abs(J).max()
+    options = {"dt": 0.3, "parameters": SLEIGH, "t": 0.4}
+    J = step.jacobian(x, *start, **options)
+    differences = jacobian_by_differences(step, x, *start, **options)
+    assert np.abs(differences - J).max() < 1e-8 * np.abs(J).max()
 
 
 def test_work_of_rows_that_move():
-    """A blade on a belt: H gains μ·a, to the order of the method; rows hold at their own time."""
+    """H of a blade on a belt gains μ·a, to the order of the method; rows hold at their own time."""
     step = stepper_of(driven_sleigh, 2)
     start = step.project(*sleigh_state(0.7, 1.5), parameters=SLEIGH)
     runs = [step.integrate(*start, dt=2 / n, steps=n, parameters=SLEIGH) for n in (32, 64)]
@@ -86,7 +86,7 @@ def test_work_of_rows_that_move():
 
 
 def test_reactions_are_those_of_the_equations():
-    """μ = −u w/(1/m + a²/I) of the sleigh, which no force pushes, at the times of the stages."""
+    """The sleigh, which no force pushes, has μ = −u w/(1/m + a²/I) at the times of the stages."""
     step = stepper_of(sleigh, 2)
     run = step.integrate(*sleigh_state(0.7, 1.5), dt=0.01, steps=1, parameters=SLEIGH)
     m, inertia, a = SLEIGH.values()
