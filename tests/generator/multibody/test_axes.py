@@ -12,17 +12,17 @@ HINGES = ("revolute", "align", "prismatic", "cylindrical", "planar", "screw")
 
 
 def bus():
-    """A tilted body away from the origin."""
+    """Return a builder with a tilted body away from the origin."""
     build = gs.Multibody("satellite", gravity=(0, 0, 0))
     build.body("bus", mass=5.0, inertia=(0.3, 0.4, 0.5), position=(1, -2, 3), quaternion=TILT,
                angular_velocity=(0, 0, 0))
     return build
 
 
-def satellite(**where):
-    """The same with a wheel that turns at 20 rad/s."""
+def satellite(**placement):
+    """Return the builder of ``bus`` with a wheel that turns at 20 rad/s."""
     build = bus()
-    build.rotor("wheel", "bus", mass=0.5, inertia=(0.01, 0.006), rate=20.0, **where)
+    build.rotor("wheel", "bus", mass=0.5, inertia=(0.01, 0.006), rate=20.0, **placement)
     return build
 
 
@@ -31,7 +31,7 @@ def rotation():
 
 
 def spin(model):
-    """The momentum of the wheel at the start in the axes of the bus, and where its centre is."""
+    """Return the angular momentum of the wheel in the axes of the bus, and its centre."""
     names = [str(q) for q in model.system.q]
     first, centre = names.index("wheel_q0"), names.index("wheel_x")
     q, p = model.q0[first : first + 4], model.p0[first : first + 4]
@@ -63,9 +63,9 @@ def test_an_axis_is_given_in_one_way_and_reported_if_it_could_be_meant_on_the_bo
     pytest.param(kind, marks=[pytest.mark.slow] * (kind in ("planar", "cylindrical")))
     for kind in HINGES])
 def test_every_joint_takes_an_axis_on_its_body(kind):
-    """The same model as with the axis in space; of a body on the ground its own axes count."""
-    more = {"lead": 0.1} if kind == "screw" else {}
-    more |= {} if kind == "align" else {"at": (1, -2, 3)}
+    """An axis on the body makes the same model as in space, also where one body is the ground."""
+    options = {"lead": 0.1} if kind == "screw" else {}
+    options |= {} if kind == "align" else {"at": (1, -2, 3)}
     on_body = np.array([0.6, 0, 0.8])
     models = []
     for ends in (("bus", "arm"), ("ground", "bus")):
@@ -73,13 +73,13 @@ def test_every_joint_takes_an_axis_on_its_body(kind):
             build = bus()
             build.body("arm", mass=1.0, inertia=(0.1, 0.2, 0.3), position=(1, -2, 3),
                        quaternion=(0.6, 0, 0.8, 0))
-            getattr(build, kind)("joint", *ends, **axis, **more)
+            getattr(build, kind)("joint", *ends, **axis, **options)
             models.append(build.model())
-    for one, other in (models[:2], models[2:]):
-        assert one.system.constraints == other.system.constraints
-        values = [list(model.parameters.values()) for model in (one, other)]
+    for body_model, space_model in (models[:2], models[2:]):
+        assert body_model.system.constraints == space_model.system.constraints
+        values = [list(model.parameters.values()) for model in (body_model, space_model)]
         np.testing.assert_allclose(*values, atol=1e-15)
-        np.testing.assert_allclose(one.p0, other.p0, atol=1e-15)
+        np.testing.assert_allclose(body_model.p0, space_model.p0, atol=1e-15)
 
 
 FILE = """
@@ -99,9 +99,9 @@ rotors = [
 def test_axes_on_bodies_in_a_model_file(tmp_path):
     path = tmp_path / "satellite.toml"
     path.write_text(FILE)
-    model, same = gs.load_model(path), satellite(axis_on_body=(0, 0, 1)).model()
-    np.testing.assert_allclose(model.p0.astype(float), same.p0, atol=1e-15)
-    np.testing.assert_allclose(model.q0.astype(float), same.q0, atol=1e-15)
+    model, built = gs.load_model(path), satellite(axis_on_body=(0, 0, 1)).model()
+    np.testing.assert_allclose(model.p0.astype(float), built.p0, atol=1e-15)
+    np.testing.assert_allclose(model.q0.astype(float), built.q0, atol=1e-15)
     path.write_text(FILE.replace("axis_on_body", "axis"))
     with pytest.warns(InputWarning, match="axis_in_space"):
         gs.load_model(path)

@@ -27,14 +27,14 @@ def builder(name: str = "beams") -> gs.Multibody:
 
 
 def tip(model: gs.Model, h: float) -> np.ndarray:
-    """Return where the end of the last segment is."""
+    """Return the position of the end of the last segment."""
     return model.q0[-3:] + rotation(model.q0[-7:-3]) @ [0, 0, h / 2]
 
 
-def cantilever(count: int, force: tuple[float, float, float], **more) -> gs.Model:
+def cantilever(count: int, force: tuple[float, float, float], **options) -> gs.Model:
     """Return a beam of length 1, clamped at its start, with a dead load at its end."""
     build = builder()
-    beam = build.beam("rod", count=count, **STRAIGHT | more)
+    beam = build.beam("rod", count=count, **STRAIGHT | options)
     build.fixed("clamp", build.ground, beam.first)
     build.force(beam.last, force)
     return build.model()
@@ -73,7 +73,7 @@ def test_a_cantilever_is_an_elastica_to_order_two(load):
 
 
 def test_a_torque_about_the_tangent_twists_by_ml_over_gj():
-    """u₃ = sin(θ/2) at each joint, the clamp's of half a segment: θ = 2 asin(M h/(2 GJ))."""
+    """Each joint, and the clamp for half a segment, has u₃ = sin(θ/2), θ = 2 asin(M h/(2 GJ))."""
     build, count, GJ, M = builder(), 4, 0.3, 0.2
     beam = build.beam("rod", count=count, **STRAIGHT | {"twisting": GJ})
     build.fixed("clamp", build.ground, beam.first)
@@ -88,14 +88,14 @@ def test_a_torque_about_the_tangent_twists_by_ml_over_gj():
 
 
 def test_stretching_of_a_pulled_beam_is_exact():
-    """F L/EA: the end joints have the compliance of the ends beside them."""
+    """The elongation is F L/EA: the end joints have the compliance of the ends beside them."""
     EA, force = 40.0, 3.0
     model = cantilever(3, (force, 0, 0), stretching=EA, shearing=15.0).equilibrium()
     assert np.abs(tip(model, 1 / 3) - [1 + force / EA, 0, 0]).max() <= 16 * EPS
 
 
 def test_a_sheared_cantilever_bends_and_shears():
-    """F L³/(3 EI₂) + F L/GA for small loads, about the second axis of the section."""
+    """Small loads bend it by F L³/(3 EI₂) + F L/GA about the second axis of the section."""
     EI, GA, force = (5.0, 2.0), 7.0, 1e-6
     errors = []
     for count in (3, 6):
@@ -108,18 +108,18 @@ def test_a_sheared_cantilever_bends_and_shears():
 
 
 def test_a_straight_beam_bent_to_a_circle_has_its_energy():
-    """½ EI₁ κ² L in the limit; κ = (2/h) sin(θ/2) at joints, (4/h) sin(θ/4) at clamps, θ = h.
+    """The energy tends to ½ EI₁ κ² L; κ = (2/h) sin(h/2) at joints, (4/h) sin(h/4) at clamps.
 
     The polygon of the circle has 20,000 edges, its end directions an error of half of one.
     """
     angle = np.linspace(0, np.pi, 20_001)
     arc = np.stack([np.cos(angle), np.sin(angle), 0 * angle], axis=1)
-    given = STRAIGHT | {"bending": (2.0, 3.0), "points": arc, "start": None, "end": None,
-                        "normal": (0, 0, 1)}
+    options = STRAIGHT | {"bending": (2.0, 3.0), "points": arc, "start": None, "end": None,
+                          "normal": (0, 0, 1)}
     energies = []
     for count, rest in ((4, (0, 0, 0)), (8, (0, 0, 0)), (4, None)):
         build = builder()
-        beam = build.beam("arc", count=count, rest=rest, **given)
+        beam = build.beam("arc", count=count, rest=rest, **options)
         for end in ("first", "last"):
             build.fixed(f"clamp_{end}", build.ground, getattr(beam, end))
         energies.append(Motion(build.model()).energy())
@@ -132,7 +132,7 @@ def test_a_straight_beam_bent_to_a_circle_has_its_energy():
 
 @pytest.mark.slow  # a beam of four hundred segments
 def test_sections_of_a_helix_are_transported_in_parallel():
-    """They turn by −∫τ ds against the Frenet frame, which has the same normal at both ends."""
+    """Sections turn by −∫τ ds against the Frenet frame, whose normals at both ends agree."""
     radius, pitch = 1.0, 0.5
     angle = np.linspace(0, 2 * np.pi, 4001)
     helix = np.stack([radius * np.cos(angle), radius * np.sin(angle), pitch * angle], axis=1)
@@ -174,7 +174,7 @@ def damped(extension: dict) -> tuple[gs.Model, object]:
     pytest.param({}, id="balls"),
     pytest.param({"stretching": 7.0, "shearing": 4.0}, id="springs", marks=pytest.mark.slow)])
 def test_damping_dissipates_and_conserves_momenta(extension):
-    """At random states: no net force, no net torque, negative power, none of a rigid motion."""
+    """Damping has no net force or torque and negative power, and resists no rigid motion."""
     model, _ = damped(extension)
     system, rng = model.system, np.random.default_rng(3)
     q = model.q0 + 0.1 * rng.normal(size=system.n)
@@ -185,9 +185,9 @@ def test_damping_dissipates_and_conserves_momenta(extension):
         p[k : k + 4] -= q[k : k + 4] * (q[k : k + 4] @ p[k : k + 4])
 
     def forces(p):
-        at = dict(zip((*system.q, *system.p), (*q, *p), strict=True))
-        at |= {s: model.parameters[str(s)] for s in system.parameters}
-        F, v = (evaluate(e, at) for e in (system.forces, system.H_p))
+        state = dict(zip((*system.q, *system.p), (*q, *p), strict=True))
+        state |= {s: model.parameters[str(s)] for s in system.parameters}
+        F, v = (evaluate(e, state) for e in (system.forces, system.H_p))
         total, torque = np.zeros(3), np.zeros(3)
         for k in range(0, system.n, 7):
             (q0, *u), (f0, *f) = q[k : k + 4], F[k : k + 4]
@@ -217,9 +217,9 @@ def test_damping_dissipates_and_conserves_momenta(extension):
 
 @pytest.mark.parametrize("count", [2, pytest.param(4, marks=pytest.mark.slow)])
 def test_a_column_buckles_at_the_load_of_its_segments(count):
-    """θ_i = sin((i − ½) φ), φ = π/2N: P = 4 sin²(φ/2) EI/h², π² EI/(4 L²) in the limit.
+    """The load is P = 4 sin²(φ/2) EI/h², φ = π/2N, with θ_i = sin((i − ½) φ); Euler's in the limit.
 
-    There the least eigenvalue of the stiffness H_qq + λ g_qq on g_q δq = 0 changes its sign.
+    At P the least eigenvalue of the stiffness H_qq + λ g_qq on g_q δq = 0 changes its sign.
     """
     critical = 4 * np.sin(np.pi / (4 * count)) ** 2 * count**2
     assert critical == pytest.approx(np.pi**2 / 4, rel=0.06 * (2 / count) ** 2)
@@ -266,14 +266,14 @@ def spaghetti(count: int) -> gs.Model:
 
 @pytest.mark.slow  # ten segments
 def test_the_flying_spaghetti():
-    """Digits of ten segments, which six stages and a quarter of the step confirm."""
+    """Ten segments have the recorded digits, which six stages and a quarter of the step confirm."""
     with budget.shared():
         model = spaghetti(10)
         step = gs.stepper("G-L", 3, system=model)
     run = step.integrate(model, dt=0.01, t_end=10.0, every=500)
-    place = np.stack([run.quantity("x"), run.quantity("y")], axis=1)[1:]
+    tips = np.stack([run.quantity("x"), run.quantity("y")], axis=1)[1:]
     expected = [[9.908697803870, -0.616441525560], [22.107890071905, 6.846164613665]]
-    assert np.abs(place - expected).max() <= 2e-11  # of order 6, the digits are written to 1e-12
+    assert np.abs(tips - expected).max() <= 2e-11  # of order 6, the digits are written to 1e-12
     assert run.energies[1:] == pytest.approx([96.840229615949] * 2, abs=1e-11)
     assert run.total_angular_momentum()[1:, 2] == pytest.approx([-245.803383101742] * 2, abs=1e-11)
     assert run.total_momentum()[1:] == pytest.approx(np.array([[20, 0, 0]] * 2), abs=1e-13)
@@ -283,7 +283,7 @@ def test_the_flying_spaghetti():
     pytest.param({}, id="balls"),
     pytest.param({"stretching": 4e4, "shearing": 4e4}, id="springs", marks=pytest.mark.slow)])
 def test_frequencies_of_a_cantilever(extension):
-    """√ of the eigenvalues of K against M on the tangent space, against Timoshenko's 3.51499."""
+    """Roots of the eigenvalues of K against M on the tangent space meet Timoshenko's 3.51499."""
     frequencies = []
     for count in (2, 4):
         build = builder()
@@ -299,13 +299,13 @@ def test_frequencies_of_a_cantilever(extension):
 def lowest_frequency(model: gs.Model) -> float:
     """Return ω of the slowest motion about the start, which is an equilibrium with λ = 0."""
     system = model.system
-    at = dict(zip((*system.q, *system.p), (*model.q0, *model.p0), strict=True))
-    at |= {s: model.parameters[str(s)] for s in system.parameters}
+    state = dict(zip((*system.q, *system.p), (*model.q0, *model.p0), strict=True))
+    state |= {s: model.parameters[str(s)] for s in system.parameters}
 
     def matrix(rows):
-        return evaluate([e for row in rows for e in row], at).reshape(len(rows), -1)
+        return evaluate([e for row in rows for e in row], state).reshape(len(rows), -1)
 
-    # |q|² = 1 carries no force here; the balls of a straight beam without load carry none either.
+    # Neither |q|² = 1 nor the balls of a straight beam without load carry forces.
     K, W, G = matrix(system.H_qq), matrix(system.H_pp), matrix(system.G)
     free = np.linalg.svd(G)[2][system.m :].T
     M = free.T @ np.linalg.solve(W, free)
@@ -320,9 +320,9 @@ def lowest_frequency(model: gs.Model) -> float:
 def loaded(extension: tuple[float, ...] = (), count: int = 2) -> tuple[gs.Model, gs.Trajectory]:
     """Return a loaded cantilever in equilibrium and two steps that keep it there, clamped b-a."""
     build = builder()
-    more = dict(zip(("stretching", "shearing"), extension, strict=False))
+    stiffnesses = dict(zip(("stretching", "shearing"), extension, strict=False))
     beam = build.beam("rod", count=count, **STRAIGHT | {
-        "bending": (1.0, 2.0), "twisting": 3.0} | more)
+        "bending": (1.0, 2.0), "twisting": 3.0} | stiffnesses)
     build.fixed("clamp", beam.first, build.ground)
     build.force(beam.last, LOAD)
     with budget.shared():
@@ -339,7 +339,7 @@ LOAD = np.array([0.3, 0.5, -0.8])
     pytest.param((), 3, id="more balls", marks=pytest.mark.slow),
     pytest.param((40.0, 25.0), 3, id="springs", marks=pytest.mark.slow)])  # a long derivation
 def test_forces_and_moments_of_sections_balance_the_load(extension, count):
-    """Of the part beyond each section: n = F and M = (P_tip − P) × F, which need no stiffness."""
+    """Sections have n = F and M = (P_tip − P) × F of the load, which need no stiffness."""
     model, run = loaded(extension, count)
     beam = run.beam("rod")
     line = beam.line()
@@ -356,7 +356,7 @@ def test_forces_and_moments_of_sections_balance_the_load(extension, count):
     tangents = beam.directors()[..., 2]
     middle = tangents[:, :-1] + tangents[:, 1:]
     middle /= np.linalg.norm(middle, axis=2)[..., None]
-    # The mean of the tangents is that of a section halfway, but for the twist between them.
+    # The mean of the tangents is the tangent of a section halfway, but for the twist between them.
     assert beam.tension()[:, 1:] == pytest.approx(
         (middle * beam.force()[:, 1:]).sum(axis=2), rel=1e-4)
     # At the clamp, m = B κ about the axes of the section: half the angle, no axial part.
@@ -367,9 +367,9 @@ def test_forces_and_moments_of_sections_balance_the_load(extension, count):
 def test_results_of_beams_survive_a_file_and_other_ones_are_refused(tmp_path):
     _, run = loaded()
     run.save(tmp_path / "run.npz")
-    same = gs.load(tmp_path / "run.npz").beam()
-    assert np.array_equal(same.moment(), run.beam().moment())
-    assert same.segments == ("rod_1", "rod_2")
+    reloaded = gs.load(tmp_path / "run.npz").beam()
+    assert np.array_equal(reloaded.moment(), run.beam().moment())
+    assert reloaded.segments == ("rod_1", "rod_2")
     for call, words in ((lambda: run.beam("rope"), ("rope", "rod")),
                         (lambda: run.beam().force("body"), ("body", "section"))):
         with pytest.raises(gs.InputError) as refusal:
@@ -378,10 +378,11 @@ def test_results_of_beams_survive_a_file_and_other_ones_are_refused(tmp_path):
 
 
 def test_sections_of_damped_beams_resist_rates_of_strain():
-    """What damping adds to moments and forces at random states: by differences of κ and of n."""
+    """Damping adds 0.2 times the rates of n and κ, by differences, to forces and moments."""
     run = systems.run("beam", systems.stepper("beam", "IMS"), 2)
     beam = run.beam()
-    sections = [replace(at, section=replace(at.section, damping=0.2)) for at in beam._sections]
+    sections = [replace(joint, section=replace(joint.section, damping=0.2))
+                for joint in beam._sections]
     damped = type(beam)(run, "rod", sections)
     rate = np.gradient(beam.force()[:, 0], 1e-4, axis=0)[1]
     added = (damped.force() - beam.force())[1, 0]
@@ -396,7 +397,7 @@ def test_sections_of_damped_beams_resist_rates_of_strain():
 
 
 def test_a_beam_has_whole_parameters_and_is_drawn_as_a_tube():
-    """Bars with round ends of one radius and colour, each as long as its segment."""
+    """A beam is drawn as bars with round ends of one radius and colour, as long as its segments."""
     build = builder()
     build.beam("rod", count=4, radius=0.02, **STRAIGHT)
     shapes = [shape for shapes in build.model().visuals.values() for shape in shapes]
@@ -417,10 +418,10 @@ def test_an_end_is_a_frame_at_the_end_of_its_segment():
     build.ball("hook", "rod_last", box, on_b=(0, 0, 0.5))
     model = build.model()
     assert model.q0[-3:] == pytest.approx([1, 0, -0.5], abs=4 * EPS)
-    at = dict(zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True))
-    at |= {s: model.parameters[str(s)] for s in model.system.parameters}
-    place = evaluate([*beam.last.point((0, 0, 0.1)), *beam.last.point_velocity()], at)
-    assert place == pytest.approx([1.1, 0, 0, 1, 2, 0], abs=16 * EPS)
+    values = dict(zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True))
+    values |= {s: model.parameters[str(s)] for s in model.system.parameters}
+    state = evaluate([*beam.last.point((0, 0, 0.1)), *beam.last.point_velocity()], values)
+    assert state == pytest.approx([1.1, 0, 0, 1, 2, 0], abs=16 * EPS)
 
 
 # ---------------------------------------------------------------- model files
@@ -454,13 +455,13 @@ def test_files_have_beams():
     build.force(beam.last, (2, 0, sp.sin(build.time)))
     build.quantity("lean", beam.last.point()[1] + beam.segments[1].x[0] + beam.first.direction(
         (0, 0, 1))[2])
-    same = build.model()
-    assert model.system.H == same.system.H
-    assert model.system.forces == same.system.forces
-    assert model.system.quantities == same.system.quantities
-    assert np.abs(model.q0 - same.q0).max() <= 4 * EPS
-    assert np.abs(model.p0 - same.p0).max() <= 64 * EPS
-    assert dict(model.parameters) == pytest.approx(dict(same.parameters), rel=4 * EPS)
+    built = build.model()
+    assert model.system.H == built.system.H
+    assert model.system.forces == built.system.forces
+    assert model.system.quantities == built.system.quantities
+    assert np.abs(model.q0 - built.q0).max() <= 4 * EPS
+    assert np.abs(model.p0 - built.p0).max() <= 64 * EPS
+    assert dict(model.parameters) == pytest.approx(dict(built.parameters), rel=4 * EPS)
 
 
 @pytest.mark.parametrize(("old", "new", "words"), [

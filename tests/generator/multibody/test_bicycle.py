@@ -18,7 +18,7 @@ C1 = np.array([[0, 33.86641391492494], [-0.85035641456978, 1.68540397397560]])
 
 
 def published(speed):
-    """Eigenvalues of the published matrices."""
+    """Return the eigenvalues of the published matrices."""
     first_order = np.block([[np.zeros((2, 2)), np.eye(2)],
                             [-np.linalg.solve(M, 9.81 * K0 + speed**2 * K2),
                              -speed * np.linalg.solve(M, C1)]])
@@ -31,9 +31,9 @@ def published(speed):
     (5.0, [-0.32286643, -0.77534188 + 4.46486771j, -0.77534188 - 4.46486771j, -14.07838969]),
 ])
 def test_eigenvalues_of_the_benchmark(speed, printed):
-    found = BICYCLE["eigenvalues"](BICYCLE["bicycle"](speed))
-    np.testing.assert_allclose(found, printed, atol=5.1e-9, rtol=0)
-    np.testing.assert_allclose(found, published(speed), rtol=1e-10)
+    eigenvalues = BICYCLE["eigenvalues"](BICYCLE["bicycle"](speed))
+    np.testing.assert_allclose(eigenvalues, printed, atol=5.1e-9, rtol=0)
+    np.testing.assert_allclose(eigenvalues, published(speed), rtol=1e-10)
 
 
 def test_it_starts_on_all_its_constraints():

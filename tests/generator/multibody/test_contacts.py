@@ -1,4 +1,4 @@
-"""Contacts and stops of the builder: their gaps, their impacts in runs, what is refused."""
+"""Contacts and stops of the builder: their gaps, their impacts in runs, and refusals."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def two_bodies() -> gs.Multibody:
 
 
 def gaps(model: gs.Model) -> dict[str, float]:
-    """Return the numbers of the gaps at the start, from the model's expressions."""
+    """Return the gaps at the start, from the model's expressions."""
     numbers = dict(zip(model.system.q, model.q0, strict=True)) | {
         s: model.parameters.get(str(s), 1.0) for s in model.system.parameters}
     gap = {impact.name: model.system.quantities[impact.quantity].xreplace(numbers)
@@ -41,7 +41,7 @@ def gaps(model: gs.Model) -> dict[str, float]:
 
 
 def test_gaps_are_distances():
-    """Of spheres, points and corners, and a plane of the ground or a body; by matrices."""
+    """Gaps of spheres, points, corners and planes of ground or body equal distances by matrices."""
     build = two_bodies()
     Ra, Rb = (Rotation.from_rotvec(turn).as_matrix() for turn in ((0.4, -0.3, 0.8), (1, 2, 3)))
     xa, xb, n = np.array([0.3, -0.2, 1.7]), np.array([1, 2, -1]), np.array([1, 2, 2]) / 3
@@ -104,7 +104,7 @@ def thrown(model: gs.Model, q: list[float], p: list[float]) -> gs.Start:
 
 
 def test_runs_of_a_model_have_its_impacts(hall):
-    """Bounces of two balls, one above the other, in closed form; e is the parameter's."""
+    """Two balls bounce at the times of the closed form, with the parameter e."""
     model, step, _ = hall
     apart = thrown(model, [-5, 0, 1.1, 1, 0, 2.1], [0.0] * 6)
     for e in (0.5, 1):
@@ -118,12 +118,12 @@ def test_runs_of_a_model_have_its_impacts(hall):
     none = step.integrate(gs.Start(model.q0, model.p0, model.parameters), dt=0.01, t_end=1.2)
     assert not none.impacts
     assert none.q[-1, 9] < 0
-    other = step.integrate(apart, dt=0.01, t_end=1.2, events=gs.Impact("floor_b"))
-    assert [*other.impacts] == ["floor_b"]
+    floor_run = step.integrate(apart, dt=0.01, t_end=1.2, events=gs.Impact("floor_b"))
+    assert [*floor_run.impacts] == ["floor_b"]
 
 
 def test_two_spheres_and_a_moving_wall(hall):
-    """P is kept, the rate along the line of centres is reversed, the wall gives its own rate."""
+    """A hit keeps P and reverses the rate along the line of centres; the wall adds its own rate."""
     model, step, _ = hall
     start = thrown(model, [0, 0.1, 50, 1, 0, 50], [1.5, 0, 0, 0, 0, 0])
     run = step.integrate(start, dt=0.01, t_end=2)
@@ -151,9 +151,9 @@ def test_a_row_keeps_the_impacts_and_other_runs_refuse_them(hall):
     assert [*step.integrate(run[-1], dt=0.01, steps=60).impacts] == [
         impact.name for impact in model.events]
     for starts in (model, [model, model]):
-        many = step.integrate_ensemble(starts, dt=0.01, steps=20)
-        assert [*many.events] == [impact.name for impact in model.events]
-        assert np.array_equal(many.q[-1], run.q)
+        ensemble = step.integrate_ensemble(starts, dt=0.01, steps=20)
+        assert [*ensemble.events] == [impact.name for impact in model.events]
+        assert np.array_equal(ensemble.q[-1], run.q)
     for call in (lambda: step.start(model, dt=0.01), lambda: step.step(model, dt=0.01)):
         with pytest.raises(InputError, match="floor_a"):
             call()
@@ -172,7 +172,7 @@ def test_a_row_keeps_the_impacts_and_other_runs_refuse_them(hall):
 
 
 def test_a_pendulum_between_two_stops(hall, tmp_path):
-    """Rates before a stop by energy, after it by e; the loss is ½ I (1 − e²) ω².
+    """Rates follow from energy before a stop and from e after it; the loss is ½ I (1 − e²) ω².
 
     A state before an impact has the reaction before it: m (ẍ − g) along the arm. The file of events
     has all columns of the impacts.
@@ -208,7 +208,7 @@ def test_a_pendulum_between_two_stops(hall, tmp_path):
 
 
 def test_a_run_ends_at_a_latch(hall):
-    """As a parabola has it; the run leaves the momenta as they are, which ``model`` projects."""
+    """The run ends as its parabola says, with the momenta that ``model`` then projects."""
     model, step, _ = hall
     run = step.integrate(thrown(model, [1, 0, 50, 1, 5, 50], [4.0, 0, 0, 0, 0, 0]), dt=0.01,
                          t_end=2)
@@ -220,7 +220,7 @@ def test_a_run_ends_at_a_latch(hall):
 
 @pytest.mark.slow  # a stepper, a hundred thousand hits; test_impacts.py has EMS
 def test_an_elastic_box_keeps_its_energy():
-    """By EMS: each corner's impulse has the last bits that keep H, and steps keep it between."""
+    """By EMS, each corner's impulse has the last bits that keep H, and steps keep it between."""
     with budget.shared():
         build = gs.Multibody("elastic_box")
         build.body("box", mass=1, inertia=(0.13, 0.34, 0.29), position=(0, 0, 1.5),
@@ -255,7 +255,7 @@ def rocking_block() -> gs.Multibody:
 
 @pytest.mark.slow  # a stepper an edge; one latch is that of a ball above
 def test_a_block_rocks_from_latch_to_latch():
-    """Rates by Housner's 1 - 1.5 sin^2 to round-off, amplitudes and the first hit in closed form.
+    """Rates fall by Housner's 1 - 1.5 sin^2; amplitudes and first hit have their closed forms.
 
     (Housner 1963, The behavior of inverted pendulum structures during earthquakes.)
     """
@@ -268,9 +268,9 @@ def test_a_block_rocks_from_latch_to_latch():
             step = gs.stepper("G-L", 4, system=model)
             step._impact_binding()
         run = step.integrate(model.start.replace(t=t), dt=0.01, t_end=t + 2)
-        other = run.impacts[("left", "right")[k % 2]]
-        assert other.t == run.t[-1:]
-        assert other.p == pytest.approx(other.p_before, abs=0)
+        impact = run.impacts[("left", "right")[k % 2]]
+        assert impact.t == run.t[-1:]
+        assert impact.p == pytest.approx(impact.p_before, abs=0)
         rates = run.body("block").angular_velocity()[[0, -1], 1]
         if before is None:
             assert run.t[-1] == pytest.approx(0.357810995370, abs=1e-12)
@@ -317,7 +317,7 @@ def test_a_latch_closes_at_the_time_of_the_start_with_the_masses_of_the_run():
 @pytest.mark.parametrize(("angle", "word"), [
     (np.pi, "'dock'.*120"), (np.pi / 2, "'dock: turn x'.*open")])
 def test_a_latch_closes_on_a_fixed_joint_at_its_rotation_alone(angle, word):
-    """The sines of a fixed joint are 0 half a turn off, too; at a quarter nothing is near it."""
+    """A latch half or a quarter turn off is refused; half a turn off the sines are 0, too."""
     build = gs.Multibody("docking", gravity=(0, 0, 0))
     bodies = [build.body(name, mass=1, inertia=(1, 1, 1), position=(x, 0, 0))
               for name, x in (("a", 0), ("b", 1))]
@@ -414,7 +414,7 @@ parameters = {e = 0.5, h = 5}
 
 
 def test_a_file_has_contacts_and_stops_whose_slides_are_no_angles(tmp_path):
-    """With the gaps of the builder, and restitutions that name parameters."""
+    """A file has the gaps of the builder, and restitutions that name parameters."""
     path = tmp_path / "tossed.toml"
     path.write_text(FILE)
     model = gs.load_model(path)
@@ -455,7 +455,7 @@ def test_tables_are_refused(tmp_path, old, new, word):
 
 
 def test_the_command_has_the_impacts_of_a_file(hall, tmp_path, gyrospark):
-    """It prints and lists them, and says how they come to rest; an event beside is refused."""
+    """The command prints and lists impacts and how bodies come to rest, and refuses an event."""
     command = ("run", hall[2], "--scheme", "G-L", "--stages", "2")
     assert "3 times" in gyrospark(*command).stdout
     rested = gyrospark(*command, "--steps", "200", "--json", "--out", tmp_path / "rest.zarr")
@@ -471,7 +471,7 @@ def test_the_command_has_the_impacts_of_a_file(hall, tmp_path, gyrospark):
 
 @pytest.mark.slow  # three bodies, to and fro
 def test_tops_that_touch_at_rest_stay_so_and_lead_back():
-    """Newton's cradle: an impact a gap each half period, none of those at rest; run back, too.
+    """Newton's cradle has an impact a gap each half period and none at rest, also run back.
 
     Rates of the tops at rest are round-off, as are their gaps, which depend on quaternions whose
     large components have a gradient of 0.

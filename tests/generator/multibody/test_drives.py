@@ -23,13 +23,13 @@ def rod(build, name, **more):
 
 
 def angles(run, body):
-    """The angle of a body about z, unwound."""
+    """Return the angle of a body about z, unwound."""
     R = run.rotation(body).as_matrix()
     return np.unwrap(np.arctan2(R[:, 1, 0], R[:, 0, 0]))
 
 
 def test_a_body_at_a_point_that_moves():
-    """(I + m d²) φ'' = −m d (P''_x cos φ + (g + P''_y) sin φ), φ from −y."""
+    """It has (I + m d²) φ'' = −m d (P''_x cos φ + (g + P''_y) sin φ), φ from −y."""
     build = hanging("shaken_body")
     t = build.time
     pivot = build.moving_point("pivot", ((sp.cos(3 * t) - 1) / 5, (sp.cos(4 * t) - 1) / 10, 0))
@@ -38,9 +38,9 @@ def test_a_body_at_a_point_that_moves():
     build.quantity("w", build.rate("hinge"))
     motion = Motion(build.model())
     turning = -1.8 * np.cos(0.3) + (GRAVITY - 1.6) * np.sin(0.3)
-    wanted = -MASS * ARM * turning / (INERTIA + MASS * ARM**2)
+    expected = -MASS * ARM * turning / (INERTIA + MASS * ARM**2)
     assert motion.value("w") == pytest.approx(0.7, rel=1e-14)
-    assert motion.acceleration("w") == pytest.approx(wanted, rel=1e-12)
+    assert motion.acceleration("w") == pytest.approx(expected, rel=1e-12)
 
 
 def test_a_driven_hinge_turns_as_prescribed_and_reports_its_torque():
@@ -51,27 +51,27 @@ def test_a_driven_hinge_turns_as_prescribed_and_reports_its_torque():
     law = rate * t + t**3 / 3
     build.drive("engine", hinge, angle=law)
     model = build.model()
-    assert model.system.m == model.system.n  # nothing is left to move by itself
+    assert model.system.m == model.system.n  # no freedom remains
     step = gs.stepper("G-L", 3, system=model.system)
     run = step.integrate(model.q0, model.p0, dt=0.01, steps=80, parameters=model.parameters)
     f = 1.5 * run.t + run.t**3 / 3
     assert np.abs(angles(run, "b") - f).max() <= 64 * EPS
     rates = run.angular_velocity("b")[:, 2]
     assert np.abs(rates - (1.5 + run.t**2)).max() <= 256 * EPS
-    place = model.system.constraint_names.index("engine: angle")
-    torque = run.multipliers[:, -1, place]  # on b
-    wanted = (INERTIA + MASS * ARM**2) * 2 * run.t + MASS * GRAVITY * ARM * np.sin(f)
-    assert np.abs(torque - wanted[1:]).max() <= 1e-5
-    assert np.abs(run.joint("engine").torque() - np.outer(wanted, Z)).max() <= 1e-5
+    row = model.system.constraint_names.index("engine: angle")
+    torque = run.multipliers[:, -1, row]  # on b
+    expected = (INERTIA + MASS * ARM**2) * 2 * run.t + MASS * GRAVITY * ARM * np.sin(f)
+    assert np.abs(torque - expected[1:]).max() <= 1e-5
+    assert np.abs(run.joint("engine").torque() - np.outer(expected, Z)).max() <= 1e-5
     assert np.abs(run.joint("engine").force()).max() == 0
     assert np.abs(run.joint("engine").angle() - f).max() <= 64 * EPS
     gain = run.energies - run.energies[0]
     assert np.abs(gain - run.work).max() <= 1e-12  # all of it is the engine's
 
 
-@pytest.mark.parametrize("said", [6.0, 0.4])
-def test_all_angles_of_a_joint_between_two_bodies_are_one(said):
-    """Of a quantity and a spring, whatever the attitude at the start: H − T is ½ k (θ − rest)²."""
+@pytest.mark.parametrize("angle", [6.0, 0.4])
+def test_all_angles_of_a_joint_between_two_bodies_are_one(angle):
+    """A quantity and a spring have one angle in any attitude: H − T is ½ k (θ − rest)²."""
     build = gs.Multibody("one_angle", gravity=(0, 0, 0))
     moments = {"a": (0.1, 0.2, 0.3), "b": (0.2, 0.1, 0.3)}
     attitudes = {"a": (0.3, 0.2, 0.5), "b": (1.3, 0.1, -0.7)}
@@ -80,15 +80,15 @@ def test_all_angles_of_a_joint_between_two_bodies_are_one(said):
                          rotation=Rotation.from_euler("ZXZ", attitudes[name]))
         for i, rate in enumerate(body.angular_velocity):
             build.quantity(f"{name}{i}", rate)
-    build.align("pin", "a", "b", axis_in_space=np.array([0.6, 0.0, 0.8]), angle=said, rate=3.0)
+    build.align("pin", "a", "b", axis_in_space=np.array([0.6, 0.0, 0.8]), angle=angle, rate=3.0)
     build.quantity("turned", build.angle("pin"))
     build.joint_spring("spring", "pin", stiffness=2.0, rest=0.1)
     motion = Motion(build.model())
-    assert motion.value("turned") == pytest.approx(said, rel=1e-14)
+    assert motion.value("turned") == pytest.approx(angle, rel=1e-14)
     assert motion.acceleration("turned") == pytest.approx(3.0, rel=1e-13)
     spin = sum(moment * motion.value(f"{name}{i}") ** 2 / 2
                for name, inertia in moments.items() for i, moment in enumerate(inertia))
-    assert motion.energy() == pytest.approx(spin + (said - 0.1) ** 2, rel=1e-12)
+    assert motion.energy() == pytest.approx(spin + (angle - 0.1) ** 2, rel=1e-12)
 
 
 def driven_about_an_oblique_axis():
@@ -102,14 +102,14 @@ def driven_about_an_oblique_axis():
 
 
 def test_a_drive_and_a_quantity_have_one_angle():
-    """Beyond half a turn, from a tilted start: 6 rad and 1/2 rad/s are said."""
+    """They agree beyond half a turn, from a tilted start at 6 rad and 1/2 rad/s."""
     motion = Motion(driven_about_an_oblique_axis())
     assert motion.value("turned") == pytest.approx(6.0, rel=1e-14)
     assert motion.acceleration("turned") == pytest.approx(0.5, rel=1e-13)
 
 
 def test_a_rate_is_that_of_the_law_but_for_its_rounding():
-    """0.2 · 3 is 0.6 + 1e-16 in doubles."""
+    """A rate of 0.6 is accepted where the law has 0.2 · 3, 0.6 + 1e-16 in doubles."""
     build = hanging("rounded")
     rod(build, "b", position=(0, -0.4, 0))
     build.revolute("shaft", "ground", "b", axis=Z, at=(0, 0, 0), rate=0.6)
@@ -119,15 +119,15 @@ def test_a_rate_is_that_of_the_law_but_for_its_rounding():
 
 
 def test_a_motor_turns_by_its_law():
-    """A servo, k (target − φ) − c φ', on a body in no gravity."""
+    """A servo on a body in no gravity has the torque k (target − φ) − c φ'."""
     build = gs.Multibody("servo", gravity=(0, 0, 0))
     k, c = build.parameter("k", 2.0), build.parameter("c", 0.05)
     build.top("b", mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
     build.align("shaft", "ground", "b", axis=Z, angle=0.25, rate=3.0)
     build.motor("motor", "shaft", torque=k * (1 - build.angle("shaft")) - c * build.rate("shaft"))
     build.quantity("w", build.rate("shaft"))
-    wanted = (2 * 0.75 - 0.05 * 3) / INERTIA
-    assert Motion(build.model()).acceleration("w") == pytest.approx(wanted, rel=1e-12)
+    expected = (2 * 0.75 - 0.05 * 3) / INERTIA
+    assert Motion(build.model()).acceleration("w") == pytest.approx(expected, rel=1e-12)
     pair = gs.Multibody("servo_pair", gravity=(0, 0, 0))  # and back on the other body
     bodies = {name: pair.top(name, mass=1, inertia=(0.1, 0.1, INERTIA), centre=(0, 0, 0))
               for name in "ab"}
@@ -150,7 +150,7 @@ def test_wrong_use_ends_in_one_sentence():
     angled = hanging("angled")
     rod(angled, "b")
     angled.revolute("shaft", "ground", "b", axis=Z, at=(0, 0, 0), on_b=(0, ARM, 0), angle=0.5)
-    for said, call in (
+    for message, call in (
         ("both", lambda: build.drive("engine", hinge, angle=t)),
         ("start", lambda: build.drive("engine", hinge, angle=sp.sqrt(t))),
         ("one angle", lambda: angled.drive("engine", "shaft", angle=1 + angled.time)),
@@ -160,7 +160,7 @@ def test_wrong_use_ends_in_one_sentence():
         ("used twice", lambda: build.moving_point("b", (t, 0, 0))),
         ("components", lambda: build.moving_point("p", (t, 0))),
     ):
-        with pytest.raises(InputError, match=said):
+        with pytest.raises(InputError, match=message):
             call()
     build.drive("engine", hinge, angle=2 * t)
     build.drive("other", hinge, angle=2 * t)
@@ -206,11 +206,11 @@ def test_a_file_has_drives_motors_and_points(gyrospark, tmp_path):
     build.revolute("pin", "upper", "lower", axis=Z, at=(0, -0.8, 0))
     build.drive("engine", "shaft", angle=sp.sin(2 * build.time))
     build.motor("servo", "pin", torque=k * (1 - build.angle("pin")) - build.rate("pin") / 10)
-    same = build.model()
-    assert np.abs(model.q0.astype(float) - same.q0).max() <= 4 * EPS
-    assert np.abs(model.p0.astype(float) - same.p0).max() <= 4 * EPS
-    assert dict(model.parameters) == dict(same.parameters)
-    assert model.system == same.system
+    built = build.model()
+    assert np.abs(model.q0.astype(float) - built.q0).max() <= 4 * EPS
+    assert np.abs(model.p0.astype(float) - built.p0).max() <= 4 * EPS
+    assert dict(model.parameters) == dict(built.parameters)
+    assert model.system == built.system
     for bad, message in ((FILE.replace('joint = "shaft"', 'joint = "shift"'), "shift"),
                          (FILE.replace('"sin(2*t)"', '"sin(2*upper_q0)"'), "upper_q0"),
                          (FILE.replace('"sin(w*t)/5"', '"1/t"'), "finite")):
@@ -222,7 +222,7 @@ def test_a_file_has_drives_motors_and_points(gyrospark, tmp_path):
 
 
 def test_dampers_know_how_fast_a_point_moves():
-    """s'' = −8 s − s'/2 with s = z − sin(5 t)/5 at t = 0, for all that measures a speed."""
+    """All dampers have s'' = −8 s − s'/2 with s = z − sin(5 t)/5 at t = 0."""
     build = gs.Multibody("shaken", gravity=(0, 0, 0))
     build.moving_point("P", (0, 0, sp.sin(5 * build.time) / 5))
     rails = {}
@@ -254,9 +254,9 @@ def test_gears_and_drives_act_on_flywheels():
     build.gear("mesh", "rotor", "h2", teeth=(2, 1))
     build.motor("push", "h1", torque=3.0)
     motion = Motion(build.model())
-    wanted = 3 / (0.2 + 0.01 * 2**2 + 0.2 * 4**2)
-    assert motion.acceleration("w1") == pytest.approx(wanted, rel=1e-12)
-    assert motion.acceleration("w2") == pytest.approx(-4 * wanted, rel=1e-12)
+    expected = 3 / (0.2 + 0.01 * 2**2 + 0.2 * 4**2)
+    assert motion.acceleration("w1") == pytest.approx(expected, rel=1e-12)
+    assert motion.acceleration("w2") == pytest.approx(-4 * expected, rel=1e-12)
 
     build = gs.Multibody("driven", gravity=(0, 0, 0))
     build.body("b", mass=1, inertia=(0.1, 0.1, 0.2))
@@ -269,7 +269,7 @@ def test_gears_and_drives_act_on_flywheels():
 
 
 def test_a_derivative_by_time_of_a_measure_is_warned_of():
-    """It is 0, because the symbols of joints do not depend on the time."""
+    """The derivative is 0, because the symbols of joints do not depend on the time."""
     build = gs.Multibody("turning", gravity=(0, 0, 0))
     build.body("b", mass=1, inertia=(0.1, 0.1, 0.2))
     build.revolute("h", "ground", "b", axis_in_space=(0, 0, 1), at=(0, 0, 0))

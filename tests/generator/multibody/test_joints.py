@@ -1,4 +1,4 @@
-"""Joints and what acts on them: each against a closed form of its accelerations."""
+"""Joints, springs, gears and motors, each against a closed form of its accelerations."""
 
 import inspect
 import math
@@ -23,7 +23,7 @@ def builder(name="one", gravity=(0, 0, -9.81)):
 
 
 def test_a_box_on_a_slope_with_spring_and_motor():
-    """Prismatic: s'' = (−k (s − rest) + F)/m + g·e."""
+    """A prismatic joint has s'' = (−k (s − rest) + F)/m + g·e."""
     build = builder()
     e = np.array([3.0, 0, -4.0]) / 5
     build.body("box", **BOX, position=(1, 2, 3), quaternion=(0.1, 0.7, -0.5, 0.5))
@@ -35,13 +35,13 @@ def test_a_box_on_a_slope_with_spring_and_motor():
     motion = Motion(build.model())
     assert (motion.value("s"), motion.value("v")) == pytest.approx((0.2, 0.7), rel=1e-14)
     assert motion.acceleration("s") == pytest.approx(0.7, rel=1e-14)
-    wanted = (-50.0 * (0.2 - 0.05) + 4.0) / 2 + 9.81 * 0.8
-    assert motion.acceleration("v") == pytest.approx(wanted, rel=1e-12)
+    expected = (-50.0 * (0.2 - 0.05) + 4.0) / 2 + 9.81 * 0.8
+    assert motion.acceleration("v") == pytest.approx(expected, rel=1e-12)
     assert np.abs(motion.dq[:4]).max() <= 1e-14  # it does not turn
 
 
 def test_a_damped_pair_on_a_line():
-    """Spring with damper between two points: μ d'' = −k (d − length) − c d'."""
+    """A spring with damper between two points has μ d'' = −k (d − length) − c d'."""
     build = builder(gravity=(0, 0, 0))
     build.body("one", **BOX, position=(0, 0, 0))
     build.body("two", **BOX, position=(2.0, 0, 0), velocity=(0.5, 0, 0))
@@ -55,7 +55,7 @@ def test_a_damped_pair_on_a_line():
 @pytest.mark.parametrize(("travel", "speed"), [
     pytest.param(0.0, 0.0, marks=pytest.mark.slow), (0.25, 0.4)])
 def test_a_slider_off_its_place_on_a_spinning_carrier(travel, speed):
-    """Its point moves with the carrier at its own place, ω × (r + d): before any projection."""
+    """The slider moves with the carrier at its own place, ω × (r + d), before any projection."""
     build = builder()
     build.body("carrier", mass=1.0, inertia=(0.1, 0.1, 0.1), angular_velocity=(0, 0, 3.0))
     build.body("box", **BOX, position=(1, 0, 0))
@@ -64,17 +64,17 @@ def test_a_slider_off_its_place_on_a_spinning_carrier(travel, speed):
                             on_b=(0, 0, 0), travel=travel, speed=speed)
     build.quantity("s", build.travel(slide))
     build.quantity("v", build.speed(slide))
-    made = build.model(redundant="leave out")
-    np.testing.assert_allclose(made.p0[-3:], [2 * speed, 2 * 3.0 * (1 + travel), 0], atol=1e-14)
-    numbers = dict(zip(made.system.q, made.q0, strict=True)) | dict(
-        zip(made.system.p, made.p0, strict=True)) | {
-        symbol: made.parameters[str(symbol)] for symbol in made.system.parameters}
-    s, v = (float(made.system.quantities[name].subs(numbers)) for name in "sv")
+    model = build.model(redundant="leave out")
+    np.testing.assert_allclose(model.p0[-3:], [2 * speed, 2 * 3.0 * (1 + travel), 0], atol=1e-14)
+    numbers = dict(zip(model.system.q, model.q0, strict=True)) | dict(
+        zip(model.system.p, model.p0, strict=True)) | {
+        symbol: model.parameters[str(symbol)] for symbol in model.system.parameters}
+    s, v = (float(model.system.quantities[name].subs(numbers)) for name in "sv")
     assert (s, v) == pytest.approx((travel, speed), abs=1e-14)
 
 
 def test_cylinder_on_a_pole():
-    """Cylindrical: falls along the pole and turns about it, each by itself."""
+    """A cylindrical joint falls along the pole and turns about it independently."""
     build = builder()
     build.body("ring", **BOX)
     pole = build.cylindrical("pole", "ground", "ring", axis=(0, 0, 1), at=(0, 0, 0),
@@ -90,7 +90,7 @@ def test_cylinder_on_a_pole():
 
 
 def test_the_angle_of_a_screw_counts_all_turns():
-    """θ = 2π s/h and its rate, 3.4 turns from the pose in which s = 0."""
+    """θ = 2π s/h holds with its rate 3.4 turns from the pose in which s = 0."""
     build = builder()
     build.body("nut", **BOX)
     thread = build.screw("thread", "ground", "nut", axis=(0, 0, 1), at=(0, 0, 0),
@@ -106,7 +106,7 @@ def test_the_angle_of_a_screw_counts_all_turns():
 
 
 def test_a_puck_on_a_slope():
-    """Planar: falls in the plane, and turns steadily about its normal."""
+    """A planar joint falls in the plane, and turns steadily about its normal."""
     build = builder()
     n = np.array([0, 0.6, 0.8])
     build.body("puck", mass=1.0, inertia=(0.1, 0.1, 0.2), velocity=(1.0, 0.8, -0.6),
@@ -123,7 +123,7 @@ def test_a_puck_on_a_slope():
 
 
 def test_universal_joint_between_shafts():
-    """tan θ₂ = cos β tan θ₁, and I₁ θ₁'² + I₂ θ₂'² is kept; two bearings make three redundant."""
+    """tan θ₂ = cos β tan θ₁ and I₁ θ₁'² + I₂ θ₂'² hold; two bearings make three rows redundant."""
     bend, angle, rate = 0.6, 0.7, 2.0
     build = builder("cardan", (0, 0, 0))
     along = np.array([math.cos(bend), math.sin(bend), 0.0])
@@ -153,7 +153,7 @@ def test_universal_joint_between_shafts():
 
 
 def test_gears_turn_as_often_as_they_like():
-    """17 θ₁ + 43 θ₂ = 0 over ten turns, of which an angle is rounded by ε."""
+    """17 θ₁ + 43 θ₂ = 0 holds over ten turns to the rounding ε of an angle."""
     build = builder("gears", (0, 0, 0))
     for name, x in (("small", 0.0), ("large", 1.0)):
         build.body(name, mass=1.0, inertia=(0.1, 0.1, 0.05), position=(x, 0, 0))
@@ -170,7 +170,7 @@ def test_gears_turn_as_often_as_they_like():
 
 
 def test_a_rack_an_elevator_and_a_finger():
-    """Travel to travel, angle to travel and angle to angle: c₂ = ratio c₁ + offset."""
+    """Couples of travels, of angle and travel, and of angles have c₂ = ratio c₁ + offset."""
     ratio = 0.3137
     build = builder("coupled", (0, 0, 0))
     for name in "abcd":
@@ -201,7 +201,7 @@ def test_wrong_joints_are_refused():
     build.body("b", **BOX)
     build.ball("ball", "a", "b", at=(0, 0, 0))
     build.revolute("hinge", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0))
-    for call, said in [
+    for call, message in [
         (lambda: build.screw("s", "a", "b", axis=(0, 0, 1), lead=0.0), "lead.*'s'.*0"),
         (lambda: build.universal("u", "a", "b", axis_a=(1, 0, 0), axis_b=(1, 1, 0)),
          "right angles"),
@@ -221,14 +221,14 @@ def test_wrong_joints_are_refused():
         (lambda: build.spring("s", "a", "b", stiffness=1, damping=-2), "damping.*'s'.*-2.*0 or"),
         (lambda: build.spring("s", "a", "b", stiffness=1, length=-2), "length.*'s'.*-2.*0 or"),
     ]:
-        with pytest.raises(gs.InputError, match=said):
+        with pytest.raises(gs.InputError, match=message):
             call()
 
 
 def test_files_have_what_acts_on_joints(tmp_path):
-    """Gear, coupling, spring, motor and measures in TOML: the same system as from Python."""
+    """Gear, coupling, spring, motor and measures in TOML make the same system as in Python."""
     (tmp_path / "wheels.toml").write_text(WHEELS, encoding="utf-8")
-    found = gs.load_model(tmp_path / "wheels.toml")
+    loaded = gs.load_model(tmp_path / "wheels.toml")
     build = builder("wheels", (0, 0, 0))
     for name, x in (("one", 0.0), ("two", 1.0)):
         build.body(name, mass=1.0, inertia=(0.1, 0.1, 0.2), position=(x, 0, 0))
@@ -238,10 +238,10 @@ def test_files_have_what_acts_on_joints(tmp_path):
     build.joint_spring("coil", "axle_one", damping=0.1, stiffness=2, rest=(-1, 9))
     build.motor("drive", "axle_two", torque=sp.Rational(1, 4) - build.angle("axle_one"))
     build.quantity("turned", build.angle("axle_one"))
-    made = build.model()
-    assert found.system == made.system
-    assert found.parameters == pytest.approx(made.parameters)
-    for old, new, said in [
+    built = build.model()
+    assert loaded.system == built.system
+    assert loaded.parameters == pytest.approx(built.parameters)
+    for old, new, message in [
         ('joints = ["axle_one"]', 'joints = []', "0 names"),
         ("teeth = [1, 2]", "teeth = [1, 2, 3]", "teeth"),
         ("axle_one_angle", "axle_one_travel", "axle_one_travel"),
@@ -249,7 +249,7 @@ def test_files_have_what_acts_on_joints(tmp_path):
     ]:
         assert old in WHEELS
         (tmp_path / "wheels.toml").write_text(WHEELS.replace(old, new), encoding="utf-8")
-        with pytest.raises(gs.InputError, match=said):
+        with pytest.raises(gs.InputError, match=message):
             gs.load_model(tmp_path / "wheels.toml")
 
 
@@ -278,7 +278,7 @@ quantities = {turned = "axle_one_angle"}
 
 @pytest.mark.parametrize(("travel", "force"), [(-0.2, 800 * 0.15), (0.03, 0.0), (0.3, -800 * 0.2)])
 def test_a_spring_is_slack_in_an_interval(travel, force):
-    """V = ½ k d² on both sides, and no force between."""
+    """The spring has V = ½ k d² on both sides of the interval, and no force inside."""
     build = builder(gravity=(0, 0, 0))
     build.body("box", **BOX)
     slide = build.prismatic("slide", "ground", "box", axis=(1, 0, 0), at=(0, 0, 0), travel=travel,
@@ -293,7 +293,7 @@ def test_a_spring_is_slack_in_an_interval(travel, force):
 
 
 def test_a_ball_turns_a_flywheel():
-    """T = ½ a |ω_b − ω_a|²: from rest, j₂ ω₂' + a (ω₂' − ω₁') = τ and j₁ ω₁' = a (ω₂' − ω₁')."""
+    """From rest, j₂ ω₂' + a (ω₂' − ω₁') = τ and j₁ ω₁' = a (ω₂' − ω₁')."""
     build = builder(gravity=(0, 0, 0))
     j1, j2, a, torque = 0.3, 0.2, 0.1, np.array([1.0, -2.0, 0.5])
     first = build.body("first", mass=1, inertia=(j1,) * 3, position=(1, 0, 0))
@@ -333,25 +333,25 @@ def test_model_files_have_the_joints_of_python():
     methods = {name for name, thing in vars(gs.Multibody).items()
                if inspect.isfunction(thing) and not name.startswith("_")
                and {"a", "b"} <= set(inspect.signature(thing).parameters)}
-    # Of joints that are mappings: of robots in MJCF; contacts and latches have tables of their own.
+    # MJCF's robots have joints that are mappings; contacts and latches have tables of their own.
     methods -= {"chain", "contact", "latch"}
     assert methods | {"fixed_point", "rolls"} == {*JOINTS, "spring"}
 
 
 def test_align_in_a_file(tmp_path):
-    """As a ball it is a hinge: the same system as from Python, and as with ``revolute``."""
+    """``align`` beside a ball, which makes a hinge, gives the same system as in Python."""
     (tmp_path / "tops.toml").write_text(TOPS, encoding="utf-8")
-    found = gs.load_model(tmp_path / "tops.toml")
+    loaded = gs.load_model(tmp_path / "tops.toml")
     build = gs.Multibody("tops")
-    for name, more in (("outer", {"angular_velocity": (1, 2, 3)}), ("inner", {})):
-        build.body(name, mass=1, inertia=(0.1, 0.1, 0.2), **more)
+    for name, options in (("outer", {"angular_velocity": (1, 2, 3)}), ("inner", {})):
+        build.body(name, mass=1, inertia=(0.1, 0.1, 0.2), **options)
     build.fixed_point("foot", "outer", at=(0, 0, 0), on_body=(0, 0, -0.5))
     build.ball("middle", "outer", "inner", at=(0, 0, 0.5))
     build.align("axis", "outer", "inner", axis=(0, 3, 4), rate=np.pi)
-    made = build.model()
-    assert found.system.constraints == made.system.constraints
-    assert found.system.constraint_names[-2:] == ("axis: axis 1", "axis: axis 2")
-    assert found.p0 == pytest.approx(made.p0, abs=1e-14)
+    built = build.model()
+    assert loaded.system.constraints == built.system.constraints
+    assert loaded.system.constraint_names[-2:] == ("axis: axis 1", "axis: axis 2")
+    assert loaded.p0 == pytest.approx(built.p0, abs=1e-14)
     (tmp_path / "tops.toml").write_text(TOPS.replace("axis = [0, 3, 4], ", ""), encoding="utf-8")
     with pytest.raises(gs.InputError, match="axis"):
         gs.load_model(tmp_path / "tops.toml")
@@ -359,7 +359,8 @@ def test_align_in_a_file(tmp_path):
 
 @pytest.mark.parametrize("kind", [Align, Joint, Revolute, Rod, Spring])
 def test_connections_say_what_they_do(kind):
-    """Nothing asks which kind one is: each hands on, holds and has energy, or none."""
+    """Every kind defines its equations or its energy itself, so that nothing asks for its kind."""
     assert issubclass(kind, Connection)
-    own = {name for part in kind.__mro__ if part not in (Connection, object) for name in vars(part)}
-    assert own & {"equations", "energy"}
+    defined = {name for base in kind.__mro__ if base not in (Connection, object)
+               for name in vars(base)}
+    assert defined & {"equations", "energy"}

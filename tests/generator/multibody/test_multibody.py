@@ -57,7 +57,7 @@ def test_names_and_order():
 
 @pytest.mark.parametrize("rep", ["gamma", "alpha"])
 def test_hamiltonian_is_the_energy(rep):
-    """½ Ω·JΩ + ½ m v² + m g z of both bodies, from the start's own q and p."""
+    """H at the start's q and p is the sum of ½ Ω·JΩ + ½ m v² + m g z of both bodies."""
     build = pair(rep)
     model = build.model()
     q, p = model.q0, model.p0
@@ -69,7 +69,7 @@ def test_hamiltonian_is_the_energy(rep):
     energy += 1.5 * 9.81 * (2 + (rotation_matrix(qs[0]) @ [0, 0.1, 0.3])[2])
     H = energy_of(model.system, model.parameters, q, p)
     assert abs(H - energy) <= 16 * EPS * abs(energy)
-    # p = 2 Lᵀ J Ω of what was asked for, and the point of b moves with that of a.
+    # p = 2 Lᵀ J Ω of the requested Ω, and the point of b moves with the point of a.
     assert np.abs(omegas[0] - [1, 2, 30]).max() < 1e-13 * 30
     assert np.abs(omegas[1] - [3, -1, 20]).max() < 1e-13 * 30
     Ra, Rb = (rotation_matrix(x) for x in qs)
@@ -85,7 +85,7 @@ def test_hamiltonian_is_the_energy(rep):
 @settings(max_examples=4)
 @given(unit_quaternions(), unit_quaternions(), vectors, vectors)
 def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
-    """The same start from the point in space, from the points on the bodies, and from both."""
+    """The point in space and the points on the bodies give the same start."""
     def start(**joint):
         build = gs.Multibody("placed")
         qa_first, qb_first = (Rotation.from_quat(q[[1, 2, 3, 0]]) for q in (qa, qb))
@@ -94,11 +94,11 @@ def test_a_body_is_where_joints_put_it(qa, qb, on_a, on_b):
         build.ball("joint", a, b, **joint)
         return build.model()
 
-    at = np.array([1, 2, 3]) + rotation_matrix(qa) @ on_a
-    one = start(on_a=on_a, on_b=on_b)
-    two = start(at=at, on_b=on_b)
-    assert np.abs(one.q0 - two.q0).max() <= 64 * EPS
-    assert np.abs(one.q0[11:] - (at - rotation_matrix(qb) @ on_b)).max() <= 64 * EPS
+    point = np.array([1, 2, 3]) + rotation_matrix(qa) @ on_a
+    by_bodies = start(on_a=on_a, on_b=on_b)
+    by_point = start(at=point, on_b=on_b)
+    assert np.abs(by_bodies.q0 - by_point.q0).max() <= 64 * EPS
+    assert np.abs(by_bodies.q0[11:] - (point - rotation_matrix(qb) @ on_b)).max() <= 64 * EPS
 
 
 def test_springs_forces_and_expressions():
@@ -113,21 +113,21 @@ def test_springs_forces_and_expressions():
     build.quantity("height", a.point((0, 0, 0.1))[2])
     model = build.model()
     R = rotation_matrix(model.q0[:4])
-    system, at = model.system, dict(zip(model.system.q, model.q0, strict=True))
-    at |= dict(zip(system.p, model.p0, strict=True))
-    at |= {s: model.parameters[str(s)] for s in system.parameters} | {build.time: 0.4}
+    system, values = model.system, dict(zip(model.system.q, model.q0, strict=True))
+    values |= dict(zip(system.p, model.p0, strict=True))
+    values |= {s: model.parameters[str(s)] for s in system.parameters} | {build.time: 0.4}
     potential = 1.5 * (np.linalg.norm(np.array([0, 0, 1]) + R @ [0, 0.5, 0]) - 0.5) ** 2
     potential += 1.0 * 2.0
     kinetic = 1.0 + 0.5 * np.array(INERTIA) @ np.array([0.1, 0.2, 0.3]) ** 2
     H = energy_of(system, model.parameters, model.q0, model.p0)
     assert pytest.approx(potential + kinetic, rel=1e-14) == H
     # The power of all forces: F·v of the point where it acts, τ·Ω of the torque.
-    F = evaluate(system.forces, at)
+    F = evaluate(system.forces, values)
     velocity = NumericSystem(system, model.parameters).H_p(model.q0, model.p0)
     point = [1, 0, 0] + R @ np.cross([0.1, 0.2, 0.3], [0.2, 0, 0])
     power = np.dot([-0.7, 0, 0], point) + 0.3 * np.sin(0.4)
     assert F @ velocity == pytest.approx(power, rel=1e-13)
-    assert evaluate([system.quantities["height"]], at)[0] == pytest.approx(1 + 0.1 * R[2, 2])
+    assert evaluate([system.quantities["height"]], values)[0] == pytest.approx(1 + 0.1 * R[2, 2])
     assert system.time == build.time
 
 
@@ -194,7 +194,7 @@ def test_errors_name_value_and_cure(wrong, message):
 
 @pytest.mark.parametrize("length", [5e-324, 1e-200, 1e300])
 def test_length_of_an_axis_does_not_matter(length):
-    """Its square may be beyond the doubles."""
+    """The axis may be so long or short that its square is beyond the doubles."""
     starts = []
     for axis in ((0, 3, 4), (0, 3 * length, 4 * length)):
         build = gs.Multibody("door")
@@ -215,25 +215,25 @@ def test_empty_builders_and_starts_beyond_the_doubles_are_refused():
 
 
 def test_expressions_of_a_body():
-    """Velocity of a point, angular velocity and momentum, against vectors in NumPy."""
+    """Velocity of a point, angular velocity and momentum equal vectors in NumPy."""
     build = gs.Multibody("thrown")
     body = build.body("a", mass=2.0, inertia=INERTIA, position=(1, 2, 3), velocity=(4, 5, 6),
                       quaternion=unit([0.5, -0.1, 0.7, 0.3]), angular_velocity=(0.3, -0.6, 0.9))
     model = build.model()
     R, omega = rotation_matrix(model.q0[:4]), np.array([0.3, -0.6, 0.9])
-    at = dict(zip(model.system.q, model.q0, strict=True))
-    at |= dict(zip(model.system.p, model.p0, strict=True))
-    at |= {s: model.parameters[str(s)] for s in model.system.parameters}
-    at |= dict(zip(body.inertia, INERTIA, strict=True))
+    values = dict(zip(model.system.q, model.q0, strict=True))
+    values |= dict(zip(model.system.p, model.p0, strict=True))
+    values |= {s: model.parameters[str(s)] for s in model.system.parameters}
+    values |= dict(zip(body.inertia, INERTIA, strict=True))
     r = (0.2, -0.4, 0.1)
-    for found, expected in (
+    for expression, expected in (
         (body.point(r), [1, 2, 3] + R @ r),
         (body.point_velocity(r), [4, 5, 6] + R @ np.cross(omega, r)),
         (body.angular_velocity, omega),
         (body.angular_momentum, R @ (np.array(INERTIA) * omega)),
         (body.centre_of_mass, [1, 2, 3]),
     ):
-        assert np.abs(evaluate(found, at) - expected).max() <= 16 * EPS * 8
+        assert np.abs(evaluate(expression, values) - expected).max() <= 16 * EPS * 8
 
 
 POINTS = np.array([(0, 0, 0), (0.3, 0, -0.4), (0.4, 0.5, -0.6), (0, 0.5, -1.0)])
@@ -251,13 +251,14 @@ def test_rods_lead_from_point_to_point(points, axis, freedom):
     for rod, start, end in zip(rods, points[:-1], points[1:], strict=True):
         half = np.linalg.norm(end - start) / 2
         q = dict(zip(map(str, model.system.q), model.q0, strict=True))
-        for point, place in (((-half, 0, 0), start), ((half, 0, 0), end)):
-            at = [float(e.subs({x: q[str(x)] for x in e.free_symbols})) for e in rod.point(point)]
-            np.testing.assert_allclose(at, place, rtol=0, atol=1e-15)
+        for point, expected in (((-half, 0, 0), start), ((half, 0, 0), end)):
+            position = [float(e.subs({x: q[str(x)] for x in e.free_symbols}))
+                        for e in rod.point(point)]
+            np.testing.assert_allclose(position, expected, rtol=0, atol=1e-15)
     m, length = 3.0, np.linalg.norm(points[3] - points[2])
     across = m * (3 * 0.02**2 + length**2) / 12
-    found = [model.parameters[f"rod_3_I{k}"] for k in (1, 2, 3)]
-    np.testing.assert_allclose(found, [m * 0.02**2 / 2, across, across], rtol=4e-16)
+    moments = [model.parameters[f"rod_3_I{k}"] for k in (1, 2, 3)]
+    np.testing.assert_allclose(moments, [m * 0.02**2 / 2, across, across], rtol=4e-16)
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

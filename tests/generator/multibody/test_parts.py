@@ -30,20 +30,20 @@ run = {dt = 0.01, steps = 10}
 
 def test_files_have_points():
     model = parse_model(SPHERICAL, "bob.toml")
-    made = spherical().model()
-    assert model.system.H == made.system.H
-    assert model.system.constraints == made.system.constraints
-    assert model.p0.tolist() == made.p0.tolist()
-    pendulum = {str(s): s for s in (*made.system.q, *made.system.p)}
-    numbers = {s: made.parameters[str(s)] for s in made.system.parameters}
+    built = spherical().model()
+    assert model.system.H == built.system.H
+    assert model.system.constraints == built.system.constraints
+    assert model.p0.tolist() == built.p0.tolist()
+    pendulum = {str(s): s for s in (*built.system.q, *built.system.p)}
+    numbers = {s: built.parameters[str(s)] for s in built.system.parameters}
     x, y, z, u, v, w = (pendulum[f"bob_{name}"] for name in ("x", "y", "z", "px", "py", "pz"))
-    H = made.system.H.subs(numbers)
+    H = built.system.H.subs(numbers)
     assert H.equals((u**2 + v**2 + w**2) / 2 + 9.81 * z)
-    assert (made.system.constraints[0].subs(numbers)).equals(x**2 + y**2 + z**2 - 1)
+    assert (built.system.constraints[0].subs(numbers)).equals(x**2 + y**2 + z**2 - 1)
 
 
 def test_points_on_springs_and_balls():
-    """A spring's force on both its ends; a ball hands a place on, and the start moves with it."""
+    """A spring acts on both its ends; a ball passes on a position, and the start moves with it."""
     build = gs.Multibody("molecule", gravity=(0, 0, 0))
     build.point_mass("a", mass=2.0, position=(0, 0, 0))
     build.point_mass("b", mass=3.0, position=(1.5, 0, 0))
@@ -81,8 +81,8 @@ def test_a_body_with_a_rotor_is_a_gyrostat():
     model = build.model()
     assert (model.system.n, model.system.m) == (14, 7)
     motion = Motion(model)
-    found = [motion.acceleration(f"omega{i}") for i in range(3)]
-    np.testing.assert_allclose(found, gyrostat(0.2, 0.11, e, omega, rate), rtol=1e-11)
+    accelerations = [motion.acceleration(f"omega{i}") for i in range(3)]
+    np.testing.assert_allclose(accelerations, gyrostat(0.2, 0.11, e, omega, rate), rtol=1e-11)
     assert abs(motion.acceleration("spin")) < 1e-11  # e·Ω + ν
 
 
@@ -90,8 +90,8 @@ def test_a_body_with_a_rotor_is_a_gyrostat():
 def test_the_third_axis_is_turned_onto_the_rotors(axis):
     q = onto(np.array(axis, dtype=float))
     assert abs(q @ q - 1) < 4 * EPS
-    wanted = np.array(axis) / np.linalg.norm(axis)
-    assert np.abs(rotation(q)[:, 2] - wanted).max() < 8 * EPS
+    expected = np.array(axis) / np.linalg.norm(axis)
+    assert np.abs(rotation(q)[:, 2] - expected).max() < 8 * EPS
 
 
 @pytest.mark.parametrize(("call", "words"), [

@@ -17,16 +17,16 @@ MIDDLE = np.array([0.02, -0.01, 0.05])
 
 
 def stone(shape, plane=None, **body):
-    """A body with a shape that does not sit at its centre of mass, set on a plane."""
-    made = gs.Multibody("stone")
-    made.rolls("foot", made.body("s", mass=1.3, inertia=(0.02, 0.03, 0.04), quaternion=Q,
-                                 angular_velocity=OMEGA, **body),
-               on_body=MIDDLE, **shape, **(plane or {}))
-    return made.model()
+    """Return a body on a plane, with a shape that does not sit at its centre of mass."""
+    build = gs.Multibody("stone")
+    build.rolls("foot", build.body("s", mass=1.3, inertia=(0.02, 0.03, 0.04), quaternion=Q,
+                                   angular_velocity=OMEGA, **body),
+                on_body=MIDDLE, **shape, **(plane or {}))
+    return build.model()
 
 
 def points(shape):
-    """Points of the surface of a shape, from its middle, by two angles."""
+    """Return the points of the surface of a shape, from its middle, as a function of two angles."""
     (kind, size), = shape.items()
     if kind == "disc":
         return lambda a: np.array([size * np.cos(a[0]), size * np.sin(a[0]), 0.0])
@@ -41,23 +41,23 @@ TURNTABLE = {"normal": NORMAL, "at": (0.1, 0.2, 0.3), "turning": 1.5}
     ({"disc": 0.4}, TURNTABLE), ({"sphere": 0.4}, {}), ({"ellipsoid": (0.2, 0.3, 0.5)}, TURNTABLE)],
     ids=["disc on a turntable", "sphere on the floor", "ellipsoid on a turntable"])
 def test_the_lowest_point_touches_the_plane_and_moves_with_it(shape, plane):
-    """The contact is found by minimisation over the surface, which knows no support function."""
+    """The contact agrees with a minimisation over the surface, which knows no support function."""
     model = stone(shape, plane)
-    n, at = np.array(plane.get("normal", (0, 0, 1.0))), np.array(plane.get("at", (0, 0, 0.0)))
+    n, origin = np.array(plane.get("normal", (0, 0, 1.0))), np.array(plane.get("at", (0, 0, 0.0)))
     q, x = model.q0[:4], model.q0[4:]
     R, surface = rotation_matrix(q), points(shape)
 
     def above(angles):
-        return n @ (x + R @ (MIDDLE + surface(angles)) - at)
+        return n @ (x + R @ (MIDDLE + surface(angles)) - origin)
 
     best = min((minimize(above, start, method="BFGS", tol=1e-11)
-                for start in ((0.1, 0.1), (2.0, -0.5), (4.0, 0.5))), key=lambda found: found.fun)
+                for start in ((0.1, 0.1), (2.0, -0.5), (4.0, 0.5))), key=lambda result: result.fun)
     assert best.fun == pytest.approx(0.0, abs=1e-12)
     rates = numeric(model.system, model.parameters).H_p(model.q0, model.p0)
     omega = 2 * left_matrix(q) @ rates[:4]
     np.testing.assert_allclose(omega, OMEGA, atol=1e-14)
     contact = x + R @ (MIDDLE + surface(best.x))
-    carried = plane.get("turning", 0.0) * np.cross(n, contact - at)
+    carried = plane.get("turning", 0.0) * np.cross(n, contact - origin)
     velocity = rates[4:] + R @ np.cross(omega, MIDDLE + surface(best.x))
     np.testing.assert_allclose(velocity, carried, atol=1e-6)  # angles are known to √ε
 
@@ -68,13 +68,13 @@ def test_points_do_not_roll_and_positions_follow_from_rolling():
     assert model.q0[6] == pytest.approx(0.4 - lower[2], rel=1e-15)
     omega, arm = rotation_matrix(Q) @ OMEGA, lower - [0, 0, 0.4]
     np.testing.assert_allclose(model.p0[4:], -1.3 * np.cross(omega, arm), rtol=1e-14)
-    made = gs.Multibody("bead")
+    build = gs.Multibody("bead")
     with pytest.raises(InputError, match="'bead'"):
-        made.rolls("foot", made.point_mass("bead", mass=1.0), sphere=0.1)
+        build.rolls("foot", build.point_mass("bead", mass=1.0), sphere=0.1)
 
 
 def test_a_body_about_a_fixed_point_may_roll():
-    """A cone's end on the floor: the height follows from the fixed point, slips are two rows."""
+    """The height of a cone's end on the floor follows from the fixed point; slips are two rows."""
     mill = gs.Multibody("mill")
     stone = mill.top("stone", mass=2.0, inertia=(0.3, 0.3, 0.1), centre=(0, 0, 0.5),
                      at=(0, 0, 0.3), rotation=[[0, 0, 1], [1, 0, 0], [0, 1, 0]],
@@ -86,24 +86,24 @@ def test_a_body_about_a_fixed_point_may_roll():
 
 
 def cart(**second):
-    """An axle with two wheels."""
-    made = gs.Multibody("cart")
-    axle = made.body("axle", mass=1.0, inertia=(0.1, 0.1, 0.1), position=(0, 0, 0.2))
+    """Return a builder with an axle and two wheels."""
+    build = gs.Multibody("cart")
+    axle = build.body("axle", mass=1.0, inertia=(0.1, 0.1, 0.1), position=(0, 0, 0.2))
     for side, name in ((-0.5, "left"), (0.5, "right")):
-        made.rotor(name, axle, mass=0.3, inertia=(0.006, 0.003), axis=(0, 1, 0), at=(0, side, 0.2),
-                   rate=3.0)
-        made.rolls(f"{name}_rim", name, disc=0.2)
-    return made
+        build.rotor(name, axle, mass=0.3, inertia=(0.006, 0.003), axis=(0, 1, 0), at=(0, side, 0.2),
+                    rate=3.0)
+        build.rolls(f"{name}_rim", name, disc=0.2)
+    return build
 
 
 def test_two_wheels_on_one_line_are_redundant():
     with pytest.raises(InputError, match="right_rim") as refused:
         cart().model()
     assert "redundant" in str(refused.value)
-    made = cart()
-    model = made.model(redundant="leave out")
+    build = cart()
+    model = build.model(redundant="leave out")
     assert model.system.velocity_count == 3
-    assert len(made.redundancy.left_out) == 1
+    assert len(build.redundancy.left_out) == 1
     assert model.p0[4] == pytest.approx(3.0 * 0.2, rel=1e-14)  # the axle's, of 1 kg
 
 
@@ -122,7 +122,7 @@ def test_refused(shape, body, named):
 
 @pytest.mark.slow  # a stepper of one system
 def test_a_ball_on_a_turntable_moves_on_a_circle_at_two_sevenths_of_its_rate():
-    """And the forces of the plane, at the stages, carry its momentum and its weight."""
+    """The forces of the plane at the stages also carry its momentum and its weight."""
     build = gs.Multibody("turntable")
     ball = build.body("ball", mass=0.3, inertia=[0.4 * 0.3 * 0.05**2] * 3, velocity=(0, 0.2, 0),
                       position=(0.5, 0, 0.05))

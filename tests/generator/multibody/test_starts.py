@@ -18,7 +18,7 @@ BODY = {"mass": 1.0, "inertia": (0.1, 0.2, 0.3)}
 
 
 def rod(body=(), **hinge):
-    """A rod along x, hinged at its end at the origin, about −y: its angle lifts it."""
+    """Return a builder of a rod along x, hinged at the origin about −y: its angle lifts it."""
     build = gs.Multibody("rod", gravity=(0, 0, 0))
     build.body("rod", mass=1.0, inertia=(0.1, 0.1, 0.1), position=(0.5, 0, 0), **dict(body))
     build.revolute("h", "ground", "rod", axis=(0, -1, 0), at=(0, 0, 0), **hinge)
@@ -26,7 +26,7 @@ def rod(body=(), **hinge):
 
 
 def four_bar(**hinges):
-    """Crank 0.4, coupler and rocker in the plane z = 0, described with the crank upwards."""
+    """Return a builder of crank 0.4, coupler and rocker in the plane z = 0, the crank upwards."""
     build = gs.Multibody("four_bar", gravity=(0, 0, 0))
     points = np.array([[0, 0, 0], [0, 0.4, 0], [0.9, 0.8, 0], [1.0, 0, 0]])
     frames = ["ground", "crank", "coupler", "rocker", "ground"]
@@ -40,15 +40,15 @@ def four_bar(**hinges):
 
 def pose_of(model, name):
     """Return rotation and position of a body at the start."""
-    at = [str(x) for x in model.system.q].index(f"{name}_q0")
-    q = model.q0[at : at + 7]
+    first = [str(x) for x in model.system.q].index(f"{name}_q0")
+    q = model.q0[first : first + 7]
     return Rotation.from_quat(q[[1, 2, 3, 0]]), q[4:]
 
 
 def motion_of(model, name, moments):
     """Return velocity of the centre of mass, of mass 1, and angular velocity in body axes."""
-    at = [str(x) for x in model.system.p].index(f"{name}_p0")
-    q, p = model.q0[at : at + 4], model.p0[at : at + 7]
+    first = [str(x) for x in model.system.p].index(f"{name}_p0")
+    q, p = model.q0[first : first + 4], model.p0[first : first + 7]
     a, b, c, d = q
     L = np.array([[-b, a, d, -c], [-c, -d, a, b], [-d, c, -b, a]])
     return p[4:], L @ p[:4] / 2 / np.array(moments)
@@ -93,25 +93,26 @@ def test_joints_of_a_tree_move_what_is_beyond_them():
     kinds = {"r": ("revolute", {"angle": 0.7, "rate": 1.0}), "p": ("prismatic", {"travel": 0.3}),
              "c": ("cylindrical", {"travel": -0.2, "angle": 4.0, "speed": 0.5}),
              "s": ("screw", {"travel": 0.1, "lead": 0.4}), "b": ("ball", {})}
-    rotation, shift, above, wanted = Rotation.identity(), np.zeros(3), "ground", {}
-    for name, (kind, given) in kinds.items():
-        x, at, axis = rng.normal(size=(3, 3))
+    rotation, shift, parent, expected = Rotation.identity(), np.zeros(3), "ground", {}
+    for name, (kind, options) in kinds.items():
+        x, pivot, axis = rng.normal(size=(3, 3))
         axis /= np.linalg.norm(axis)
         drawn = Rotation.random(random_state=int(100 * abs(x[0])))
         build.body(name, **BODY, position=x, rotation=drawn)
         build_joint = getattr(build, kind)
-        where = {} if kind == "ball" else {"axis_in_space": axis}
-        build_joint(f"j{name}", above, name, at=at, **where, **given)
-        travel = given.get("travel", 0.0)
-        angle = given.get("angle", 2 * math.pi * travel / given["lead"] if kind == "screw" else 0.0)
+        axis_option = {} if kind == "ball" else {"axis_in_space": axis}
+        build_joint(f"j{name}", parent, name, at=pivot, **axis_option, **options)
+        travel = options.get("travel", 0.0)
+        angle = options.get(
+            "angle", 2 * math.pi * travel / options["lead"] if kind == "screw" else 0.0)
         turn = Rotation.from_rotvec(angle * axis)
-        # r -> R (turn (r - at) + at + travel axis) + shift
-        shift = rotation.apply(at + travel * axis - turn.apply(at)) + shift
+        # r -> R (turn (r - pivot) + pivot + travel axis) + shift
+        shift = rotation.apply(pivot + travel * axis - turn.apply(pivot)) + shift
         rotation = rotation * turn
-        wanted[name], above = (rotation * drawn, rotation.apply(x) + shift), name
+        expected[name], parent = (rotation * drawn, rotation.apply(x) + shift), name
     model = build.model()
     assert build.start.q_moved <= ROUNDING  # joints hold where the tree takes them
-    for name, (attitude, x) in wanted.items():
+    for name, (attitude, x) in expected.items():
         turned, position = pose_of(model, name)
         assert (turned * attitude.inv()).magnitude() <= ROUNDING
         np.testing.assert_allclose(position, x, atol=ROUNDING)
@@ -146,7 +147,7 @@ def test_two_angles_of_a_loop_that_agree_are_taken():
 
 
 def test_a_rate_is_kept_where_a_quaternion_is_off_by_round_off():
-    """Gears, 2 θ₁ + 3 θ₂ = const: the row of |q| = 1 of the wheel is 0, but for its round-off."""
+    """Rates of gears stay, though the row of the wheel's |q| = 1 is 0 but for its round-off."""
     build = rod(rate=1.5)
     build.body("wheel", **BODY, position=(1, 0, 0.2), quaternion=(1, 0, 1e-18, 0))
     build.revolute("axle", "ground", "wheel", axis=(0, -1, 0), at=(1, 0, 0))
@@ -177,7 +178,7 @@ def test_degrees_and_positions_that_are_moved_are_warned_of():
 
 
 def test_a_velocity_is_kept_where_the_joints_allow_it():
-    """An angular velocity that is not given follows; one that contradicts is refused."""
+    """An angular velocity that is not given follows; a contradicting one is refused."""
     velocity, omega = motion_of(rod({"velocity": (0, 0, 1)}).model(), "rod", (0.1, 0.1, 0.1))
     np.testing.assert_allclose(velocity, [0, 0, 1], atol=ROUNDING)
     np.testing.assert_allclose(omega, [0, -2, 0], atol=ROUNDING)
@@ -205,7 +206,7 @@ def test_a_sphere_on_a_turntable_keeps_its_velocity():
 @pytest.mark.parametrize(("mass", "inertia", "radius"), [
     (1.0, 1000.0, "31.6 m"), (1000.0, 1e-5, "0.0001 m"), (1.0, 0.02, "")])
 def test_slips_of_units_are_warned_of(mass, inertia, radius):
-    """Of g and mm, by the radius of gyration beside joints at 0.5 m."""
+    """A radius of gyration out of proportion to joints at 0.5 m is warned of as a slip of units."""
     build = gs.Multibody("slip")
     build.body("a", mass=mass, inertia=[inertia] * 3, position=(0.5, 0, 0))
     build.revolute("h", "ground", "a", axis=(0, 0, 1), at=(0, 0, 0))
