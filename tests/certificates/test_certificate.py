@@ -1,4 +1,4 @@
-"""Certificates: properties that hold are confirmed, and those broken on purpose are found."""
+"""Certificates confirm properties that hold, and detect properties that a test breaks."""
 
 from __future__ import annotations
 
@@ -68,15 +68,15 @@ def verdicts(certificate):
 
 @pytest.mark.parametrize("wrong", ["mass", "constraint", None])
 def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
-    """All that is measured of such a stepper holds: only the model's expressions tell."""
-    compiled, known = systems.stepper("pendulum"), model_of("pendulum")
-    system = known.system
+    """All measurements of such a stepper hold: only the model's expressions show the difference."""
+    compiled, model = systems.stepper("pendulum"), model_of("pendulum")
+    system = model.system
     changes = {"mass": {"H": system.H + system.p[0]**2 * 1e-9}, "constraint": {
         "constraints": (system.constraints[0] + 1e-9,)}}.get(wrong, {})
     # The start is on the compiled constraint, which is off by less than is seen.
-    other = replace(known, system=replace(system, **changes))
-    monkeypatch.setattr(certificate, "compile_model", lambda *_, **__: (other, compiled))
-    lines = verdicts(gs.certify(other, "G-L", 2))
+    changed_model = replace(model, system=replace(system, **changes))
+    monkeypatch.setattr(certificate, "compile_model", lambda *_, **__: (changed_model, compiled))
+    lines = verdicts(gs.certify(changed_model, "G-L", 2))
     assert lines.pop("compiled H, H_p, H_q − F, g") is (wrong is None)
     assert False not in lines.values()
 
@@ -85,52 +85,52 @@ def test_a_stepper_of_another_system_is_found(wrong, monkeypatch):
 
 
 def test_spark_on_the_fast_top():
-    found = gs.certify(TOP, "G-L", 2)
-    assert found.holds
-    assert found.model == "fast-top"
-    assert (found.dt, found.steps) == (1e-3, 1000)
+    certificate = gs.certify(TOP, "G-L", 2)
+    assert certificate.holds
+    assert certificate.model == "fast-top"
+    assert (certificate.dt, certificate.steps) == (1e-3, 1000)
     for quantity in (LOOP, REVERSAL, G, F, VERTICAL, FIGURE, "order"):
-        line = found.line(quantity)
+        line = certificate.line(quantity)
         assert line.holds is True, line
         assert line.value <= line.bound
-    assert found.line("energy").holds is None
-    assert found.line(LOOP).value <= 1e-12
-    assert abs(found.line("order").value) < 0.1
+    assert certificate.line("energy").holds is None
+    assert certificate.line(LOOP).value <= 1e-12
+    assert abs(certificate.line("order").value) < 0.1
 
 
 def test_ems_on_the_fast_top():
-    """Energy is its promise; the loop invariant strays, and that is no failure."""
-    found = gs.certify(TOP, "EMS")
-    assert found.holds
-    assert found.line("energy").holds is True
-    assert found.line(LOOP).holds is None
-    assert found.line(LOOP).value > 1e-9
-    assert "project" in found.line(LOOP).why
-    assert found.line(F).holds is None
-    assert found.line(VERTICAL).holds is True  # D turns about the vertical as the gradient does
-    assert found.line(FIGURE).holds is None
-    assert found.line(FIGURE).value > 1e-9
+    """EMS promises the energy; the loop invariant strays, and that is no failure."""
+    certificate = gs.certify(TOP, "EMS")
+    assert certificate.holds
+    assert certificate.line("energy").holds is True
+    assert certificate.line(LOOP).holds is None
+    assert certificate.line(LOOP).value > 1e-9
+    assert "project" in certificate.line(LOOP).why
+    assert certificate.line(F).holds is None
+    assert certificate.line(VERTICAL).holds is True  # D turns about the vertical as ∇H does
+    assert certificate.line(FIGURE).holds is None
+    assert certificate.line(FIGURE).value > 1e-9
 
 
 def test_ems_in_a_frame_that_turns_with_the_top():
-    """Compiled H is the model's, without rates; H − Σ ω_i J_i is kept, and not each J_i."""
-    found = gs.certify(TOP, "EMS", frame="symmetries", steps=20)
-    assert found.holds
-    assert found.line("compiled").holds is True
-    assert found.parameters["omega_body"] > 100
-    assert found.line("energy H").holds is None
-    assert "angular momentum about the body's axis 3" in found.line("energy H").why
-    assert found.line("energy in the frame").holds is True
+    """Compiled H is the model's, without rates; H − Σ ω_i J_i is constant, and not each J_i."""
+    certificate = gs.certify(TOP, "EMS", frame="symmetries", steps=20)
+    assert certificate.holds
+    assert certificate.line("compiled").holds is True
+    assert certificate.parameters["omega_body"] > 100
+    assert certificate.line("energy H").holds is None
+    assert "angular momentum about the body's axis 3" in certificate.line("energy H").why
+    assert certificate.line("energy in the frame").holds is True
 
 
 def test_own_parameters_of_any_type_and_steps():
-    """Judged is the double that the run took."""
+    """The certificate names the doubles with which the run was computed."""
     moments = {"I1": Fraction(3, 2500), "I2": mp.mpf("0.0012"), "mgl": 1, "gamma": 0.002}
-    found = gs.certify(TOP, "G-L", 2, steps=20, dt=5e-4, parameters=moments)
-    assert found.holds
-    assert {name: found.parameters[name] for name in moments} == {
+    certificate = gs.certify(TOP, "G-L", 2, steps=20, dt=5e-4, parameters=moments)
+    assert certificate.holds
+    assert {name: certificate.parameters[name] for name in moments} == {
         name: float(value) for name, value in moments.items()}
-    assert (found.dt, found.steps) == (5e-4, 20)
+    assert (certificate.dt, certificate.steps) == (5e-4, 20)
     assert gs.certify(TOP, "EMS", steps=20).parameters["gamma"] == gs.gamma(TOP.inertia)
 
 
@@ -139,35 +139,35 @@ def test_own_parameters_of_any_type_and_steps():
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
 def test_rest_at_the_start_in_the_middle_and_at_the_end(scheme, stages):
-    """|g_q H_p| is that of the motion, not of three instants at which there is none."""
+    """The size of |g_q H_p| comes from the motion, not from three instants of rest."""
     dt = float(mp.ellipk(mp.sin(0.5)**2)) / 25  # 100 steps a period from rest at 1 rad
-    found = gs.certify(model_of("pendulum", dt=dt, steps=200), scheme, stages)
-    assert found.holds, [line for line in found.lines if line.holds is False]
-    line = found.line(F)
+    certificate = gs.certify(model_of("pendulum", dt=dt, steps=200), scheme, stages)
+    assert certificate.holds, [line for line in certificate.lines if line.holds is False]
+    line = certificate.line(F)
     if stages:
         assert 1e-17 < line.value < 1e-14
         assert 1e-15 < line.bound < 1e-12
-    assert found.line("energy").holds is (None if stages else True)  # H and g are quadratic
-    assert found.line("momentum maps").found == "none"
-    tension = found.line("tension")  # of the user
+    assert certificate.line("energy").holds is (None if stages else True)  # H and g are quadratic
+    assert certificate.line("momentum maps").found == "none"
+    tension = certificate.line("tension")  # of the user
     assert tension.holds is None
     assert tension.value > 0.1
 
 
 @pytest.mark.parametrize(("scheme", "stages"), [("G-L", 2), ("EMS", None)])
 def test_equilibrium(scheme, stages):
-    """Nothing moves: the scale is that of forces in balance, and no order can be seen."""
-    found = gs.certify(model_of("pendulum", q=(0.0, -1.0)), scheme, stages)
-    assert found.holds
-    assert all(line.bound > 0 for line in found.lines if line.holds)
-    assert found.line("order").found == "errors are round-off"
+    """The system rests: the scale comes from forces in balance, and no order can be measured."""
+    certificate = gs.certify(model_of("pendulum", q=(0.0, -1.0)), scheme, stages)
+    assert certificate.holds
+    assert all(line.bound > 0 for line in certificate.lines if line.holds)
+    assert certificate.line("order").found == "errors are round-off"
 
 
 def test_energy_of_a_small_swing():
     """1 − cos θ is worth ε, however small θ is: EMS is not accused of it."""
     system = systems.case("swing").system
-    found = gs.certify(gs.Model(system, {}, [1e-9], [0.0], dt=0.01, steps=100), "EMS")
-    energy = found.line("energy")
+    certificate = gs.certify(gs.Model(system, {}, [1e-9], [0.0], dt=0.01, steps=100), "EMS")
+    energy = certificate.line("energy")
     assert energy.holds is True
     assert energy.value < energy.bound < 1e-12
 
@@ -175,30 +175,31 @@ def test_energy_of_a_small_swing():
 @pytest.mark.slow  # a stepper of one system
 @pytest.mark.parametrize("start", [([0, 0], [0, 0]), ([1e6, 0], [1, 0])])
 def test_a_free_particle(start):
-    """At the origin, through it, far from it; at rest and not."""
+    """The particle is at the origin, passes it, or is far from it; at rest and not."""
     (x, y), (u, v) = sp.symbols("x y", real=True), sp.symbols("u v", real=True)
     system = gs.System((x, y), (u, v), (), (u**2 + v**2) / 2, name="particle")
-    found = gs.certify(gs.Model(system, {}, *start, dt=0.01, steps=100), "G-L", 2)
-    assert found.holds
-    assert found.line("momentum u").holds is True
-    assert found.line(LOOP).holds is True
-    assert found.line("energy").holds is True
+    certificate = gs.certify(gs.Model(system, {}, *start, dt=0.01, steps=100), "G-L", 2)
+    assert certificate.holds
+    assert certificate.line("momentum u").holds is True
+    assert certificate.line(LOOP).holds is True
+    assert certificate.line("energy").holds is True
 
 
 @pytest.mark.slow  # a stepper of one system
 def test_sliding_in_a_plane():
-    """g = z, and z stays 0 but for what rounding of the weight does to it."""
+    """With g = z, z stays 0 up to the rounding of the weight."""
     q, p = sp.symbols("x y z", real=True), sp.symbols("u v w", real=True)
     system = gs.System(q, p, (), sum(e**2 for e in p) / 2 + 9.81 * q[2], (q[2],), name="table")
-    found = gs.certify(gs.Model(system, {}, [0, 0, 0], [1, 0, 0], dt=0.01, steps=100), "G-L", 2)
-    assert found.holds
-    assert found.line(G).bound < 1e-15
+    certificate = gs.certify(gs.Model(system, {}, [0, 0, 0], [1, 0, 0], dt=0.01, steps=100), "G-L",
+                             2)
+    assert certificate.holds
+    assert certificate.line(G).bound < 1e-15
 
 
 def test_a_start_within_round_off_is_not_held_against_the_scheme():
     """|q|² − 1 = 30 ε at the start is allowed; the first step takes it back."""
-    known = model_of("pendulum")
-    off = replace(known, q0=np.array(known.q0) * (1 + 15 * EPS))
+    model = model_of("pendulum")
+    off = replace(model, q0=np.array(model.q0) * (1 + 15 * EPS))
     assert gs.certify(off, "G-L", 2, steps=20).line(G).value < 4 * EPS
 
 
@@ -210,15 +211,15 @@ def test_a_tableau_that_is_not_symplectic_fails(tmp_path):
     path = bent_tableau(tmp_path, **BENT)
     with pytest.raises(gs.errors.TableauError):
         gs.certify(TOP, tableau=path)
-    found = gs.certify(TOP, tableau=path, allow_invalid=True, steps=200)
-    assert not found.holds
-    loop = found.line(LOOP)
+    certificate = gs.certify(TOP, tableau=path, allow_invalid=True, steps=200)
+    assert not certificate.holds
+    loop = certificate.line(LOOP)
     assert loop.holds is False
     assert loop.value > 1e3 * loop.bound
     assert "b_i â_ij" in loop.why
-    assert found.line(VERTICAL).holds is False
-    assert found.line(G).holds is True  # constraints are solved by any tableau
-    assert found.line(REVERSAL).holds is None
+    assert certificate.line(VERTICAL).holds is False
+    assert certificate.line(G).holds is True  # constraints are solved by any tableau
+    assert certificate.line(REVERSAL).holds is None
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -252,8 +253,8 @@ def test_neighbours_of_an_oscillation_stay_neighbours():
 def test_order_of_each_scheme():
     for scheme, stages in (("G-L", 2), ("EMS", None)):
         step = gs.stepper(scheme, stages)
-        seen = measure_order(step, TOP.q0, TOP.p0, 1e-3, PARAMETERS, lambda h: (1.0, 0.2))
-        assert abs(seen.order - step.order) < 0.1, (scheme, stages, seen)
+        measured = measure_order(step, TOP.q0, TOP.p0, 1e-3, PARAMETERS, lambda h: (1.0, 0.2))
+        assert abs(measured.order - step.order) < 0.1, (scheme, stages, measured)
 
 
 class Ladder:
@@ -281,9 +282,9 @@ class Ladder:
     (lambda h, T: h**4 + 1e-10 * math.sin(1e6 * h), 0.1, 4),
 ])
 def test_two_slopes_that_agree_are_found(law, dt, order):
-    seen = measure_order(Ladder(law), np.ones(1), np.ones(1), dt, {}, lambda h: (1.0, 1.0))
-    assert seen.spread <= 0.2
-    assert seen.order == pytest.approx(order, abs=0.1)
+    measured = measure_order(Ladder(law), np.ones(1), np.ones(1), dt, {}, lambda h: (1.0, 1.0))
+    assert measured.spread <= 0.2
+    assert measured.order == pytest.approx(order, abs=0.1)
 
 
 @pytest.mark.parametrize(("seen", "found"), [
@@ -292,7 +293,7 @@ def test_two_slopes_that_agree_are_found(law, dt, order):
     (MeasuredOrder(5.95, 0.11, 0.02, (6.4, 5.84, 5.95)), "5.95 at Δt = 0.02"),
 ])
 def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
-    """All that were seen, where no two agree; nothing is said against the method."""
+    """The line lists all slopes where no two agree, and does not accuse the method."""
     monkeypatch.setattr(measured_properties, "measure_order", lambda *_: seen)
     run = SimpleNamespace(q=[0], p=[0], dt=0.1)
     measured = SimpleNamespace(step=SimpleNamespace(order=6), run=run, parameters={},
@@ -351,12 +352,13 @@ def test_no_stages_are_refused():
 
 
 def test_single_precision_is_held_to_its_own_rounding():
-    """The same lines as in double; what round-off bounds is 2²⁹ times as large."""
-    found = {real: gs.certify(TOP, "G-L", 2, steps=100, real=real) for real in ("double", "float")}
-    assert found["float"].stepper == "heavy_top_gl2_gamma_float"
-    assert found["float"].holds
+    """The lines are the same as in double; bounds by round-off are 2²⁹ times as large."""
+    certificates = {real: gs.certify(TOP, "G-L", 2, steps=100, real=real)
+                    for real in ("double", "float")}
+    assert certificates["float"].stepper == "heavy_top_gl2_gamma_float"
+    assert certificates["float"].holds
     for name in (LOOP, REVERSAL, G, F, VERTICAL, FIGURE):
-        lines = [found[real].line(name) for real in ("double", "float")]
+        lines = [certificates[real].line(name) for real in ("double", "float")]
         assert [line.holds for line in lines] == [True, True], name
         if name != REVERSAL:  # of which the growth of errors is measured too
             assert lines[1].bound == pytest.approx(2**29 * lines[0].bound, rel=1e-3)
@@ -367,19 +369,19 @@ def test_single_precision_is_held_to_its_own_rounding():
 
 
 def test_a_force_of_the_time_alone_is_a_gradient():
-    """At every instant, so that the loop invariant is kept; with drag it is not."""
+    """It is one at every instant, so the loop invariant is constant; with drag it is not."""
     model = model_of("driven_oscillator")
-    found = gs.certify(model, "G-L", 2)
-    assert found.holds, [line for line in found.lines if line.holds is False]
-    assert found.line(LOOP).holds is None
-    assert found.line(LOOP).value > 1e-6
-    assert found.line(REVERSAL).holds is True
+    certificate = gs.certify(model, "G-L", 2)
+    assert certificate.holds, [line for line in certificate.lines if line.holds is False]
+    assert certificate.line(LOOP).holds is None
+    assert certificate.line(LOOP).value > 1e-6
+    assert certificate.line(REVERSAL).holds is True
     force = model.system.forces[0].subs(sp.Symbol("c", positive=True), 0)
-    for forces, kept in ((model.system.forces, False), ((force,), True)):
+    for forces, is_invariant in ((model.system.forces, False), ((force,), True)):
         numbers = {s: sp.Rational(model.parameters[str(s)]) for s in model.system.parameters}
         guarantees = SparkGuarantees(replace(model.system, forces=forces), numbers,
                                      gs.tableau("G-L", 2))
-        assert guarantees.loop().guaranteed is kept
+        assert guarantees.loop().guaranteed is is_invariant
 
 
 # ---------------------------------------------------------------- scaled time
@@ -391,22 +393,22 @@ def test_a_force_of_the_time_alone_is_a_gradient():
         ("eccentric", "EMS", False), ("scaled_pendulum", "G-L", False),
         ("tethered_pair", "G-L", True)))])
 def test_properties_in_scaled_time_are_those_of_q_t_p_e(name, scheme, symplectic):
-    """The loop lies in (q, t, p, e); e is a momentum map where nothing does work."""
+    """The loop lies in (q, t, p, e); e is a momentum map where no force does work."""
     entry, stages = systems.case(name), 2 if scheme == "G-L" else None
     start = systems.stepper(name).project(entry.q, entry.p, parameters=entry.parameters)
     model = gs.Model(entry.system, entry.parameters, *start)
-    found = gs.certify(model, scheme, stages, dtau=entry.dt, steps=60)
-    assert found.holds, found.lines
-    assert found.scaled
-    loop, energy, order = map(found.line, ("loop", "energy H + e", "order"))
+    certificate = gs.certify(model, scheme, stages, dtau=entry.dt, steps=60)
+    assert certificate.holds, certificate.lines
+    assert certificate.scaled
+    loop, energy, order = map(certificate.line, ("loop", "energy H + e", "order"))
     assert loop.holds is (True if symplectic else None)
     assert (loop.value < 1e-12) == symplectic
     assert energy.holds is (True if scheme == "EMS" else None)
     assert (energy.value < 1e-13) == (scheme == "EMS")
     assert abs(order.value) < 0.1  # of orders 4 and 2, of which it is the lack
-    assert found.line("reversal").value < 1e-12
+    assert certificate.line("reversal").value < 1e-12
     works = name == "scaled_pendulum"
-    assert any(line.quantity == "momentum p_t" for line in found.lines) != works
+    assert any(line.quantity == "momentum p_t" for line in certificate.lines) != works
     with pytest.raises(gs.InputError, match="dtau"):
         gs.certify(model, scheme, stages, steps=3)
 
@@ -418,17 +420,17 @@ def guarantees(system, parameters, tableau=None):
 
 def test_a_certificate():
     model = gs.Model(skate_chain(), SKATE_CHAIN, *SKATE_CHAIN_START)
-    found = gs.certify(model, "G-L", 2, dt=0.02, steps=50)
-    assert found.holds
-    assert found.line("largest |g_q H_p|, |A H_p + a|").holds
-    assert found.line("largest |g(q)|").holds
-    assert found.line("compiled").holds
-    assert "A H_p + a" in found.line("compiled").quantity
-    assert found.line("reversal").holds
-    assert found.line("order").holds
+    certificate = gs.certify(model, "G-L", 2, dt=0.02, steps=50)
+    assert certificate.holds
+    assert certificate.line("largest |g_q H_p|, |A H_p + a|").holds
+    assert certificate.line("largest |g(q)|").holds
+    assert certificate.line("compiled").holds
+    assert "A H_p + a" in certificate.line("compiled").quantity
+    assert certificate.line("reversal").holds
+    assert certificate.line("order").holds
     for quantity in ("loop", "energy"):
-        assert found.line(quantity).holds is None
-    assert found.line("loop").value > 1e-3
+        assert certificate.line(quantity).holds is None
+    assert certificate.line("loop").value > 1e-3
 
 
 def test_another_row_is_noticed(monkeypatch):
@@ -452,10 +454,10 @@ def test_energy_is_near_or_drifts(change, said):
         system = replace(system, forces=(-system.p[0], sp.Integer(0), sp.Integer(0)))
     if "affine" in change:
         system = replace(system, velocity_constraints=(system.velocity_constraints[0] + 1,))
-    found = guarantees(system, {"k": 0.25}).energy()
-    assert not found.guaranteed
-    assert ("not reversible" in found.why) == (said == "not reversible")
-    assert "drift" in found.why
+    guarantee = guarantees(system, {"k": 0.25}).energy()
+    assert not guarantee.guaranteed
+    assert ("not reversible" in guarantee.why) == (said == "not reversible")
+    assert "drift" in guarantee.why
     assert "symmetric" in guarantees(system, {"k": 0.25}, gs.tableau("Radau-L", 2)).energy().why
 
 
@@ -470,12 +472,12 @@ def test_momentum_maps_that_reactions_leave_alone():
     system = gs.System(q, p, (k,), sum(e**2 for e in p) / 2, velocities=v, name="edge",
                        velocity_constraints=(v[2] - q[0] * v[1],))
     state = np.array([0.2, 0.1, 0.3, 0]), np.array([0.5, 0.6, 0.12, 0.7])
-    kept = {str(J.J): guarantees(system, {"k": 1}).momentum(J).guaranteed
-            for J in momentum_maps(system, {"k": 1.0}, *state)}
-    assert kept["p3"]
-    assert kept["p0"]  # the row does not have the velocity of q0
-    assert not kept["p1"]
-    assert not kept["p2"]
+    is_guaranteed = {str(J.J): guarantees(system, {"k": 1}).momentum(J).guaranteed
+                     for J in momentum_maps(system, {"k": 1.0}, *state)}
+    assert is_guaranteed["p3"]
+    assert is_guaranteed["p0"]  # the row does not have the velocity of q0
+    assert not is_guaranteed["p1"]
+    assert not is_guaranteed["p2"]
 
 
 def test_works_to_cite():

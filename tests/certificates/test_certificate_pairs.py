@@ -1,7 +1,7 @@
 """Right and spoilt: each pair differs by 1e-6, 1e-9 or 1e-12, and both verdicts are known before.
 
-No right method or model is accused, no wrong one praised. What is spoilt by 1e-12 is hidden by
-round-off in a run: there exact algebra decides, and the certificate says what the run cannot show.
+No right method or model is accused, no wrong one praised. In a run, round-off hides an error of
+1e-12: there exact algebra decides, and the certificate says that the run cannot show it.
 """
 
 from __future__ import annotations
@@ -47,9 +47,10 @@ STARTS = {"plane": ([0.6, -0.3], [0.2, 0.5]), "sphere": ([0.0, 0.6, -0.8], [0.7,
 ROUND = RIGHT["plane"] | {"f": 0.0, "h": 0.0}
 
 
-def verdict(found: Any, quantity: str) -> Any:
+def verdict(certificate: Any, quantity: str) -> Any:
     """Return the verdict of a line, ABSENT without one."""
-    return next((line.holds for line in found.lines if line.quantity.startswith(quantity)), ABSENT)
+    return next((line.holds for line in certificate.lines if line.quantity.startswith(quantity)),
+                ABSENT)
 
 
 @dataclass(frozen=True)
@@ -112,7 +113,7 @@ CERTIFIED = ("a push that is a gradient is symplectic",
 
 
 def promised(pair: Pair, values: dict[str, float]) -> Any:
-    """Return what exact algebra says of a pair at some parameters: the verdict of a line."""
+    """Return the verdict of exact algebra on a pair at some parameters."""
     numbers = {s: sp.Rational(values[str(s)]) for s in pair.system.parameters}
     if pair.scheme == "G-L":
         promises: Any = SparkGuarantees(pair.system, numbers, gs.tableau("G-L", 2))
@@ -140,21 +141,21 @@ def test_models(name: str) -> None:
     if name not in CERTIFIED:
         return
     stages = 2 if pair.scheme == "G-L" else None
-    for error, wanted in ((0.0, pair.verdicts[0]), (SIZES[2], pair.verdicts[1])):
+    for error, expected in ((0.0, pair.verdicts[0]), (SIZES[2], pair.verdicts[1])):
         values = pair.right | {pair.changed: pair.right[pair.changed] + error}
         model = gs.Model(pair.system, values, *STARTS[pair.system.name], dt=0.02, steps=100)
         certificate = gs.certify(model, pair.scheme, stages)
-        assert verdict(certificate, pair.quantity) is wanted
+        assert verdict(certificate, pair.quantity) is expected
         assert certificate.holds  # the method does what it promises of that model as well
 
 
-@pytest.mark.parametrize("part", ["q", "p"])
-def test_starts_off_the_constraints_are_moved_there(part: str) -> None:
-    """By 1e-12 without a word, by more with one."""
+@pytest.mark.parametrize("variable", ["q", "p"])
+def test_starts_off_the_constraints_are_moved_there(variable: str) -> None:
+    """A move by 1e-12 is silent, a larger one has a warning."""
     case, step = systems.case("pendulum"), systems.stepper("pendulum")
     q, p = step.project(case.q, [0.5, 1.0], parameters=case.parameters)
     for size in (SIZES[2], 1e-3):
-        (q if part == "q" else p)[1] += size
+        (q if variable == "q" else p)[1] += size
         model = gs.Model(case.system, case.parameters, q, p, dt=0.02, steps=10)
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -163,14 +164,14 @@ def test_starts_off_the_constraints_are_moved_there(part: str) -> None:
 
 
 def test_nearly_symmetric_tops() -> None:
-    """I₂ = I₁ (1 + 1e-15) keeps nothing about its figure axis, and all of it about the vertical."""
+    """I₂ = I₁ (1 + 1e-15) breaks the map about the figure axis, not the one about the vertical."""
     top = gs.problems.fast_top()
     moments = {"I2": top.parameters["I1"] * (1 + 1e-15)}
-    found = gs.certify(top, "G-L", 2, steps=50, parameters=moments)
-    assert found.holds
-    assert verdict(found, VERTICAL) is HOLDS
-    assert found.line(VERTICAL).why == "{J, H} = 0 (expanded)"
-    figure = next(line for line in found.lines if "body's axis 3" in line.quantity)
+    certificate = gs.certify(top, "G-L", 2, steps=50, parameters=moments)
+    assert certificate.holds
+    assert verdict(certificate, VERTICAL) is HOLDS
+    assert certificate.line(VERTICAL).why == "{J, H} = 0 (expanded)"
+    figure = next(line for line in certificate.lines if "body's axis 3" in line.quantity)
     assert figure.holds is SHOWN  # as far as it is near
     assert "a near symmetry" in figure.why
 
@@ -194,11 +195,11 @@ def test_tilted_potentials(size: float) -> None:
 def spoilt(size: float, *places: tuple[str, int, int], sign: int = 1) -> dict[str, Any]:
     """Return Gauss-Lobatto 2 with a fraction added to some entries, and no claims."""
     table = json.loads(EXAMPLE.read_text(encoding="utf-8"))
-    table = {key: part for key, part in table.items() if key not in ("order", "symmetric")}
+    table = {key: entries for key, entries in table.items() if key not in ("order", "symmetric")}
     table = {"A_hat": table["A"], "b_hat": table["b"]} | json.loads(json.dumps(table))
     for key, i, j in places:
-        part = table[key] = json.loads(json.dumps(table[key]))
-        row = part if j < 0 else part[i]
+        entries = table[key] = json.loads(json.dumps(table[key]))
+        row = entries if j < 0 else entries[i]
         column = i if j < 0 else j
         row[column] = f"{row[column]} + {sign * Fraction(size).limit_denominator(10**15)}"
     return table
@@ -231,7 +232,7 @@ def turning(system: gs.System = PLANE) -> Any:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_tableau_spoilt_in_one_matrix(read: Callable[..., Any], size: float) -> None:
-    """Â: not symplectic, no angular momentum, no quadratic energy, not symmetric."""
+    """With Â spoilt: not symplectic, no angular momentum, no quadratic energy, not symmetric."""
     right, wrong = (guarantees(read(spoilt(e, ("A_hat", 0, 0)))) for e in (0, size))
     assert right.loop().guaranteed
     assert not right.loop().refuted
@@ -246,7 +247,7 @@ def test_a_tableau_spoilt_in_one_matrix(read: Callable[..., Any], size: float) -
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_tableau_spoilt_in_its_constraints(read: Callable[..., Any], size: float) -> None:
-    """Ã: not symplectic with constraints; without them nothing is wrong, and nothing said."""
+    """With Ã spoilt: not symplectic with constraints; without them no property is refuted."""
     wrong = read(spoilt(size, ("A_tilde", 0, 0), ("A_tilde", 1, 0)))
     assert guarantees(wrong, SPHERE).loop().refuted
     assert guarantees(wrong, SPHERE).momentum(turning(SPHERE)).refuted
@@ -269,7 +270,7 @@ def test_a_partitioned_tableau_is_still_symplectic(read: Callable[..., Any], siz
 
 @pytest.mark.parametrize("size", SIZES)
 def test_linear_momenta_are_kept_by_any_tableau(read: Callable[..., Any], size: float) -> None:
-    """A method that is not symplectic is not accused of what every method keeps."""
+    """A method that is not symplectic is not accused of losing an invariant of every method."""
     system = gs.System((x, y), (px, py), (), (px**2 + py**2) / 2 - sp.cos(y), name="sliding")
     (J,) = momentum_maps(system, {}, [0.1, 0.2], [0.3, 0.4])
     assert J.name == "momentum px"
@@ -280,7 +281,7 @@ def test_linear_momenta_are_kept_by_any_tableau(read: Callable[..., Any], size: 
 
 
 def test_weights_and_nodes(read: Callable[..., Any]) -> None:
-    """Two kinds of weights are not symplectic; nodes alone are off where time is turned back."""
+    """Two kinds of weights are not symplectic; wrong nodes alone are not symmetric in time."""
     right = guarantees(read(spoilt(0)))
     assert right.symmetric
     assert not right.loop().refuted
@@ -291,7 +292,7 @@ def test_weights_and_nodes(read: Callable[..., Any]) -> None:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_claims(read: Callable[..., Any], size: float) -> None:
-    """What a file says of itself: order, symmetry and symplecticity are refuted one by one."""
+    """Claims of a file, order, symmetry and symplecticity, are refuted one by one."""
     claims = {"order": 4, "symmetric": True, "symplectic": True}
     right = read(spoilt(0), **claims)
     assert all(line.holds for line in check_tableau(right))
@@ -326,9 +327,9 @@ def decimals(digits: int, size: float = 0.0) -> dict[str, Any]:
 
 @pytest.mark.parametrize("size", SIZES)
 def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
-    """To 16 digits the rounded tableau is symplectic, and no more is said; the spoilt one is not.
+    """To 16 digits the rounded tableau is symplectic, and the spoilt one is not.
 
-    To 12 digits an error of 1e-12 is a rounding; what is said then is said of 12 digits.
+    To 12 digits an error of 1e-12 is a rounding; the verdict then is about 12 digits.
     """
     right, wrong = read(decimals(16)), read(decimals(16, size))
     assert "16 digits" in guarantees(right).loop().why
@@ -342,14 +343,14 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
 
 @pytest.mark.slow  # a stepper of one tableau
 def test_a_compiled_tableau(tmp_path: Path) -> None:
-    """1e-12 is not measured: exact algebra refutes it, and says that the run does not show it."""
+    """Exact algebra refutes 1e-12, and the line says that no run measures it."""
     path = tmp_path / "table.json"
     path.write_text(json.dumps(spoilt(SIZES[2], ("A_hat", 0, 0))), encoding="utf-8")
-    found = gs.certify(gs.Model(PLANE, ROUND, *STARTS["plane"], dt=0.02, steps=100),
-                       tableau=path, allow_invalid=True)
-    loop = found.line(LOOP)
-    assert found.holds is loop.holds is found.line(TURN).holds is False
-    assert found.line(ENERGY).holds is found.line("reversal").holds is SHOWN
+    certificate = gs.certify(gs.Model(PLANE, ROUND, *STARTS["plane"], dt=0.02, steps=100),
+                             tableau=path, allow_invalid=True)
+    loop = certificate.line(LOOP)
+    assert certificate.holds is loop.holds is certificate.line(TURN).holds is False
+    assert certificate.line(ENERGY).holds is certificate.line("reversal").holds is SHOWN
     assert "exact" in loop.why
     assert "b_i â_ij" in loop.why
     assert loop.value <= loop.bound
@@ -360,10 +361,10 @@ def test_a_central_force_with_ems() -> None:
     """D of 1/r turns as the gradient does, of 1/√(x² + k y²) it does not."""
     system = gs.System((x, y), (px, py), (k,),
                        (px**2 + py**2) / 2 - 1 / sp.sqrt(x**2 + k * y**2), name="centre")
-    for value, made in ((1.0, True), (1 + SIZES[2], False)):
+    for value, is_invariant in ((1.0, True), (1 + SIZES[2], False)):
         (J,) = momentum_maps(system, {"k": value}, [1.0, 0.2], [0.1, 1.0])
         means = MeanGuarantees(system, {k: sp.Rational(value)}, "EMS", 2)
-        assert means.momentum(J).guaranteed is made
+        assert means.momentum(J).guaranteed is is_invariant
         assert means.energy().guaranteed
         assert not means.energy().refuted
         assert not means.loop().guaranteed

@@ -19,7 +19,7 @@ def keys(stepper):
 
 
 def test_each_scheme_names_its_own():
-    """The first by its stepper; the others by what their records say, which is what is named."""
+    """The stepper of the first names the sources; for the others their records do."""
     assert keys(systems.stepper("heavy_top")) == ["gyrospark", "xu2020", "betsch2009", "jay2007",
                                                   "hairer2008", "antonana2017"]
     for scheme, sources in (("EMS", ["gonzalez1996", "gonzalez1999", "mclachlan1999"]),
@@ -65,7 +65,7 @@ def test_the_program_is_that_of_the_citation_file():
 
 def test_bibtex_and_text_have_every_work():
     step = systems.stepper("heavy_top")
-    found = gs.cite(step)
-    assert re.findall(r"^@\w+\{(\w+),", found.bibtex(), flags=re.MULTILINE) == keys(step)
-    assert len(str(found).splitlines()) == 2 * len(found)
-    assert "444–473" in str(found)
+    citations = gs.cite(step)
+    assert re.findall(r"^@\w+\{(\w+),", citations.bibtex(), flags=re.MULTILINE) == keys(step)
+    assert len(str(citations).splitlines()) == 2 * len(citations)
+    assert "444–473" in str(citations)

@@ -52,26 +52,26 @@ def test_an_interval_is_rounded_outwards_to_three_digits():
     assert _interval_text(mp.iv.mpf([1.2345, 1.2345])) == "[1.23e+0, 1.24e+0]"
 
 
-def moved(made, part, i, by):
+def moved(original, kind, i, by):
     """Return a composition with one number, and its mirror image, moved by this much."""
-    numbers = list(getattr(made, part))
+    numbers = list(getattr(original, kind))
     for j in {i, len(numbers) - 1 - i}:
         numbers[j] += by
     middle = len(numbers) // 2
-    if part != "gradients" and i != middle:
+    if kind != "gradients" and i != middle:
         for j in {middle, len(numbers) - 1 - middle}:
             numbers[j] -= 2 * by / (2 - len(numbers) % 2)
-    return replace(made, **{part: tuple(numbers)})
+    return replace(original, **{kind: tuple(numbers)})
 
 
 @pytest.mark.parametrize("order", [2, 4, 6, 8, 10])
 @pytest.mark.parametrize("gradients", [False, True])
 def test_each_order_has_a_composition(order, gradients):
-    made = composition(order, gradients)
-    assert made.order == order
-    assert made is COMPOSITIONS[made.name]
-    assert made.has_gradients == (gradients and 2 < order < 10)
-    assert len(made.drifts) == made.stages + 1 == len(made.gradients) + 1
+    chosen = composition(order, gradients)
+    assert chosen.order == order
+    assert chosen is COMPOSITIONS[chosen.name]
+    assert chosen.has_gradients == (gradients and 2 < order < 10)
+    assert len(chosen.drifts) == chosen.stages + 1 == len(chosen.gradients) + 1
 
 
 @pytest.mark.parametrize("order", [7, 0, -4, 12, "8", None, 4.5, True])
@@ -87,18 +87,18 @@ def test_names_are_proposed():
 
 @pytest.mark.parametrize("name", COMPOSITIONS)
 def test_numbers_are_symmetric_and_consistent(name):
-    made = COMPOSITIONS[name]
-    assert sum(made.drifts) == sum(made.kicks) == 1
-    for part in (made.drifts, made.kicks, made.gradients, made.weights):
-        assert part == part[::-1]
-    if made.base:
-        parts = (made.drifts, made.kicks, made.gradients)
-        assert flatten(COMPOSITIONS[made.base], made.weights) == parts
+    entry = COMPOSITIONS[name]
+    assert sum(entry.drifts) == sum(entry.kicks) == 1
+    for numbers in (entry.drifts, entry.kicks, entry.gradients, entry.weights):
+        assert numbers == numbers[::-1]
+    if entry.base:
+        parts = (entry.drifts, entry.kicks, entry.gradients)
+        assert flatten(COMPOSITIONS[entry.base], entry.weights) == parts
 
 
 def test_only_force_gradients_go_forward_beyond_order_two():
     """Sheng 1989, Suzuki 1991: without them, an order above 2 takes a negative time."""
-    forward = {name for name, made in COMPOSITIONS.items() if made.forward}
+    forward = {name for name, entry in COMPOSITIONS.items() if entry.forward}
     assert forward == {"Strang", "G4", "SABAG6"}
 
 
@@ -112,12 +112,12 @@ def test_closed_forms(name):
 
 def test_nodes_of_sabag_are_gaussian():
     """T at Gauss nodes, Gauss weights for V, and c of least norm."""
-    made, (x, w) = COMPOSITIONS["SABAG6"], np.polynomial.legendre.leggauss(6)
-    assert np.allclose(np.cumsum([float(a) for a in made.drifts])[:-1], (x + 1) / 2, atol=1e-15)
-    assert np.allclose([float(b) for b in made.kicks], w / 2, atol=1e-15)
-    conditions = OrderConditions(made)
+    sabag, (x, w) = COMPOSITIONS["SABAG6"], np.polynomial.legendre.leggauss(6)
+    assert np.allclose(np.cumsum([float(a) for a in sabag.drifts])[:-1], (x + 1) / 2, atol=1e-15)
+    assert np.allclose([float(b) for b in sabag.kicks], w / 2, atol=1e-15)
+    conditions = OrderConditions(sabag)
     x = np.array([float(value) for value in conditions.unknowns])
-    F, J = (part[: len(conditions.words)] for part in FloatConditions(conditions).evaluate(x))
+    F, J = (values[: len(conditions.words)] for values in FloatConditions(conditions).evaluate(x))
     along = np.linalg.svd(J)[2][-1]  # the family: its direction has no part in c
     assert abs(along[5:] @ x[5:]) < 1e-7
     assert np.abs(F).max() < 1e-14
@@ -138,19 +138,20 @@ def test_the_exponential_of_a_sum_of_numbers_has_its_square():
 
 
 def test_every_word_follows_from_lyndon_words():
-    """What the theory says: all coefficients up to the order are those of the exact flow."""
+    """All coefficients up to the order equal coefficients of the exact flow, as in the theory."""
     with mp.workdps(70):
         for name in ("BM4", "G6"):
-            made = COMPOSITIONS[name]
-            words = words_up_to("AB", made.order)
-            found = step_coefficients(made, words, lambda x: mp.mpf(x.numerator) / x.denominator)
-            assert all(abs(found[w] - mp.mpf(1) / factorial(len(w))) < 1e-55 for w in words)
+            entry = COMPOSITIONS[name]
+            words = words_up_to("AB", entry.order)
+            coefficients = step_coefficients(entry, words,
+                                             lambda x: mp.mpf(x.numerator) / x.denominator)
+            assert all(abs(coefficients[w] - mp.mpf(1) / factorial(len(w))) < 1e-55 for w in words)
             assert set(factors_of(words)) == set(words)
 
 
 def test_conditions_agree_with_composed_maps():
     """The same coefficients from matrices: A and B nilpotent, products by NumPy, eleven letters."""
-    made = COMPOSITIONS["G4"]
+    entry = COMPOSITIONS["G4"]
     for word in ("AAB", "ABB", "AABAB"):
         size = len(word) + 1
         A, B = ([[Fraction(word[i] == letter) if j == i + 1 else Fraction(0) for j in range(size)]
@@ -158,8 +159,8 @@ def test_conditions_agree_with_composed_maps():
         A, B = np.array(A), np.array(B)
         C = 2 * B @ A @ B - B @ B @ A - A @ B @ B
         step = np.array([[Fraction(i == j) for j in range(size)] for i in range(size)])
-        kicks = [None, *zip(made.kicks, made.gradients, strict=True)]
-        for a, kick in zip(made.drifts, kicks, strict=True):
+        kicks = [None, *zip(entry.kicks, entry.gradients, strict=True)]
+        for a, kick in zip(entry.drifts, kicks, strict=True):
             for element in ([] if kick is None else [kick[0] * B + kick[1] * C]) + [a * A]:
                 power = term = np.array([[Fraction(i == j) for j in range(size)]
                                          for i in range(size)])
@@ -205,32 +206,32 @@ def test_the_proof_encloses_the_stored_numbers(name):
     ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("G6", "weights", 1)])
 def test_a_wrong_digit_is_found(name, part, i):
     by = Fraction(1, 10**45) if i else Fraction(-1, 10**12)
-    made = moved(COMPOSITIONS[name], part, i, by)
-    if made.base:
-        drifts, kicks, gradients = flatten(COMPOSITIONS[made.base], made.weights)
-        made = replace(made, drifts=drifts, kicks=kicks, gradients=gradients)
-    failed = [line.name for line in check_composition(made) if not line.holds]
+    spoilt = moved(COMPOSITIONS[name], part, i, by)
+    if spoilt.base:
+        drifts, kicks, gradients = flatten(COMPOSITIONS[spoilt.base], spoilt.weights)
+        spoilt = replace(spoilt, drifts=drifts, kicks=kicks, gradients=gradients)
+    failed = [line.name for line in check_composition(spoilt) if not line.holds]
     assert any("order" in name for name in failed), failed
     if abs(by) > Fraction(1, 10**40):  # no solution in the box; else one beside its middle
         assert "exact solution" in failed
 
 
 def test_numbers_that_are_not_the_composition_are_found():
-    made = COMPOSITIONS["KL6"]
+    entry = COMPOSITIONS["KL6"]
     failed = {line.name for line in check_composition(
-        replace(made, drifts=(*made.drifts[:-1], Fraction(1, 5))))
+        replace(entry, drifts=(*entry.drifts[:-1], Fraction(1, 5))))
         if not line.holds}
     assert {"consistency", "symmetry", "composition", "order"} <= failed
-    failed = {line.name for line in check_composition(replace(made, order=8, orders=(8,)))
+    failed = {line.name for line in check_composition(replace(entry, order=8, orders=(8,)))
               if not line.holds}
     assert {"order condition 7", "exact solution", "order", "order, measured"} <= failed
 
 
 @pytest.mark.parametrize("name", ["Strang", "G4", "SABAG6"])
 def test_measured_order_with_one_kick(name):
-    """That with many is among the certificates above."""
-    made = COMPOSITIONS[name]
-    assert abs(observed_composition_order(made, one_kick=True) - made.orders[0]) < 0.1
+    """The order with many kicks is among the certificates above."""
+    entry = COMPOSITIONS[name]
+    assert abs(observed_composition_order(entry, one_kick=True) - entry.orders[0]) < 0.1
 
 
 def test_error_constant_of_strang():
@@ -256,10 +257,10 @@ def test_a_search_finds_what_is_stored(name, starts):
 
 @pytest.mark.parametrize("name", ["G4", "BM4"])  # without free numbers, and with some
 def test_digits_from_doubles_are_those_stored(name, tmp_path, monkeypatch):
-    written, before = tmp_path / "compositions.json", json.loads(PATH.read_text(encoding="utf-8"))
-    shutil.copy(PATH, written)
-    monkeypatch.setattr(composition_search, "PATH", written)
+    copied, before = tmp_path / "compositions.json", json.loads(PATH.read_text(encoding="utf-8"))
+    shutil.copy(PATH, copied)
+    monkeypatch.setattr(composition_search, "PATH", copied)
     x = [float(value) for value in OrderConditions(COMPOSITIONS[name]).unknowns]
     composition_search.store(name, x, "a test")
     before[name]["found"] = "a test"
-    assert json.loads(written.read_text(encoding="utf-8")) == before
+    assert json.loads(copied.read_text(encoding="utf-8")) == before

@@ -28,8 +28,8 @@ def test_area_of_an_ellipse():
     value, scale, tail = loop_integral(q, p)
     assert abs(value + 1.5 * np.pi) <= 8 * EPS
     assert abs(scale - 3 * np.pi) <= 16 * EPS  # p dq has one sign, q dp the other
-    least = np.array([3.0]), np.array([0.5])  # 4 · (3 · 0.5 + 0.5 · 3) around
-    assert abs(loop_integral(q, p, least)[1] - 12) <= 0.2
+    least_sizes = np.array([3.0]), np.array([0.5])  # 4 · (3 · 0.5 + 0.5 · 3) around
+    assert abs(loop_integral(q, p, least_sizes)[1] - 12) <= 0.2
     assert tail == 0.0
 
 
@@ -89,7 +89,7 @@ def test_drift_of_schemes(scheme, stages, kept):
 
 @pytest.mark.slow  # thousands of steps of a loop
 def test_a_smaller_loop_where_a_large_one_tears():
-    """A pencil on its tip parts neighbours by e^30; no loop is resolved, and that is said."""
+    """A pencil on its tip parts neighbours by e^30; no loop is resolved, and the result says so."""
     parameters = {"I1": 1.0, "I2": 1.0, "I3": 0.01, "mgl": 9.0, "gamma": 0.5}
     upright = np.array([1.0, 0, 0, 0]), np.array([0, 1e-3, 0, 0])
     step = gs.stepper("G-L", 3)

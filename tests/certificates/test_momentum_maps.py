@@ -1,4 +1,4 @@
-"""Momentum maps: those that textbooks know are found, proved and named; no others are."""
+"""Momentum maps of textbooks are derived, proved and named; no others are."""
 
 from __future__ import annotations
 
@@ -55,16 +55,16 @@ def test_heavy_top():
     assert all(J.everywhere and J.turns_constraints and J.proof == "expanded"
                for J in (vertical, figure))
     top = gs.problems.fast_top()
-    found = momentum_maps(heavy_top("gamma"), top.parameters | {"I2": 0.0021, "gamma": 0.0015},
-                          top.q0, top.p0)
-    assert [J.name for J in found] == SPACE[2:]
+    maps = momentum_maps(heavy_top("gamma"), top.parameters | {"I2": 0.0021, "gamma": 0.0015},
+                         top.q0, top.p0)
+    assert [J.name for J in maps] == SPACE[2:]
 
 
 def test_free_body():
-    """A body without forces: three in space, where mgl = 0 only; one more if it is symmetric."""
-    found = maps_of(gs.problems.free_body())
-    assert sorted(J.name for J in found) == SPACE
-    assert [J.name for J in found if J.any_parameters] == SPACE[2:]
+    """A body without forces has three in space, one for any mgl; one more if it is symmetric."""
+    maps = maps_of(gs.problems.free_body())
+    assert sorted(J.name for J in maps) == SPACE
+    assert [J.name for J in maps if J.any_parameters] == SPACE[2:]
     body = gs.problems.free_body((2.0, 1.0, 1.0))
     assert sorted(J.name for J in maps_of(body)) == [*SPACE, BODY[0]]
 
@@ -100,15 +100,15 @@ def test_symmetry_on_the_constraint_only():
     R11, R21 = 1 - 2 * (q[2] ** 2 + q[3] ** 2), R[1, 0]
     system = body_system("poorly_written", "gamma", mgl * (R[2, 2] + R11**2 + R21**2), (mgl,))
     parameters = {"I1": 1.0, "I2": 2.0, "I3": 2.5, "mgl": 0.7, "gamma": 1.8}
-    (found,) = momentum_maps(system, parameters, [0.8, 0.6, 0, 0], [0.06, -0.08, 0.2, 0.3])
-    assert found.name == SPACE[2]
-    assert not found.everywhere
-    assert found.on_constraints
-    assert found.proof == "random points"
+    (momentum_map,) = momentum_maps(system, parameters, [0.8, 0.6, 0, 0], [0.06, -0.08, 0.2, 0.3])
+    assert momentum_map.name == SPACE[2]
+    assert not momentum_map.everywhere
+    assert momentum_map.on_constraints
+    assert momentum_map.proof == "random points"
     well = body_system("well_written", "gamma", mgl * (R[2, 2] + R[0, 0]**2 + R21**2), (mgl,))
-    (found,) = momentum_maps(well, parameters, [0.8, 0.6, 0, 0], [0.06, -0.08, 0.2, 0.3])
-    assert found.name == SPACE[2]
-    assert found.everywhere
+    (momentum_map,) = momentum_maps(well, parameters, [0.8, 0.6, 0, 0], [0.06, -0.08, 0.2, 0.3])
+    assert momentum_map.name == SPACE[2]
+    assert momentum_map.everywhere
 
 
 def spring(gravity=0):
@@ -124,18 +124,18 @@ STATE = [0, 0, 0, 1.2, 0.3, -0.2], [0.1, 0.2, 0.3, 0.3, -0.2, 0.1]
 
 
 def test_two_masses_with_a_spring():
-    """The six of space for any masses; the inner angular momentum, which weighs with m1 and m2."""
-    found = momentum_maps(spring(), SPRING, *STATE)
-    assert sorted(J.name for J in found if J.any_parameters) == [*SPACE, *LINEAR]
-    inner = [J for J in found if not J.any_parameters]
+    """Six maps of space for any masses; the inner angular momentum, which weighs with m1 and m2."""
+    maps = momentum_maps(spring(), SPRING, *STATE)
+    assert sorted(J.name for J in maps if J.any_parameters) == [*SPACE, *LINEAR]
+    inner = [J for J in maps if not J.any_parameters]
     rng = np.random.default_rng(6)
     q, p = rng.standard_normal((2, 60, 6))
     r, relative = q[:, 3:] - q[:, :3], (masses["m1"] * p[:, 3:] - masses["m2"] * p[:, :3])
     expected = np.cross(r, relative)
-    known = [J.values(q, p) for J in found if J.any_parameters]
-    weights = np.linalg.matrix_rank(np.array([*known, *expected.T, *(J.values(q, p)
+    values = [J.values(q, p) for J in maps if J.any_parameters]
+    weights = np.linalg.matrix_rank(np.array([*values, *expected.T, *(J.values(q, p)
                                                                        for J in inner)]), tol=1e-9)
-    assert weights == len(found) == 9
+    assert weights == len(maps) == 9
 
 
 @pytest.mark.parametrize("count", [1, pytest.param(7, marks=pytest.mark.slow)])
@@ -149,10 +149,10 @@ def test_chain_of_points(count):
                        name="chain")
     q0 = np.cumsum([[0.6, 0.0, -0.8]] * count, axis=0).ravel()
     p0 = [0, 0.1, 0] * count
-    found = momentum_maps(system, {"m1": 1.0, "length": 1.0, "g": 9.81}, q0, p0)
-    assert [J.name for J in found] == SPACE[2:]
-    assert found[0].any_parameters
-    assert found[0].turns_constraints
+    maps = momentum_maps(system, {"m1": 1.0, "length": 1.0, "g": 9.81}, q0, p0)
+    assert [J.name for J in maps] == SPACE[2:]
+    assert maps[0].any_parameters
+    assert maps[0].turns_constraints
     assert (3 * count > MAX_COORDINATES) == (count == 7)
 
 
@@ -188,7 +188,7 @@ def test_gravity_in_any_direction(down):
 @settings(max_examples=6, derandomize=True)
 @given(scale=st.floats(-6, 6), stretch=st.sampled_from([0.0, 1e-3, 1.0]))
 def test_no_symmetry_is_invented_in_any_units(scale, stretch):
-    """An oscillator that is round to one part in a thousand keeps no angular momentum."""
+    """An oscillator that is round to one part in a thousand has no invariant angular momentum."""
     x, y, a, b = sp.symbols("x y a b", real=True)
     s = sp.Symbol("s", positive=True)
     H = (a**2 + b**2) / (2 * m1) + k * (x**2 + y**2 + s * x**2 * y**2) / 2
@@ -197,8 +197,8 @@ def test_no_symmetry_is_invented_in_any_units(scale, stretch):
     assert momentum_maps(system, parameters, [0.3, -0.2], [0.25, 0.35]) == []
     round_one = gs.System((x, y), (a, b), (m1, k, s),
                           (a**2 + b**2) / (2 * m1) + k * (x**2 + s * y**2) / 2, name="oscillator")
-    found = momentum_maps(round_one, parameters, [0.3, -0.2], [0.25, 0.35])
-    assert [J.name for J in found] == ([] if stretch else ["angular momentum"])
+    maps = momentum_maps(round_one, parameters, [0.3, -0.2], [0.25, 0.35])
+    assert [J.name for J in maps] == ([] if stretch else ["angular momentum"])
 
 
 def plane(H, values, **more):
@@ -211,23 +211,23 @@ def plane(H, values, **more):
 
 @pytest.mark.parametrize("size", [1e-6, 1e-11])
 def test_near_symmetries_are_reported(size):
-    """A figure axis with I₂ = I₁ (1 + size): how far it is from one, and nothing is proved."""
+    """A figure axis with I₂ = I₁ (1 + size): its distance from a symmetry, without a proof."""
     top = gs.problems.fast_top()
     parameters = top.parameters | {"I2": top.parameters["I1"] * (1 + size), "gamma": 0.0015}
-    vertical, *near = momentum_maps(heavy_top("gamma"), parameters, top.q0, top.p0)
+    vertical, *near_maps = momentum_maps(heavy_top("gamma"), parameters, top.q0, top.p0)
     assert vertical.name == SPACE[2]
     assert vertical.any_parameters
     assert vertical.proof == "expanded"
     assert vertical.symmetry_defect == 0
     if size < 1e-6:
-        (figure,) = near
+        (figure,) = near_maps
         assert figure.name == BODY[2]
         assert not figure.everywhere
         assert not figure.on_constraints
         assert figure.proof == "random points"
         assert 0.1 * size < figure.symmetry_defect < 10 * size
     else:  # too far from one
-        assert near == []
+        assert near_maps == []
 
 
 def test_parameters_are_the_doubles_that_they_are():
@@ -236,9 +236,9 @@ def test_parameters_are_the_doubles_that_they_are():
     H = a**2 / (2 * m1) + b**2 / (2 * m) + (x**2 + y**2) ** 2
     (exact,) = plane(H, {"m1": 0.3, "m": 0.3})
     assert exact.everywhere
-    (near,) = plane(H, {"m1": 0.3, "m": 0.1 + 0.2})
-    assert not near.everywhere
-    assert 1e-17 < near.symmetry_defect < 1e-15
+    (near_map,) = plane(H, {"m1": 0.3, "m": 0.1 + 0.2})
+    assert not near_map.everywhere
+    assert 1e-17 < near_map.symmetry_defect < 1e-15
 
 
 def test_directions_that_are_no_fractions_are_not_proved():
@@ -259,8 +259,8 @@ def test_constraints_that_turn_into_one_another():
     together = [a - b for a, b in zip(q[:3], q[3:], strict=True)]
     system = gs.System(q, p, (m1, m2, g), square(p[:3]) / (2 * m1) + square(p[3:]) / (2 * m2)
                        + g * (q[2] + q[5]) + square(q[:3]) ** 2, together, name="joined")
-    found = momentum_maps(system, masses | {"g": 2.0}, [0.1, 0.2, 0.3] * 2, [0.1, 0.2, 0.3] * 2)
-    vertical = next(J for J in found if J.name == SPACE[2])
+    maps = momentum_maps(system, masses | {"g": 2.0}, [0.1, 0.2, 0.3] * 2, [0.1, 0.2, 0.3] * 2)
+    vertical = next(J for J in maps if J.name == SPACE[2])
     assert vertical.any_parameters
     assert vertical.everywhere
     assert not vertical.turns_constraints
@@ -295,11 +295,11 @@ def test_systems_without_symmetry(name):
 
 
 def test_what_vanishes_on_the_constraints_is_dropped():
-    """In the plane z = 0 every z J' is "conserved"; only the three of the plane are meant."""
+    """In the plane z = 0 every z J' is "conserved"; only the three maps of the plane remain."""
     q, p = points(1)
     system = gs.System(q, p, (m1,), square(p) / (2 * m1), (q[2],), name="plane")
-    found = momentum_maps(system, {"m1": 1.0}, [0.3, 0.4, 0.0], [1.0, -0.5, 0.0])
-    assert sorted(J.name for J in found) == [SPACE[2], "momentum px0", "momentum py0"]
+    maps = momentum_maps(system, {"m1": 1.0}, [0.3, 0.4, 0.0], [1.0, -0.5, 0.0])
+    assert sorted(J.name for J in maps) == [SPACE[2], "momentum px0", "momentum py0"]
 
 
 def test_cyclic_coordinate():
@@ -313,20 +313,20 @@ def test_cyclic_coordinate():
 
 
 def test_forces_count():
-    """A wind along e1 takes p_x and two rotations; drag takes everything."""
+    """A wind along e1 destroys p_x and two rotations; drag destroys every map."""
     q, p = points(1)
     t, c = sp.Symbol("t", real=True), sp.Symbol("c", positive=True)
     wind = gs.System(q, p, (m1,), square(p) / (2 * m1), name="wind", time=t,
                      forces=(sp.sin(t), 0, 0))
-    found = momentum_maps(wind, {"m1": 1.0}, [0.1, 0.2, 0.3], [0.3, 0.1, -0.2])
-    assert [J.name for J in found] == ["momentum py0", "momentum pz0", SPACE[0]]
+    maps = momentum_maps(wind, {"m1": 1.0}, [0.1, 0.2, 0.3], [0.3, 0.1, -0.2])
+    assert [J.name for J in maps] == ["momentum py0", "momentum pz0", SPACE[0]]
     drag = gs.System(q, p, (m1, c), square(p) / (2 * m1), name="drag",
                      forces=tuple(-c * x for x in p))
     assert momentum_maps(drag, {"m1": 1.0, "c": 0.1}, [0.1, 0.2, 0.3], [0.3, 0.1, -0.2]) == []
 
 
 def test_brackets_vanish_numerically():
-    """{J, H} by differences of J and H themselves, which shares nothing with the derivation."""
+    """{J, H} by differences of J and H themselves, independent of the derivation, vanishes."""
     system = spring(g)
     rng, h = np.random.default_rng(8), 1e-5
     symbols = [*system.q, *system.p]
@@ -335,24 +335,24 @@ def test_brackets_vanish_numerically():
 
     def slope(e):
         moved = x[:, None] + h * np.hstack([np.eye(12), -np.eye(12)])
-        at = evaluate([e], values | dict(zip(symbols, moved, strict=True)))[0]
-        return (at[:12] - at[12:]) / (2 * h)
+        values_moved = evaluate([e], values | dict(zip(symbols, moved, strict=True)))[0]
+        return (values_moved[:12] - values_moved[12:]) / (2 * h)
 
     H = slope(system.H)
-    found = momentum_maps(system, SPRING | {"g": 9.81}, *STATE)
-    assert [J.name for J in found if J.any_parameters] == [SPACE[2], *LINEAR[:2]]
-    for J in found:
+    maps = momentum_maps(system, SPRING | {"g": 9.81}, *STATE)
+    assert [J.name for J in maps if J.any_parameters] == [SPACE[2], *LINEAR[:2]]
+    for J in maps:
         by_J = slope(J.J)
         bracket = by_J[:6] @ H[6:] - by_J[6:] @ H[:6]
         assert abs(bracket) < 1e-8 * np.linalg.norm(by_J) * np.linalg.norm(H)
 
 
 def test_a_space_of_symmetries_has_the_simplest_basis():
-    """Two translations that come mixed are told apart."""
+    """Two translations that come mixed are separated."""
     x, y, u, v = sp.symbols("x y u v", real=True)
     plane = gs.System([x, y], [u, v], [], u**2 / 2 + v**2 / 2)
     along_x, along_y = np.zeros((2, 2, 3))
     along_x[0, 2] = along_y[1, 2] = 1
     space = np.array([along_x + along_y, along_x - along_y]).reshape(2, 6).T / np.sqrt(2)
-    found = _echelon(space, plane)
-    assert [dict(field.weights) for field in found] == [{(0, 2): 1}, {(1, 2): 1}]
+    basis = _echelon(space, plane)
+    assert [dict(field.weights) for field in basis] == [{(0, 2): 1}, {(1, 2): 1}]

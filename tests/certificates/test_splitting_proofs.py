@@ -1,4 +1,4 @@
-"""Proofs hold for what is true, and do not for what is not."""
+"""Proofs hold for true statements and fail for false ones."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from splitting_systems import SYSTEMS, molecules
 
 
 def test_flows_of_the_catalogue_are_proved():
-    found = proofs.prove_flows()
-    assert all(line.holds for line in found)
-    assert {line.name for line in found} == {
+    lines = proofs.prove_flows()
+    assert all(line.holds for line in lines)
+    assert {line.name for line in lines} == {
         "sphere", "axis", "symmetric body with drag", "space", "parts of T"}
 
 
@@ -47,37 +47,39 @@ def test_parts_add_up_to_H(name):
         system, _, symmetric = SYSTEMS[name]
     else:
         symmetric, system = False, molecules(2, (1, 1.4, 0.8)).system
-    found = split(system, symmetric=symmetric)
-    assert all(line.holds for line in proofs.prove_splitting(found))
-    body = found.bodies[0]
-    wrong = replace(found, bodies=(replace(body, a=2 * body.a), *found.bodies[1:]))
+    splitting = split(system, symmetric=symmetric)
+    assert all(line.holds for line in proofs.prove_splitting(splitting))
+    body = splitting.bodies[0]
+    wrong = replace(splitting, bodies=(replace(body, a=2 * body.a), *splitting.bodies[1:]))
     assert not proofs.prove_splitting(wrong)[0].holds
 
 
 @pytest.mark.parametrize("axis", [0, 1, 2])
 def test_a_body_is_symmetric_about_any_axis(axis):
     top, moments = heavy_top("gamma"), sp.symbols("I1 I2 I3", positive=True)
-    equal, other = (moment for i, moment in enumerate(moments) if i != axis)
-    found = split(replace(top, H=top.H.subs(equal, other)))
-    assert [part.axis for part in found.bodies[0].axes] == [tuple(np.eye(3, dtype=int)[axis])]
-    assert not found.bodies[0].further
-    assert all(line.holds for line in proofs.prove_splitting(found))
+    equal, third = (moment for i, moment in enumerate(moments) if i != axis)
+    splitting = split(replace(top, H=top.H.subs(equal, third)))
+    assert [axis_part.axis
+            for axis_part in splitting.bodies[0].axes] == [tuple(np.eye(3, dtype=int)[axis])]
+    assert not splitting.bodies[0].further
+    assert all(line.holds for line in proofs.prove_splitting(splitting))
 
 
 def test_parts_of_a_charge_in_a_plane_add_up_to_H():
     """In a magnetic field it moves straight on while the plane turns at −c/b."""
     x, y, u, v, b, c = sp.symbols("x y u v b c", real=True)
     H = ((u - c * y)**2 + (v + c * x)**2) / (2 * b)
-    found = split(gs.System((x, y), (u, v), (b, c), H, name="plane"))
-    assert all(line.holds for line in proofs.prove_splitting(found))
-    turn = replace(found.space[0], omega=(0, 0, c / b))
-    assert not proofs.prove_splitting(replace(found, space=(turn,)))[0].holds
+    splitting = split(gs.System((x, y), (u, v), (b, c), H, name="plane"))
+    assert all(line.holds for line in proofs.prove_splitting(splitting))
+    turn = replace(splitting.space[0], omega=(0, 0, c / b))
+    assert not proofs.prove_splitting(replace(splitting, space=(turn,)))[0].holds
 
 
 def test_parts_that_do_not_commute_are_no_exact_flow():
-    found = split(heavy_top("gamma"))
-    body = found.bodies[0]
-    merged = replace(found, bodies=(replace(body, axes=(*body.axes, *body.further), further=()),))
+    splitting = split(heavy_top("gamma"))
+    body = splitting.bodies[0]
+    merged = replace(splitting,
+                     bodies=(replace(body, axes=(*body.axes, *body.further), further=()),))
     sums, commute = proofs.prove_splitting(merged)
     assert sums.holds
     assert not commute.holds
@@ -98,22 +100,22 @@ def gradient_is_proved(splitting):
 
 @pytest.mark.parametrize("rep", [pytest.param("alpha", marks=pytest.mark.slow), "gamma"])
 def test_the_gradient_is_the_double_bracket(rep):
-    found = split(heavy_top(rep), symmetric=True)
-    assert gradient_is_proved(found)
-    wrong = replace(found)
+    splitting = split(heavy_top(rep), symmetric=True)
+    assert gradient_is_proved(splitting)
+    wrong = replace(splitting)
     wrong.__dict__["gradient"] = Kick(
-        tuple(tuple(-e for e in N) for N in found.gradient.torques), ())
+        tuple(tuple(-e for e in N) for N in splitting.gradient.torques), ())
     assert not gradient_is_proved(wrong)
 
 
 def test_the_gradient_of_points_and_of_an_unsteady_axis():
     x, px, m = sp.symbols("x px m", positive=True)
     spring = gs.System((x,), (px,), (m,), px**2 / (2 * m) + x**4, name="spring")
-    found = split(spring)
-    (force,) = found.gradient.forces
+    splitting = split(spring)
+    (force,) = splitting.gradient.forces
     assert sp.expand(force.replace(lambda e: e.func.__name__ == "Shared", lambda e: e.args[0])
                      + sp.diff((4 * x**3)**2 / m, x)) == 0
-    assert gradient_is_proved(found)
+    assert gradient_is_proved(splitting)
 
 
 def test_invariants():
@@ -125,18 +127,18 @@ def test_invariants():
     assert not proofs.invariants(split(SYSTEMS["drag"][0]))
     assert not proofs.is_invariant(top, q[0] * p[1])
     # a certificate has the parts of the moments of inertia that it is given
-    for I2, kept in ((2, 2), (3, 1)):
+    for I2, count in ((2, 2), (3, 1)):
         numbers = {x: sp.Integer(I2 if x.name == "I2" else 2) for x in top.system.parameters}
         parts = SplittingGuarantees(top.system, numbers, 2).splitting
-        assert len(list(proofs.invariants(parts))) == kept
+        assert len(list(proofs.invariants(parts))) == count
 
 
 def test_the_space_torque_is_the_rate_of_angular_momentum():
     momentum = Body.free("a", "gamma").angular_momentum
     names = dict(zip(sp.symbols("a_q0:4 a_p0:4", real=True), (*q, *p), strict=True))
-    found = space_matrix(q) * sp.Matrix(p) / 2
-    assert [e.xreplace(names) for e in momentum] == [sp.expand(e) for e in found] or all(
-        sp.expand(e.xreplace(names) - x) == 0 for e, x in zip(momentum, found, strict=True))
+    expected = space_matrix(q) * sp.Matrix(p) / 2
+    assert [e.xreplace(names) for e in momentum] == [sp.expand(e) for e in expected] or all(
+        sp.expand(e.xreplace(names) - x) == 0 for e, x in zip(momentum, expected, strict=True))
 
 
 def test_normal_forms_modulo_the_sphere():
