@@ -105,7 +105,7 @@ def derivatives_of(
     states = _state_kernels(derived)
     # functions of one state are in the user's parameters, not in constants of a run
     kernels += [emit_kernel(kernel, Constants(system.parameters), real,
-                            Target(real.c_type, "parameters_t", ""))
+                            Target(real.c_type, constants="parameters_t", prefix=""))
                 for kernel in states if kernel is not None]
     # dc_i/dθ_j, the chain rule from constants to parameters
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
@@ -117,7 +117,7 @@ def derivatives_of(
     duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if needs_duals else None
     called_functions = frozenset(printer.functions).union(*(k.functions for k in kernels))
     called_functions = called_functions.union(*(k["scalar"].functions for template in templates
-                            for k in template["own"]))
+                                                for k in template["own"]))
     index_of = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
@@ -177,7 +177,7 @@ def _step_kernels(
     of their own (``element_derivatives``): no kernels are returned for them.
     """
     if has_templates:
-        return _Kernels([], [], [])
+        return _Kernels(derivatives=[], linearisation=[], duals=[])
     scheme = derived.scheme
     derivatives = derivative_kernels(scheme, columns)
     if not isinstance(scheme, SplittingScheme):

@@ -56,9 +56,9 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     """
     scheme, structure = derived.implicit, Structure(derived.scheme.system)
     emit, times = Emitter(derived.constants, derived.real), time_columns(scheme)
-    kinds = ((structure.templates, elements.energies, _energy),
-             (structure.constraint_templates, elements.constraints, _constraint),
-             (structure.force_templates, elements.forces, _force))
+    kinds = ((structure.templates, elements.energies, _energy_derivatives),
+             (structure.constraint_templates, elements.constraints, _constraint_derivatives),
+             (structure.force_templates, elements.forces, _force_derivatives))
     derivative_tables = []
     for kind, (templates, tables, kernels_of) in enumerate(kinds):
         for template, table in zip(templates, tables, strict=True):
@@ -87,7 +87,8 @@ def _group(
     these sums and directions with their lengths ``n``, the index tables of the instances, and the
     ``entries`` that a product has.
     """
-    # the index table by which the instances add each sum
+    # the index table by which the instances add each sum: forces of H act on coordinates, F and
+    # rates of g have rows of their own
     index_of = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
                 "out": "q" if name.endswith("force") else "row"}
     length_of = {"q": template["nq"], "p": template["np"], "row": template["rows"],
@@ -105,7 +106,7 @@ def _group(
         "inputs": [{"name": direction, "index": direction, "n": length_of[direction], "sign": "+",
                     "entries": entries}
                    for direction, entries in _nonzero_entries(matrices, "direction").items()
-                   if direction != "c"],
+                   if direction != "c"],  # the template of C gathers constants by itself
     }
 
 
@@ -145,7 +146,7 @@ def _nonzero_entries(matrices: Sequence[dict[str, Any]], side: str) -> dict[str,
     return {name: sorted(entries) for name, entries in entries_of.items()}
 
 
-def _by(
+def _by_constants(
     template: ElementTemplate, expressions: Sequence[sp.Expr], times: Sequence[sp.Symbol]
 ) -> list[list[sp.Expr]]:
     """Return the derivatives of expressions by the constants of an instance and by the times.
@@ -165,7 +166,7 @@ def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
     return nonempty
 
 
-def _energy(
+def _energy_derivatives(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
     """Return the kernels of a term of H: dH_q/dc, dH_p/dc and, of IMS and EMS, of D_q and D_p.
@@ -175,8 +176,8 @@ def _energy(
     """
     element = template.system
     state = Kernel("rates_by_constants", "dH_q/dc and dH_p/dc", local_inputs(template),
-                   {"H_qc": _by(template, element.H_q if template.q else [], times),
-                    "H_pc": _by(template, element.H_p if template.p else [], times)})
+                   {"H_qc": _by_constants(template, element.H_q if template.q else [], times),
+                    "H_pc": _by_constants(template, element.H_p if template.p else [], times)})
     if isinstance(scheme, SparkScheme):
         return _nonempty([state])
     # IMS and EMS
@@ -188,13 +189,14 @@ def _energy(
                   {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm),
                    "D_pq": jacobian(D_p, qm), "D_pp": jacobian(D_p, pm)})
     by_constants = Kernel("mean_by_constants", "dD_q/dc and dD_p/dc", arguments,
-                          {"D_qc": _by(template, D_q, times), "D_pc": _by(template, D_p, times)})
+                          {"D_qc": _by_constants(template, D_q, times),
+                           "D_pc": _by_constants(template, D_p, times)})
     hessian = [k for k in term_kernels(template, between=False, constrained=True)
                if k[0].name == "hessian"]
     return [*_nonempty([state, mean, by_constants]), *hessian]
 
 
-def _constraint(
+def _constraint_derivatives(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
     """Return the kernels of a constraint g: derivatives of g, of its rate and of its force.
@@ -209,16 +211,17 @@ def _constraint(
     at_velocity = local_inputs(template, d=v)
     kernels = [
         Kernel("by_constants", "dg/dc", local_inputs(template),
-               {"g_c": _by(template, template.expressions, times)}),
+               {"g_c": _by_constants(template, template.expressions, times)}),
         Kernel("velocity_by_coordinates", "d(G v + g_t)/dq at fixed v", at_velocity,
                {"f_q": jacobian(rates, template.q)}),
         Kernel("velocity_by_constants", "d(G v + g_t)/dc at fixed v", at_velocity,
-               {"f_c": _by(template, rates, times)}),
+               {"f_c": _by_constants(template, rates, times)}),
     ]
     if isinstance(scheme, SparkScheme):
         kernels.append(Kernel("force_by_constants", "d(G^T lambda)/dc",
                               local_inputs(template, **{"lambda": lam}),
-                              {"force_c": _by(template, transposed_product(G, lam), times)}))
+                              {"force_c": _by_constants(template, transposed_product(G, lam),
+                                                        times)}))
         return _nonempty(kernels)
     # of q₁ and q₀, the kernels take the mean qm and the difference dq
     qm, dq = vector("qm", nq), vector("dq", nq)
@@ -230,7 +233,7 @@ def _constraint(
         Kernel("mean_force_by_start", "d(G^T lambda)/dqm between two states", arguments,
                {"K": jacobian(force, qm)}),
         Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", arguments,
-               {"force_c": _by(template, force, times)}),
+               {"force_c": _by_constants(template, force, times)}),
     ])
 
 
@@ -245,11 +248,11 @@ def _rates(
     return [sp.Add(rate, row[0]) for rate, row in zip(rates, g_t, strict=True)]
 
 
-def _force(
+def _force_derivatives(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
 ) -> list[Placed]:
     """Return the kernel of a force F: dF/dc."""
     arguments = {"q": template.q, "p": template.p, **time_input(scheme.system),
                  "k": template.constants}
     return _nonempty([Kernel("by_constants", "dF/dc", arguments,
-                             {"F_c": _by(template, template.expressions, times)})])
+                             {"F_c": _by_constants(template, template.expressions, times)})])

@@ -181,7 +181,7 @@ class Emitter:
             # C has no arrays of length 0
             inputs = {array: symbols for array, symbols in kernel.inputs.items() if symbols}
             prefixed_kernel = Kernel(f"{prefix}_{kernel.name}", kernel.doc, inputs, kernel.outputs,
-                           kernel.compensated)
+                                     kernel.compensated)
             scalar = emit_kernel(prefixed_kernel, self.constants, self.real)
             lanes = emit_kernel(prefixed_kernel, self.constants, self.real, Target.lanes({}))
             entries = _entries([*prefixed_kernel.outputs.values()])
@@ -204,7 +204,7 @@ def _entries(output: Any) -> list[sp.Expr]:
 def local_inputs(
     template: ElementTemplate, **more: Sequence[sp.Symbol]
 ) -> dict[str, Sequence[sp.Symbol]]:
-    """Return the inputs of a kernel of a template: coordinates, momenta, constants."""
+    """Return the inputs of a kernel of a template: coordinates, momenta, ``more``, constants."""
     return {"q": template.q, "p": template.p, **more, "k": template.constants}
 
 
@@ -231,6 +231,7 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
         second["H_pq"] = system.H_pq
     if template.p:
         second["H_pp"] = system.H_pp
+    # in a co-moving frame, H̃ of the motion comes first, and the energy H last
     kernels = [
         (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": template.expressions[-1]}),
          BOTH),
@@ -256,8 +257,8 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
 def constraint_kernels(template: ElementTemplate, *, between: bool) -> list[Placed]:
     """Return the kernels of a template of g: g, g(q + d) − g(q), G, Gᵀ λ, K = (Gᵀ λ)_q and g_t.
 
-    With time alone there is g_t. ``between``: the scheme is IMS or EMS, whose K, between two
-    states, is in ``mean_constraint_kernels``.
+    g_t exists only where a constraint depends on time. ``between``: the scheme is IMS or EMS,
+    whose K, between two states, is in ``mean_constraint_kernels``.
     """
     g, q = list(template.expressions), template.q
     d, lam = vector("d", len(q)), vector("lambda", len(g))

@@ -106,7 +106,7 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     """Return the C and the manifest.
 
     ``elements`` decides whether the C loops over the instances of the system's element templates;
-    None: if that saves work.
+    with None, it does if that saves work.
     """
     program = program_of(derived, elements)
     context = {field.name: getattr(program, field.name) for field in fields(program)}
@@ -132,8 +132,8 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     derived : Derived
         The scheme, its system and the kind of numbers.
     elements : bool or None
-        Whether kernels are those of element templates, in loops over their instances; None: if
-        that saves work.
+        Whether kernels are those of element templates, in loops over their instances; with None,
+        they are if that saves work.
 
     Raises
     ------
@@ -157,7 +157,8 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     if derivatives and lanes:
         lanes = _with_functions(lanes, calls.of_derivatives)
     scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
-    # costs go by the names of kernels, which those of a plain iteration share with Newton's
+    # costs are counted by the names of kernels: the kernels of a plain iteration are left out, as
+    # they have the names of Newton's
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, kernels if plain else step_kernels, element_sums, real)
     return Program(
@@ -367,7 +368,7 @@ def _iterations(derived: Derived, elements: Elements | None, flows: Flows | None
     Compositions of flows solve no equations: their "iteration" is the lanes of many trajectories.
     """
     if flows is not None:
-        return _Iterations(flow_lanes(derived, flows) if derived.profile == "full" else None)
+        return _Iterations(lanes=flow_lanes(derived, flows) if derived.profile == "full" else None)
     if derived.profile == "full":
         lanes, refusal = lane_iteration(derived, elements)
         return _Iterations(lanes, refusal=refusal)
@@ -403,7 +404,7 @@ def _elements(derived: Derived, requested: bool | None) -> Elements | None:
             or isinstance(system, LagrangianSystem) or isinstance(derived.scheme, SplittingScheme)):
         return None  # the mass matrix of a Lagrangian and reactions couple all elements
     if isinstance(system, CoMovingSystem) and system.frame_velocity:
-        return None
+        return None  # the velocity of the frame is a kernel of the whole system
     if isinstance(system, ScaledSystem):
         return None  # the scale couples all coordinates
     structure = Structure(system)
@@ -499,7 +500,7 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     # the angle after 10⁹ steps has 30 bits before the point, and float has 24 in all
     angle_type = REALS["double"] if real.name == "float" else real
     rotation = FrameRotation(frame, system)
-    target = Target(real.c_type, "parameters_t", "")
+    target = Target(real.c_type, constants="parameters_t", prefix="")
     rates: list[str] = []
     for group, factor in rotation.angles:
         literal, axis = angle_type.literal(factor), rotation.axes[group]
@@ -509,7 +510,7 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     return FrameTransformation(
         real=angle_type.c_type,
         suffix=angle_type.suffix.lower(),
-        quarter=half_pi_words(angle_type, 3),
+        quarter=half_pi_words(angle_type, count=3),
         groups=[{"names": [symmetry.name for symmetry in group], "axis": axis}
                 for group, axis in zip(frame.groups, rotation.axes, strict=True)],
         rotation_groups=rotation.sets,

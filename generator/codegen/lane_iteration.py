@@ -41,12 +41,13 @@ def lane_iteration(
         if not scheme.system.m:  # no constraint nodes
             tables = {name: tables[name] for name in ("mu", "mu_hat", "onward")}
             even_odd = {name: rows for name, rows in even_odd.items() if name in tables}
-    iteration = _of_kernels(derived) if elements is None else _of_elements(derived, elements)
+    iteration = (_iteration_of_kernels(derived) if elements is None
+                 else _iteration_of_elements(derived, elements))
     return replace(iteration, tables=_literals(tables, real),
                    even_odd_tables=_literals(even_odd, real)), ""
 
 
-def _of_elements(derived: Derived, elements: Elements) -> LaneIteration:
+def _iteration_of_elements(derived: Derived, elements: Elements) -> LaneIteration:
     """Return the iteration with kernels of element templates, without tables.
 
     W = G H_pp Gᵀ of a sum over elements is factorised at each node: whether it is constant, or a
@@ -58,7 +59,7 @@ def _of_elements(derived: Derived, elements: Elements) -> LaneIteration:
     kernels = [k for k in elements.kernels if k.name.startswith("lanes_")]
     return LaneIteration(
         kernels=[], folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
-        compensated=any(sums_products(k, "lanes_") for k in kernels),
+        compensated=any(sums_products(k, prefix="lanes_") for k in kernels),
         factors=derived.scheme.system.m > 0, constant_schur=False, scalar_schur=False,
         separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
         history=_history(derived),
@@ -66,7 +67,7 @@ def _of_elements(derived: Derived, elements: Elements) -> LaneIteration:
         batch_memory=_memory(derived, constant_count, factor_length, single=False))
 
 
-def _of_kernels(derived: Derived) -> LaneIteration:
+def _iteration_of_kernels(derived: Derived) -> LaneIteration:
     """Return the iteration with kernels of the whole system, without tables."""
     scheme, real, m = derived.implicit, derived.real, derived.scheme.system.m
     system = fast_system(scheme.system)
@@ -76,7 +77,7 @@ def _of_kernels(derived: Derived) -> LaneIteration:
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in fast_kernels]
-    # lanes copy the constants of a run from the plain numbers in ``from``
+    # lanes copy the constants of a run from the plain numbers, which C has as ``from``
     printer = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
     constant_count = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
     is_constant = m > 0 and system.schur_inverse is not None
@@ -86,7 +87,7 @@ def _of_kernels(derived: Derived) -> LaneIteration:
                 for e, symbol in system.folds.definitions.items()},
         **called_functions(kernels),
         tables={}, even_odd_tables={},
-        compensated=any(sums_products(k, "lanes_") for k in kernels),
+        compensated=any(sums_products(k, prefix="lanes_") for k in kernels),
         # a constant W is inverted once a run; SPARK factorises it too, for the momentum
         factors=m > 0 and (derived.is_spark or not is_constant),
         constant_schur=is_constant,
@@ -131,9 +132,12 @@ def _memory(derived: Derived, constants: int, factor: int, *, single: bool) -> i
     # all numbers below count registers, as the members of the state in ``fixed_point/state.h``; x
     # are the unknowns k, k̂ and λ
     x = 2 * blocks * n + nodes * m
+    # x, the constraint forces C at the stages, Y and D at the nodes, the factors of W
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor
+    # mu, mu_hat and onward; nu; nu_tilde; inverse and onward_nodes; which nodes are free
     tables = 3 * s * blocks + s * nodes + p * blocks + 2 * p * nodes + nodes if single else 0
     forced = n if single else s * n
+    # the step, and the times of constraints and of forces at the nodes
     constants += 3 + 2 * nodes if scheme.system.is_time_dependent else 0
     state = 5 * n + 3 * blocks  # q, p, their compensation, zeros; h b, h b̂ and h c of the stages
     constraint_state = 4 * m + m * m  # weights of rows, g twice, an impulse, W⁻¹

@@ -32,13 +32,13 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
     """
     system, model = derived.system, derived.model
     units = units_of(system, model.units if model else {})
-    start = _start(derived, model, states) if model else {}
+    start = _starting_values(derived, model, states) if model else {}
     if system.time is not None:
         units[str(system.time)] = "s"
     velocities = states.velocities if states else []
     if states and velocities:
         # components of Ω, or the rate of a coordinate x, with the unit of x per second
-        units |= {name: "rad/s" if x is None else _rate(units[str(x)])
+        units |= {name: "rad/s" if x is None else _unit_of_rate(units[str(x)])
                   for name, x in zip(velocities, states.own.rate_of, strict=True)}
     manifest: list[NumberManifest] = []
 
@@ -60,14 +60,16 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
     return manifest
 
 
-def _rate(unit: str | None) -> str | None:
+def _unit_of_rate(unit: str | None) -> str | None:
     """Return the unit per second, such as "m/s" of "m"; None for None."""
     if unit is None:
         return None
     return unit_name(product_dimensions((base_units(unit), 1), (base_units("s"), -1)))
 
 
-def _start(derived: Derived, model: Model, states: StateFunctions | None) -> dict[str, float]:
+def _starting_values(
+    derived: Derived, model: Model, states: StateFunctions | None
+) -> dict[str, float]:
     """Return the starting values of the numbers of a model by name, exact until rounded once.
 
     γ or α of a body is the mean of its moments by the model's rule; velocities are computed from q

@@ -77,7 +77,8 @@ def _emit_kernels(derived: Derived, system: FastSystem) -> dict[str, EmittedKern
     # folds, subexpressions of constants of a run, are further members of the struct of constants
     folds = {symbol: f"c->{symbol.name.lstrip('_')}"
              for symbol in system.folds.definitions.values()}
-    target = Target("real", "constants", "", folds, derived.profile == "control")
+    target = Target("real", "constants", prefix="", names=folds,
+                    explicit=derived.profile == "control")
     # kernels that share subexpressions w are called as a pair, under names of their own
     names = {"velocity": "first_rates", "force": "second_rates"} if system.shared_sums else {}
     return {k.name: emit_kernel(replace(k, name=names.get(k.name, k.name)), derived.constants,
@@ -117,6 +118,7 @@ def _refuse(scheme: SparkScheme | MeanScheme, real: Real, profile: ProfileName) 
     """Refuse a type, tableau or system that the profiles ``control`` and ``run`` do not support."""
     system = scheme.system
     refusal = FastTableau(scheme.tableau).refusal if scheme.tableau else None
+    # the name of each feature in an error; False if the stepper does not have it
     refuse_together(
         profile=f"profile {profile!r}", control=profile == "control" and "profile 'control'",
         lagrangian=isinstance(system, LagrangianSystem) and f"the Lagrangian of {system.name}",

@@ -137,6 +137,7 @@ class Elements:
     energies: list[dict[str, Any]]
     constraints: list[dict[str, Any]]
     forces: list[dict[str, Any]]
+    #: Names of the constants that instances read.
     used_constants: list[str]
     #: Indices of the entries of G, block by block, and of W.
     blocks: Any
@@ -145,6 +146,7 @@ class Elements:
     elimination: dict[str, Any]
     #: Indices of the entries of H_pp and of H_qp − F_p, row by row.
     second: dict[str, Any]
+    #: Place of each unknown in the band of Newton's matrix, and half the bandwidth.
     positions: list[int]
     band: int
     #: Pattern of Newton's system without the rates of momenta (``condensation``), or None.
@@ -293,6 +295,7 @@ class Flows:
     #: constant if the bodies are symmetric.
     axis_which: list[int]
     axis_steady: list[int]
+    #: Rotations that do not commute with free motions: their bodies, and 0 to 3 as for the others.
     further_body: list[int]
     further_which: list[int]
     #: Indices of the coordinates of points in q, and of the entries of y that kicks change.

@@ -21,7 +21,8 @@ from .program import Derived, DualKernels
 
 __all__ = ["dual_kernels", "refuse_second"]
 
-#: The derivative of each function of <math.h> at x, where f is its value; "MATH(...)" of the type.
+#: The derivative of each function of <math.h> at x, where f is its value; the C macro MATH(name)
+#: is the function for the type of numbers.
 _SLOPES = {
     "sin": "MATH(cos)(x)", "cos": "-MATH(sin)(x)", "tan": "1 + f*f",
     "asin": "1/MATH(sqrt)((1 - x)*(1 + x))", "acos": "-1/MATH(sqrt)((1 - x)*(1 + x))",
@@ -30,7 +31,7 @@ _SLOPES = {
     "acosh": "1/MATH(sqrt)((x - 1)*(x + 1))", "atanh": "1/((1 - x)*(1 + x))", "exp": "f",
     "log": "1/x", "sqrt": "(real)0.5/f", "floor": "0", "fabs": "x < 0 ? -1 : x > 0",
 }
-#: Cardinal functions c(z) = f(z)/z: c'' + 2 c'/z = f''/z, and c''(0).
+#: Cardinal functions c(z) = f(z)/z: the C of f''/z, which is c'' + 2 c'/z, at x, and of c''(0).
 _CARDINALS = {
     "sinc": ("-sinc(x)", "-(real)1/3"), "sinhc": ("sinhc(x)", "(real)1/3"),
     "asinhc": ("-1/((1 + x*x)*MATH(hypot)(1, x))", "-(real)1/3"),
@@ -48,6 +49,7 @@ def refuse_second(derived: Derived) -> None:
         For systems of a Lagrangian, co-moving frames and large systems.
     """
     system, name = derived.system, derived.name
+    # the name of each feature in an error; False if the stepper does not have it
     refuse_together(
         second=f"second derivatives of {name}",
         lagrangian=isinstance(system, LagrangianSystem) and "a Lagrangian",
@@ -70,7 +72,7 @@ def dual_kernels(
                for k in kernels]
     # the time at the start of a run is the last of the parameters
     names = {p: f"par[{j}]" for j, p in enumerate([*derived.system.parameters, START])}
-    printer = CPrinter(real, names, "dual_")
+    printer = CPrinter(real, names, prefix="dual_")
     chain = [printer.number(e) for e in slopes]
     functions = printer.functions.union(*(k.functions for k in emitted))
     # a cardinal function and its slope, which are defined together

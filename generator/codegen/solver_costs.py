@@ -20,13 +20,16 @@ from .program import Elements
 
 __all__ = ["Cost", "solver_costs"]
 
-#: Time of an operation, in additions; other names are calls of <math.h>, lane by lane.
+#: Time of an operation, in additions; "product" adds a product to a sum of two words. Other names
+#: are calls of <math.h>, lane by lane.
 _WEIGHTS = {"add": 1.0, "mul": 1.0, "div": 6.0, "sqrt": 8.0, "product": 12.0}
 _CALL = 40.0
 #: The same where sines and cosines are computed for all lanes at once: ``lanes.c.jinja``.
 _WEIGHTS_OF_DOUBLE = _WEIGHTS | {"sin": _CALL, "cos": _CALL}
 
-#: Kernels of a stage, and of a constraint node, in an iteration, a residual and a Jacobian.
+#: For SPARK, and for IMS and EMS: phase of a step → names of the kernels that it calls for a stage,
+#: and for a constraint node. ``_DENSE`` are kernels of the whole system, ``_ELEMENTS`` of element
+#: templates.
 _DENSE = {
     "spark": {"iteration": (["velocity", "force"], ["constraint_increment", "constraint_jacobian"]),
               "residual": (["gradient"], ["constraint_increment", "constraint_jacobian"]),
@@ -93,13 +96,13 @@ def solver_costs(
     operations = {k.name.removeprefix("lanes_"): k.operations for k in kernels}
     if isinstance(scheme.system, LagrangianSystem):
         operations |= composed_operations(scheme.system, kernels)
-    of_stage, of_node = _dense_cost(operations, real) if elements is None else _elements_cost(
-        elements, real)
+    cost_at_stage, cost_at_node = (_dense_cost(operations, real) if elements is None
+                                   else _elements_cost(elements, real))
     costs: dict[str, int] = {}
     for phase, (stage_kernels, node_kernels) in recipe.items():
-        stage = sum(map(of_stage, stage_kernels), Cost())
+        stage = sum(map(cost_at_stage, stage_kernels), Cost())
         # without constraints there are no nodes
-        node = sum(map(of_node, node_kernels), Cost()) if scheme.system.m else Cost()
+        node = sum(map(cost_at_node, node_kernels), Cost()) if scheme.system.m else Cost()
         if phase == "iteration":
             costs |= {"stage_lanes": round(stage.arithmetic), "stage_calls": round(stage.calls),
                       "node_lanes": round(node.arithmetic), "node_calls": round(node.calls)}

@@ -32,7 +32,7 @@ def flows_of(derived: Derived) -> Flows:
     scheme, real, is_control = derived.scheme, derived.real, derived.profile == "control"
     assert isinstance(scheme, SplittingScheme)
     stages = max(composition.stages for composition in scheme.compositions)
-    # C has no arrays of length 0
+    # C has no arrays of length 0; the flows are s + 1 drifts, and one that joins last and first
     size = {"n": scheme.system.n, "y": len(scheme.momenta),
             "bodies": max(len(scheme.splitting.bodies), 1),
             "axes": max(len(scheme.axes), 1), "further": max(len(scheme.further), 1),
@@ -51,7 +51,7 @@ def flows_of(derived: Derived) -> Flows:
         momenta=len(scheme.momenta),
         stages=stages,
         compositions=[_composition(c, stages, real) for c in scheme.compositions],
-        half_pi=half_pi_words(real, 2),
+        half_pi=half_pi_words(real, count=2),
         state=_step_state(size),
         members=members,
         numbers=length,
@@ -103,7 +103,7 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     vector_bytes = real.bytes if real.wide else _LANE_BYTES
     return LaneIteration(
         kernels=kernels, folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
-        compensated=any(sums_products(k, "lanes_") for k in kernels), factors=False,
+        compensated=any(sums_products(k, prefix="lanes_") for k in kernels), factors=False,
         constant_schur=False, scalar_schur=False, separable=False, shared=0, affine=True,
         history=0, memory=flows.memory, batch_memory=vectors * vector_bytes + 4096)
 
@@ -121,8 +121,8 @@ def _members(
 ) -> list[tuple[str, list[int]]]:
     """Return the members of struct ``flows`` in order: names and shapes.
 
-    ``size`` has the lengths of axes by name; ``drag`` and ``spaces`` say whether there is drag,
-    and how many rotations of space there are. The shape of a number is [].
+    ``size`` has the number of bodies, of stages and so on; ``drag`` and ``spaces`` say whether
+    there is drag, and how many rotations of space there are. The shape of a number is [].
     """
     stages, flows = size["stages"], size["flows"]
     members = [*((f"now.{name}", shape) for name, shape in _step_state(size)),
@@ -167,7 +167,7 @@ def _composition(composition: Composition, stages: int, real: Real) -> Compositi
     """
     a, b = composition.drifts, composition.kicks
     times = list(accumulate(a))[:-1]
-    # κ_i of a kick by b_i (V + κ_i h² G), as the engine multiplies the gradient with b_i
+    # κ_i = −c_i/b_i of a kick by b_i (V + κ_i h² G): the engine multiplies the gradient with b_i
     ratios = [-c / x if x else Fraction(0) for c, x in zip(composition.gradients, b, strict=True)]
 
     def pad(texts: list[str], count: int, filler: str) -> list[str]:
@@ -193,7 +193,8 @@ def _two_words(x: Fraction, real: Real) -> str:
 
 
 def half_pi_words(real: Real, count: int) -> list[str]:
-    """Return the C of π/2 as a sum of up to three numbers of the type, each a rounded remainder."""
+    """Return the C of π/2 as a sum of ``count`` ≤ 3 numbers of the type, each a rounded remainder.
+    """
     bits = 4 * real.bits  # one number more than three: all are rounded correctly
     with mp.workprec(bits + 64):
         remainder = Fraction(int(mp.floor(mp.ldexp(mp.pi / 2, bits))), 2**bits)

@@ -20,7 +20,8 @@ def state_functions(derived: Derived) -> StateFunctions | None:
     start_kernels = start.kernels() if start.exists else []
     return StateFunctions(
         own=start,
-        kernels=[_emit(k, derived) for k in [energy_kernel(derived.system), *start_kernels]],
+        kernels=[_emit_in_parameters(k, derived)
+                 for k in [energy_kernel(derived.system), *start_kernels]],
         velocities=start.names if start.exists else [],
         held=len(start.conditions) if start.exists else 0,
     )
@@ -42,13 +43,14 @@ def quantity_kernel(derived: Derived) -> EmittedKernel | None:
                 f"{min(map(str, used_velocities))!r}; write it in q and p, {few(system.p)}, take "
                 "the system of system.legendre(), or compute it from run.velocities.")
     time = {} if system.time is None else {"t": [system.time]}
-    return _emit(Kernel("quantities", "What the user asked for of a state",
-                        {**time, "q": list(system.q), "p": list(system.p)},
-                        {"out": list(system.quantities.values())}), derived)
+    kernel = Kernel("quantities", "What the user asked for of a state",
+                    {**time, "q": list(system.q), "p": list(system.p)},
+                    {"out": list(system.quantities.values())})
+    return _emit_in_parameters(kernel, derived)
 
 
-def _emit(kernel: Kernel, derived: Derived) -> EmittedKernel:
+def _emit_in_parameters(kernel: Kernel, derived: Derived) -> EmittedKernel:
     """Return the C of a kernel that takes the parameters, not the constants of a run."""
-    target = Target(derived.real.c_type, "parameters_t", "",
+    target = Target(derived.real.c_type, constants="parameters_t", prefix="",
                     explicit=derived.profile == "control")
     return emit_kernel(kernel, Constants(derived.system.parameters), derived.real, target)

@@ -167,7 +167,7 @@ class CPrinter:
         numerator: list[sp.Expr] = []
         denominator: list[sp.Expr] = []
         for a in e.args:
-            # x/3 has one rounding error, (1/3) x has two
+            # 1/a.q, where a.q is no power of two: x/3 has one rounding error, (1/3) x has two
             if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)):
                 denominator.append(sp.Integer(a.q))
             elif a.is_Pow and a.exp.is_Rational and a.exp < 0:

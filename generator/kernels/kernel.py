@@ -105,10 +105,10 @@ class Constants:
         return self._hoisted[e]
 
     def _hoist(self, e: sp.Expr) -> sp.Expr:
-        """Replace constant subexpressions: whole ones, and the constant part of sums, products.
+        """Return e with symbols for constant subexpressions.
 
-        A number in front stays a number, 2 c: the kernel may use c elsewhere. aᵘ with a constant a
-        becomes exp(u log a).
+        The constant arguments of a sum, or of a product, become one symbol. A number in front stays
+        a number, 2 c: the kernel may use c elsewhere. aᵘ with a constant a becomes exp(u log a).
         """
         symbols = self._free_symbols(e)
         if not symbols or e.is_Symbol:
@@ -173,7 +173,7 @@ class Constants:
         return expanded if self._time is None else without_start(expanded)
 
     def names(self) -> dict[sp.Symbol, str]:
-        """Return the C text of each constant inside a kernel."""
+        """Return the C text inside a kernel of each constant, and of each symbol of ``clock``."""
         if len(self._texts) < len(self.definitions):
             self._texts = {symbol: f"c->{symbol.name}" for symbol in self.definitions.values()}
         return self._texts | {symbol: f"c->{field}" for symbol, field in self.clock.items()}
@@ -183,8 +183,10 @@ class Constants:
 class Target:
     """The number type of a kernel: one number, lanes of numbers, or a dual number."""
 
+    #: The C types of a number and of the struct of constants.
     value: str
     constants: str
+    #: Prefix of the names of kernels and of the functions that they call.
     prefix: str
     #: C text of additional symbols.
     names: Mapping[sp.Symbol, str] = field(default_factory=dict)
@@ -194,7 +196,7 @@ class Target:
     @classmethod
     def scalar(cls, real: Real) -> Target:
         """One state a call."""
-        return cls(real.c_type, "constants", "")
+        return cls(real.c_type, "constants", prefix="")
 
     @classmethod
     def lanes(cls, names: Mapping[sp.Symbol, str]) -> Target:
@@ -337,7 +339,10 @@ def wrap(statement: str, width: int = 96) -> str:
 
 
 def _assignments(statements: Statements, printer: CPrinter) -> Iterator[str]:
-    """Yield one assignment for each entry; an entry equal to an earlier one is copied."""
+    """Yield one assignment for each entry; an entry equal to an earlier one is copied.
+
+    An entry without a target is the value that the function returns.
+    """
     targets: dict[sp.Expr, str] = {}
     for target, e in statements.outputs:
         if not target:

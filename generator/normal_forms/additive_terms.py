@@ -200,7 +200,7 @@ class HamiltonianTerms:
             """Return the node of a monomial: its kinetic block, or its coordinates' group."""
             if self.support(m)[0]:
                 return self.support.kinetic_block(m)
-            a = min(self.support.blocks(m), default=n)
+            a = min(self.support.blocks(m), default=n)  # terms in time alone have one number
             return group_of.get(a, n + a)
 
         return node
@@ -365,7 +365,7 @@ class ForceTerms:
     def _groups(self) -> Iterable[dict[int, list[sp.Expr]]]:
         """Return groups of summands of F, row → summands, that share sets of classes."""
         summands = [(row, e) for row, f in enumerate(self.F) for e in sp.Add.make_args(f)]
-        # each set of classes has a number, so that ``connected`` joins summands that share a set
+        # each set of classes has a number, by which summands with a set in common are connected
         numbers: dict[frozenset[int], int] = {}
         set_numbers = [frozenset(numbers.setdefault(c, len(numbers)) for c in self._classes_in(e))
                        for _, e in summands]

@@ -131,7 +131,7 @@ class CanonicalForms:
         n = int(exponent)
         factor, coprime_sum = primitive(base)
         factor = quotient(Fraction(factor) ** n, 1)
-        # 2ⁿ (x y)ⁿ becomes (2 x y)ⁿ, as in ``common_factors.doubled``
+        # 2ⁿ (x y)ⁿ becomes (2 x y)ⁿ, as in ``absorb_factor_two``
         if n > 0 and factor.numerator % 2**n == 0 and all(map(is_bilinear, coprime_sum.args)):
             factor, coprime_sum = quotient(factor, 2**n), 2 * coprime_sum
         # evaluated, a number would go into the sum

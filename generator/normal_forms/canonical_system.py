@@ -129,7 +129,7 @@ class _SystemForms:
                 tuple(self.kinds[x] for x in ordered))
 
     def _local(self, ordered: list[sp.Symbol]) -> dict[sp.Symbol, sp.Symbol]:
-        """Return symbol → local name, by the order."""
+        """Return symbol → local name; names are numbered as the symbols are ordered."""
         local = local_names(self.placeholders[x] for x in ordered)
         return {x: local[self.placeholders[x]] for x in ordered}
 
@@ -181,7 +181,7 @@ class _SystemForms:
                     for e in summands]
         component_of = {i: min(component) for component in connected_components(supports)
                         for i in component}
-        for e, support in zip(summands, supports, strict=True):
+        for e, support in zip(summands, supports, strict=True):  # −1: without coordinates
             summands_of[component_of[min(support)] if support else -1].append(e)
         return list(map(self._group, summands_of.values()))
 

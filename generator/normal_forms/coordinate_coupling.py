@@ -38,7 +38,7 @@ class CoordinateCoupling:
         # coordinates that one kinetic block depends on belong together
         support_of_block: dict[int, set[int]] = defaultdict(set)
         for p, support in pairs:
-            if p:
+            if p:  # all momenta of a term are in one block: any of them gives it
                 support_of_block[self.kinetic_block_of[min(p)]] |= support
         singletons = [frozenset([a]) for a in range(n)]
         blocks = connected_components([*singletons, *map(frozenset, support_of_block.values())])

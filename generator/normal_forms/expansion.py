@@ -125,7 +125,8 @@ class NormalForm:
 
     def power(self, base: Terms, n: int) -> Terms:
         """Return baseⁿ for n ≥ 0, by repeated squaring."""
-        # k terms to the power n have up to C(k + n − 1, n) terms: refuse before computing them
+        # k terms to the power n have up to C(k + n − 1, n) terms: refuse before computing them. For
+        # n beyond the allowance, n alone refuses them: the binomial would take long.
         self.spend(math.comb(len(base) + n - 1, n) if n <= self.allowance else n)
         power = constant(1)
         for bit in f"{n:b}":  # from the highest bit of n

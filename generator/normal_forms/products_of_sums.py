@@ -91,12 +91,12 @@ def kinds(terms: Terms) -> list[frozenset[sp.Expr]]:
     """
     bases = sorted({base for m in terms for base, _ in m}, key=base_key)
     first = dict(next(iter(terms)))
-    system: Echelon[sp.Expr] = Echelon(base_key)
+    echelon: Echelon[sp.Expr] = Echelon(base_key)
     for m in terms:
         powers = dict(m)
         differences = {base: powers.get(base, 0) - first.get(base, 0) for base in bases}
-        system.add({base: n for base, n in differences.items() if n})
-    reduced = system.echelon_rows()
+        echelon.add({base: n for base, n in differences.items() if n})
+    reduced = echelon.echelon_rows()
     sets = []
     # a vector of the orthogonal complement for each column without a pivot
     for free in (base for base in bases if base not in reduced):
@@ -114,11 +114,11 @@ def _decomposition(terms: Terms, f_bases: frozenset[sp.Expr]) -> list[tuple[Term
     for m, a in terms.items():
         f_part = frozenset(pair for pair in m if pair[0] in f_bases)
         rows[f_part][m - f_part] = a
-    system: Echelon[Monomial] = Echelon(order)
+    echelon: Echelon[Monomial] = Echelon(order)
     for row in rows.values():
-        system.add(row)
+        echelon.add(row)
     return [({f_part: row[pivot] for f_part, row in rows.items() if pivot in row}, dict(h))
-            for pivot, h in system.echelon_rows().items()]
+            for pivot, h in echelon.echelon_rows().items()]
 
 
 #: Most squares of monomials, and most products that give one term, of sums of squares.
@@ -524,7 +524,8 @@ class Echelon(Generic[Key]):
         return remainder, combination
 
     def add(self, vector: Mapping[Key, Number]) -> bool:
-        """Add a vector; return False if it depends on those before."""
+        """Add a vector; return False, and leave it out, if it depends on those before."""
+        # the remainder is the vector itself, 1 time, minus a combination of those before
         remainder, combination = self._reduce(vector, {len(self._rows): 1})
         if not remainder:
             return False
@@ -535,8 +536,11 @@ class Echelon(Generic[Key]):
         return True
 
     def solve(self, vector: Mapping[Key, Number]) -> dict[int, Number]:
-        """Return c_j with vector = Σ_j c_j v_j, of a vector that depends on the added v_j."""
-        _, combination = self._reduce(vector, {})
+        """Return c_j with vector = Σ_j c_j v_j, of a vector that depends on the added v_j.
+
+        j counts the independent vectors, for which ``add`` returned True.
+        """
+        _, combination = self._reduce(vector, coefficients={})
         return {j: -a for j, a in combination.items()}
 
     def echelon_rows(self) -> dict[Key, dict[Key, Number]]:

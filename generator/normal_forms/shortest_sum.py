@@ -283,11 +283,11 @@ def common_coefficients(coefficients: Coefficients) -> list[tuple[Terms, Terms]]
     # the most frequent, then the shortest first; the last key makes the order unique
     lines = sorted(counts, key=lambda line: (-counts[line], len(line),
                                              [(order(m), a) for m, a in line]))
-    system: Echelon[Monomial] = Echelon(order)
-    basis: list[Terms] = [dict(line) for line in lines if system.add(dict(line))]
+    echelon: Echelon[Monomial] = Echelon(order)
+    basis: list[Terms] = [dict(line) for line in lines if echelon.add(dict(line))]
     polynomials: list[Terms] = [{} for _ in basis]
     for variables, c in coefficients.items():
-        for j, a in system.solve(c).items():
+        for j, a in echelon.solve(c).items():
             polynomials[j][variables] = a
     return list(zip(basis, polynomials, strict=True))
 

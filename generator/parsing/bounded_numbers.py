@@ -88,7 +88,7 @@ def rational(number: sp.Rational) -> Value:
         raise RefusedError(
             f"The number has {bits} bits and at most {MAX_BITS} are allowed; write a shorter one"
         )
-    return Value(number, None, bits)
+    return Value(number, enclosure=None, bits=bits)
 
 
 def _irrational(
@@ -260,7 +260,7 @@ def value_of(expression: sp.Expr) -> Value:
         return rational(expression)
     bits = sum(rational(number).bits for number in expression.atoms(sp.Rational)) + 1
     if not (expression.is_number and expression.is_real):
-        return Value(expression, None, bits)
+        return Value(expression, enclosure=None, bits=bits)
     return Value(expression, INTERVAL.mpf(str(sp.N(expression, 100))) * NEARLY_ONE, bits)
 
 

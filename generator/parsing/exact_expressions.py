@@ -47,7 +47,7 @@ def parse_number(text: str, units: Mapping[str, str] = MappingProxyType({})) -> 
     ``units`` are the permitted units of ``grammar``: "30 deg" is pi/6. Raises ``InputError`` for
     the same reasons as ``parse_expression``.
     """
-    arithmetic = _ExactNumbers({"pi": sp.pi}, set())
+    arithmetic = _ExactNumbers({"pi": sp.pi}, radicals=set())
     return float(parse_quantity(text, arithmetic, "a number such as 0.5", units).exact)
 
 

@@ -82,6 +82,8 @@ def flow_transposes(scheme: SplittingScheme, columns: Sequence[sp.Symbol]) -> li
     # rates and axes of rotations are functions of the constants alone
     of_constants = [name for name in ("flow_rates", "axis_directions", "space_rates")
                     if name in kernels]
+    # the change of momenta is the rates of the kick times its duration, and the cotangent of the
+    # duration is the value
     return [_transpose(kick, {**kick.inputs, **constants}, with_value=True),
             _transpose(free_motion, {**free_motion.inputs, **constants}),
             *(_transpose(kernels[name], constants) for name in of_constants)]
@@ -303,8 +305,8 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
 def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the derivatives of L_v and of the mean generalised force R of EMS of a Lagrangian.
 
-    R depends on the means of q, the velocities v0 and v1 of both ends, and the constants, of which
-    ``columns`` are differentiated by.
+    R depends on the means of q, the velocities v0 and v1 of both ends, and constants; derivatives
+    are by those in ``columns``.
     """
     system, (v0, v1) = scheme.system, scheme.ends
     arguments = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": v0, "v1": v1}

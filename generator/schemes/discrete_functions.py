@@ -102,6 +102,7 @@ class DiscreteDifference:
 
     def __mul__(self, v: DiscreteDifference) -> DiscreteDifference:
         """Return the difference of uv: Δ(uv) = ū Δv + v̄ Δu, mean ū v̄ + ¼ Δu Δv."""
+        # only the slopes of this sum are used: its mean is 0
         total = v.become(sp.Integer(0), self.mean) + self.become(sp.Integer(0), v.mean)
         mean = self.mean * v.mean
         if self.slope and v.slope:
@@ -138,10 +139,10 @@ def _integer_power(u: DiscreteDifference, n: int) -> DiscreteDifference:
         return u.become(u.mean**2 + u.change**2 / 4, 2 * u.mean)
     u = u.with_shared_parts()
     u0, u1 = u.ends
-    return u.apply((u1**n + u0**n) / 2, _quotient(u, n))
+    return u.apply((u1**n + u0**n) / 2, _power_quotient(u, n))
 
 
-def _quotient(u: DiscreteDifference, n: int) -> sp.Expr:
+def _power_quotient(u: DiscreteDifference, n: int) -> sp.Expr:
     """Return (u₁ⁿ − u₀ⁿ)/(u₁ − u₀) without a division, with about 2 log₂ n terms for large n.
 
     u₁²ᵏ − u₀²ᵏ = (u₁ᵏ − u₀ᵏ)(u₁ᵏ + u₀ᵏ) halves n.
@@ -152,8 +153,8 @@ def _quotient(u: DiscreteDifference, n: int) -> sp.Expr:
     if n <= _LARGEST_SUM:
         return sp.Add(*(u1**k * u0 ** (n - 1 - k) for k in range(n)))
     if n % 2:  # the mean of u₁ⁿ⁻¹ + u₀ q and u₀ⁿ⁻¹ + u₁ q with q = (u₁ⁿ⁻¹ − u₀ⁿ⁻¹)/(u₁ − u₀)
-        return (u1 ** (n - 1) + u0 ** (n - 1)) / 2 + u.mean * _quotient(u, n - 1)
-    return _quotient(u, n // 2) * (u1 ** (n // 2) + u0 ** (n // 2))
+        return (u1 ** (n - 1) + u0 ** (n - 1)) / 2 + u.mean * _power_quotient(u, n - 1)
+    return _power_quotient(u, n // 2) * (u1 ** (n // 2) + u0 ** (n // 2))
 
 
 def _reciprocal(u: DiscreteDifference) -> DiscreteDifference:
@@ -363,21 +364,21 @@ def extreme(
     changes its sign within the step, else the larger, or smaller, of ū and v̄.
     """
     u, v = u.with_shared_parts(), v.with_shared_parts()
-    w = (u + v.become(-v.mean, sp.Integer(-1))).with_shared_parts()
+    w = (u + v.become(-v.mean, factor=sp.Integer(-1))).with_shared_parts()
     sign = 1 if function is Max else -1
     tilt = sign * _tilt(w)
     u_share, v_share = share((1 + tilt) / 2), share((1 - tilt) / 2)
     mean = Where(sp.Abs(w.mean), sp.Abs(w.half), (u.mean + v.mean + sign * sp.Abs(w.half)) / 2,
                  function(u.mean, v.mean))
     zero = sp.Integer(0)
-    slope = {i: _weight(u_share, u.slope.get(i, zero)) + _weight(v_share, v.slope.get(i, zero))
+    slope = {i: _weighted(u_share, u.slope.get(i, zero)) + _weighted(v_share, v.slope.get(i, zero))
              for i in sorted(u.slope.keys() | v.slope.keys())}
-    change = _weight(u_share, u.change) + _weight(v_share, v.change)
+    change = _weighted(u_share, u.change) + _weighted(v_share, v.change)
     difference = DiscreteDifference(share(mean), slope, u.steps, share(change))
     return difference.with_ends(*(function(*ends) for ends in zip(u.ends, v.ends, strict=True)))
 
 
-def _weight(weight: sp.Expr, e: sp.Expr) -> sp.Expr:
+def _weighted(weight: sp.Expr, e: sp.Expr) -> sp.Expr:
     """Return weight · e; 0 for the weight 0, even if e is infinite or NaN."""
     return weight * e if _is_finite(e) else Where(sp.Integer(0), weight, weight * e, sp.Integer(0))
 

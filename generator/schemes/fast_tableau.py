@@ -51,7 +51,10 @@ class FastTableau:
 
     @property
     def _tolerance(self) -> Fraction:
-        """Tolerance of x + y = 1 for decimals: a digit less than given, over the least weight²."""
+        """Tolerance of x + y = 1: 0 for an exact tableau.
+
+        For decimals, ten units of the last digit over the square of the smallest weight.
+        """
         # decimals satisfy a_ij/b_j + â_ji/b̂_i = 1 to their last digit over the weights they are
         # divided by
         digits = self.tableau.decimal_digits

@@ -65,4 +65,5 @@ def newton_kernels(system: LagrangianSystem) -> list[Kernel]:
         kernels.append(Kernel("applied_force_derivative", "dF along (dq, dv)",
                               arguments | time_input(system) | direction,
                               {"dF": along(system.forces, symbols, [*dq, *dv])}))
+    # common factors take quadratic time
     return [replace(k, factors=not system.is_long) for k in kernels]

@@ -288,7 +288,7 @@ def _flat(kick: Kick) -> list[sp.Expr]:
     return [*(e for torque in kick.torques for e in torque), *kick.forces]
 
 
-def _of_strang_steps(composition: Composition) -> bool:
+def _has_strang_steps(composition: Composition) -> bool:
     """Whether it is composed of Strang steps, which are symmetric and have order 2."""
     return composition.name == "Strang" or composition.base == "Strang"
 
@@ -344,16 +344,18 @@ def splitting_scheme(
                          f"the forces of system {system.name!r} has order 2 only; give an order "
                          "instead.")
     if splitting.is_exact:  # T is one exact flow for all parameters: one composition is enough
-        return SplittingScheme(reduced, splitting, splitting, constants, (for_symmetric,))
-    if named and not _of_strang_steps(general):
+        return SplittingScheme(reduced, splitting, symmetric=splitting, constants=constants,
+                               compositions=(for_symmetric,))
+    if named and not _has_strang_steps(general):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
     # A step K(h/2) R K(h/2) of an asymmetric body is symmetric; other compositions need an exact R.
     if not named:
         general = next(stored for stored in COMPOSITIONS.values()
-                       if stored.order == order and _of_strang_steps(stored))
+                       if stored.order == order and _has_strang_steps(stored))
     # with two compositions, a run selects by ``symmetric.conditions`` at its parameters
     if for_symmetric is general or not symmetric.is_exact:
-        return SplittingScheme(reduced, splitting, splitting, constants, (general,))
+        return SplittingScheme(reduced, splitting, symmetric=splitting, constants=constants,
+                               compositions=(general,))
     return SplittingScheme(reduced, splitting, symmetric, constants, (general, for_symmetric))

@@ -90,10 +90,10 @@ class StartKernels:
     @property
     def exists(self) -> bool:
         """Whether H is quadratic in p and the blocks of D are inverted in symbols."""
-        return self._solution is not None
+        return self._inverse_D is not None
 
     @cached_property
-    def _mass(self) -> tuple[sp.Matrix, list[sp.Expr]]:
+    def _velocity_map(self) -> tuple[sp.Matrix, list[sp.Expr]]:
         """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0), both modulo |q| = 1."""
         H_pp = self.system.H_pp
         D = sp.zeros(len(self._columns))
@@ -111,11 +111,11 @@ class StartKernels:
         return D, a
 
     @cached_property
-    def _solution(self) -> sp.Matrix | None:
+    def _inverse_D(self) -> sp.Matrix | None:
         """D^-1, block by block; None if H is not quadratic in p or a block is too large."""
         if any(e.has(*self.system.p) for row in self.system.H_pp for e in row):
             return None
-        D, _ = self._mass
+        D, _ = self._velocity_map
         count = len(self.names)
         blocks = connected_components([frozenset({i, j}) for i in range(count) for j in range(count)
                                        if i == j or D[i, j] != 0])
@@ -134,17 +134,17 @@ class StartKernels:
 
     def momenta(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return p = C D^-1 (u - a)."""
-        assert self._solution is not None
-        _, a = self._mass
-        y = self._solution * sp.Matrix([u - e for u, e in zip(velocities, a, strict=True)])
-        return self._times_columns(list(y), 1)
+        assert self._inverse_D is not None
+        _, a = self._velocity_map
+        y = self._inverse_D * sp.Matrix([u - e for u, e in zip(velocities, a, strict=True)])
+        return self._times_columns(list(y), factor=1)
 
     def rates(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return q' = B u."""
-        return self._times_columns(velocities, sp.Rational(1, 4))
+        return self._times_columns(velocities, factor=sp.Rational(1, 4))
 
     def _times_columns(self, vector: Sequence[sp.Expr], factor: sp.Expr | int) -> list[sp.Expr]:
-        """Return C times a vector; the columns of quaternions are multiplied by ``factor``."""
+        """Return C times a vector; columns of quaternions, with 4 entries, are times ``factor``."""
         product: list[sp.Expr] = [sp.Integer(0)] * self.system.n
         for column, x in zip(self._columns, vector, strict=True):
             for m, e in column.items():
@@ -154,7 +154,7 @@ class StartKernels:
     @cached_property
     def velocities(self) -> list[sp.Expr]:
         """u = D y + a as functions of q and p, if f(q, p) = 0."""
-        D, a = self._mass
+        D, a = self._velocity_map
         p = self.system.p
         # y = Cᵀ p/4 of a quaternion, as Cᵀ C = 4 for C = 2 L(q)ᵀ, and p itself else
         y = [sp.Add(*(e * p[m] for m, e in column.items())) / (4 if len(column) > 1 else 1)

@@ -51,7 +51,7 @@ from .quotient import Quotient, unit_quaternions
 __all__ = ["split"]
 
 _ZERO = sp.S.Zero
-_NONE: Vector = (_ZERO, _ZERO, _ZERO)
+_ZERO_VECTOR: Vector = (_ZERO, _ZERO, _ZERO)
 
 
 def split(system: System, *, symmetric: bool = False) -> Splitting:
@@ -346,8 +346,9 @@ class _Search:
         if [rotation.c for rotation in rotations.further] == [0]:
             symmetric_if = tuple(sp.numer(sp.together(rotation.d))
                                  for rotation in rotations.further)
-        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], *rotations, drag,
-                        symmetric_if)
+        return BodyFlow(self.names[b], self.quaternions[b], self.l[b], a=rotations.a,
+                        axes=rotations.first, further=rotations.further, drag=drag,
+                        symmetric_if=symmetric_if)
 
     def _translation(self, drag: Sequence[sp.Expr]) -> Translation | None:
         """Return the translation of the points, with T = ½ p_rᵀ M⁻¹ p_r + v·p_r.
@@ -408,7 +409,7 @@ class _Search:
         inverse_masses = [self.total[("M", p[i], p[i])] for i in indices]
         has_one_mass = all(_is_zero(e - inverse_masses[0]) for e in inverse_masses)
         momenta = {p[i] for i in indices}
-        # M⁻¹ off the diagonal
+        # M⁻¹ off the diagonal; keys of other kinds than "M" may have one symbol: then z is empty
         is_coupled = any(kind == "M" and y != z[0] and {y, z[0]} & momenta and e != 0
                          for (kind, y, *z), e in self.total.items())
         has_velocity = any(self.total.get(("v", p[i]), _ZERO) != 0 for i in indices)
@@ -446,7 +447,7 @@ class _Search:
         indices, q = self.quaternions[b], self._q(self.quaternions[b])
         force = [self.system.forces[i] for i in indices] if self.system.forces else []
         if not any(force):
-            return _NONE, _ZERO
+            return _ZERO_VECTOR, _ZERO
         torque = left_matrix(q) * sp.Matrix(force).xreplace(self._p_by_m) / 2
         k, remainder = self._drag(list(torque), self.m[b], q)
         R = rotation_matrix(q)
@@ -554,7 +555,6 @@ def _entries(
         H − V = ½ mᵀ S m + ½ yᵀ M y + cᵀ m + vᵀ y + yᵀ A r
 
     with angular momenta m of bodies, momenta y and positions r of points.
-
 
     ``coefficients`` maps monomials of H − V to their coefficients; keys are as in
     ``_Coefficients``.

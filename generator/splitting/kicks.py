@@ -88,6 +88,7 @@ def _factor(e: sp.Expr) -> sp.Expr:
 
 
 def _operations(expressions: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> int:
-    """Return the number of operations, each subexpression once; constants cost nothing."""
+    """Return the number of operations, each subexpression once; those without ``symbols`` are free.
+    """
     return sum(abs(int(e.exp)) if e.is_Pow and e.exp.is_Integer else len(e.args)
                for e in parts_of(expressions) if e.args and e.free_symbols & symbols)

@@ -72,9 +72,9 @@ class _Slope(Numeric):
 
 
 def _slope(derivative: Any, third: int) -> Any:
-    """Return (f′(z) − f(z)/z)/z in mpmath.
+    """Return the function (class of f(z)/z, z) ↦ (f′(z) − f(z)/z)/z in mpmath.
 
-    ``third`` is f‴(0): for z → 0 the derivative is f‴(0) z/3.
+    ``derivative`` is f′; ``third`` is f‴(0): for z → 0 the result is f‴(0) z/3.
     """
 
     def value(function: type[_Cardinal], z: Any) -> Any:
@@ -90,7 +90,10 @@ def _slope(derivative: Any, third: int) -> Any:
 
 
 def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[_Slope]:
-    """Return the class of the derivative of a cardinal function."""
+    """Return the class of the derivative of a cardinal function f(z)/z.
+
+    ``derivative`` is f′ in mpmath, ``third`` is f‴(0).
+    """
     evaluate = _slope(derivative, third)
     name = f"{function.__name__}Slope"
     return type(name, (_Slope,), {

@@ -53,7 +53,7 @@ def sum_of(terms: Sequence[sp.Expr]) -> sp.Expr:
     summands.sort(key=ORDER)
     if number:
         summands.insert(0, number)
-    return sp.Add._from_args(summands, True)
+    return sp.Add._from_args(summands, is_commutative=True)
 
 
 def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
@@ -87,7 +87,7 @@ def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
     powers.sort(key=ORDER)
     if number is not sp.S.One:
         powers.insert(0, number)
-    return sp.Mul._from_args(powers, True)
+    return sp.Mul._from_args(powers, is_commutative=True)
 
 
 def has_minus(e: sp.Basic) -> bool:

@@ -32,7 +32,7 @@ __all__ = ["Residues", "UnsuitablePrimeError", "exactly", "identically_zero", "p
 
 Residue = NDArray[np.int64]
 
-#: Functions that are rational in exp(x) or exp(ix): numerator and denominator in z and 1/z.
+#: Functions of x that are rational in z = exp(ix), and in z = exp(x).
 _CIRCULAR = {sp.sin, sp.cos, sp.tan}
 _HYPERBOLIC = {sp.exp, sp.sinh, sp.cosh, sp.tanh}
 #: Batches of random points, until roots are replaced by random numbers.
@@ -238,7 +238,7 @@ class Residues:
         even = (z + inverse) * pow(2, -1, p) % p
         if e.func in (sp.tan, sp.tanh):
             return odd * self._power(even, -1) % p
-        return {sp.exp: z, sp.sin: odd, sp.sinh: odd}.get(e.func, even)
+        return {sp.exp: z, sp.sin: odd, sp.sinh: odd}.get(e.func, even)  # even: cos and cosh
 
 
 def _terms(argument: sp.Expr) -> list[tuple[Any, sp.Rational]]:
@@ -264,6 +264,7 @@ def _angular_units(expressions: Sequence[sp.Expr]) -> dict[Any, int]:
 
 # ---------------------------------------------------------------- identities
 
+#: Suitable primes, and random points modulo each of them, at which expressions must vanish.
 _PRIMES, _POINTS = 3, 20
 
 
@@ -296,7 +297,7 @@ def vanish(expressions: Sequence[sp.Expr]) -> bool:
     for prime in primes():
         # a prime may divide a denominator, or lack a root that the expressions have
         try:
-            residues = Residues(prime, symbols, expressions, _POINTS, {}, 0)
+            residues = Residues(prime, symbols, expressions, _POINTS, constants={}, seed=0)
         except UnsuitablePrimeError:
             continue
         if any(residues[e].any() for e in expressions):

@@ -35,7 +35,10 @@ _MOST_OPERATIONS = 3000
 
 @dataclass(frozen=True)
 class IdentityCheck:
-    """Result of a comparison; ``residual`` is the largest difference as text, "0" if equal."""
+    """Result of a comparison; ``how`` says how it was found.
+
+    ``residual`` is the largest difference as text, "0" if equal.
+    """
 
     holds: bool
     how: str
@@ -55,13 +58,15 @@ def compare(
     count = 0
     for difference in differences:
         if difference > _TOLERANCE:
-            return IdentityCheck(False, "refuted", mp.nstr(difference, 3))
+            return IdentityCheck(holds=False, how="refuted", residual=mp.nstr(difference, 3))
         count += 1
     if all(_is_equal(a, b, thorough) for a, b in pairs):
-        return IdentityCheck(True, "proved", "0")
+        return IdentityCheck(holds=True, how="proved", residual="0")
     if not count:
-        return IdentityCheck(False, "not decided", f"no real value at {_TRIES} random points")
-    return IdentityCheck(True, f"seen at {count} random points to {_DIGITS // 2} digits", "0")
+        return IdentityCheck(holds=False, how="not decided",
+                             residual=f"no real value at {_TRIES} random points")
+    return IdentityCheck(
+        holds=True, how=f"seen at {count} random points to {_DIGITS // 2} digits", residual="0")
 
 
 def is_refuted(

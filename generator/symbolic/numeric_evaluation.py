@@ -38,6 +38,8 @@ class Evaluator:
     """Values of expressions at given values of their symbols; every subtree is computed once."""
 
     def __init__(self, values: Mapping[sp.Symbol, Any], *, mp: Any = None) -> None:
+        """Take the values of symbols; ``mp`` is a context of mpmath, or None to compute in NumPy.
+        """
         self._values: dict[sp.Basic, Any] = dict(values)
         self._mp = mp
 

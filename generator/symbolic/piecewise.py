@@ -101,7 +101,7 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
         _refuse_jump(below.xreplace({symbol: limit}), above.xreplace({symbol: limit}),
                      f"where {_short(variable)} = {_short(limit)}")
     # the sign of the difference does not decide these: their order follows from the nesting alone
-    assumed = [pair for pair in pairwise(limits) if not _is_below(*pair, set())]
+    assumed = [pair for pair in pairwise(limits) if not _is_below(*pair, known_order=set())]
     return PiecewiseForm(variable, symbol, in_symbol, limits, parts, assumed)
 
 
@@ -202,7 +202,7 @@ def _solutions(
 
 
 def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
-    """Return the limits c of all conditions x ≥ c of e on a variable x in ascending order.
+    """Return the limits of all conditions of e on the variable ``symbol``, in ascending order.
 
     Raises NotPiecewiseError for other conditions, and limits whose order is not known.
     """

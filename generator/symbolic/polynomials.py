@@ -54,11 +54,11 @@ def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
         # a factor 1 is left out, unless it is the whole term
         products.append((*factors,) if a == 1 and factors else (a, *factors))
     products.sort(key=lambda factors: (len(factors), [rank[x] for x in factors]))
-    summands = [factors[0] if len(factors) == 1 else sp.Mul._from_args(factors, True)
-                for factors in products]
+    summands = [factors[0] if len(factors) == 1
+                else sp.Mul._from_args(factors, is_commutative=True) for factors in products]
     summands.sort(key=ORDER)  # nearly sorted
     summands.sort(key=lambda term: not term.is_Number)  # a number is the first
-    return sp.Add._from_args(summands, True)
+    return sp.Add._from_args(summands, is_commutative=True)
 
 
 def _exponents(biased_monomial: int) -> list[tuple[int, int]]:

@@ -64,7 +64,7 @@ def _bound(e: sp.Expr, evaluate: Evaluator, bounds: Mapping[sp.Basic, Any]) -> A
         return size + sum(bounds[a] for a in e.args)
     if e.is_Mul:
         sizes = [np.abs(evaluate(a)) for a in e.args]
-        return size + _of_product(sizes, [bounds[a] for a in e.args])
+        return size + _error_of_product(sizes, [bounds[a] for a in e.args])
     if e.is_Pow and e.exp.is_number:
         slope = evaluate(e.exp) * np.abs(evaluate(e.base)) ** (evaluate(e.exp) - 1)
         return size + np.abs(slope) * bounds[e.base]
@@ -88,7 +88,7 @@ def _slope(e: sp.Expr, i: int, evaluate: Evaluator) -> Any:
     return np.abs(displaced - evaluate(e)) / width
 
 
-def _of_product(sizes: Sequence[Any], errors: Sequence[Any]) -> Any:
+def _error_of_product(sizes: Sequence[Any], errors: Sequence[Any]) -> Any:
     """Return Σ_i δx_i Π_(j≠i) |x_j|, the error of a product of factors x with errors δx.
 
     Products from both ends are multiplied in place of dividing by x_i, which may be 0.

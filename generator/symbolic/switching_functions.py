@@ -372,7 +372,8 @@ def _piecewise(e: sp.Piecewise, pieces: Sequence[tuple[sp.Expr, Chooser | sp.Bas
     if not _is_complete([condition for _, condition in e.args]):
         raise InputError(f"{e} has no value where none of its conditions holds; end it with "
                          "(value, True).")
-    # the last piece has no condition: it is the value where no other condition holds
+    # the last piece has no condition: it is the value where no other condition holds; the others
+    # follow from the last but one to the first
     choice = pieces[-1][0]
     for (_, condition), (expression, choose) in zip(e.args[-2::-1], pieces[-2::-1], strict=True):
         if isinstance(choose, sp.Basic):

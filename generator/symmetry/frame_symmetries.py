@@ -113,7 +113,8 @@ class CoMovingFrame:
         frame_velocity = [sp.Add(*(rate * sp.diff(J, p)
                                    for rate, J in zip(rates, momenta, strict=True)))
                           for p in system.p]
-        # forces do work on the motion of the frame; without such a work C needs no frame velocity
+        # forces, of which there may be none, do work on the motion of the frame; without such a
+        # work C needs no frame velocity
         power = [f * v for f, v in zip(system.forces, frame_velocity, strict=False)
                  if f != 0 and v != 0]
         does_work = bool(power) and not identically_zero([power])
@@ -168,7 +169,7 @@ class _SymmetrySearch:
 
     def _unconditional(self, fields: list[LinearField]) -> dict[str, LinearField]:
         """Return the fields that are symmetries for any parameters, by name."""
-        space = SymmetrySpace(self.system, fields, {})
+        space = SymmetrySpace(self.system, fields, numbers={})
         return {field.name: field for field in fields if space.contains(field)}
 
     # ------------------------------------------------------------ kinds of symmetries
@@ -195,8 +196,8 @@ class _SymmetrySearch:
         # the three rotations of space do not commute with each other; as one group, with one axis
         # and one rate, they move the frame nevertheless
         if len(rotations) == 3 and all(field.name in self.unconditional for field in rotations):
-            symmetries = [self._symmetry(f"omega_space_{k}", field, ()) for k, field in
-                          enumerate(rotations, 1)]
+            symmetries = [self._symmetry(f"omega_space_{k}", field, conditions=())
+                          for k, field in enumerate(rotations, 1)]
             if all(symmetries):
                 self.frame_fields += rotations
                 yield tuple(symmetry for symmetry in symmetries if symmetry is not None)
@@ -256,7 +257,7 @@ class _SymmetrySearch:
         if rotation is None or matrix is None or not self._rotates_forces(field):
             return None
         if not matrix:  # g is invariant, and multipliers do not rotate
-            return FrameSymmetry(name, field, rotation, None, conditions)
+            return FrameSymmetry(name, field, rotation, turns=None, conditions=conditions)
         turns = rotation_of(matrix)
         if turns is None:
             return None
@@ -281,7 +282,8 @@ class _SymmetrySearch:
         # the conditions are necessary; that they suffice is proved on the special system
         special = replace(affected, H=substitute([affected.H], solution_of)[0],
                           constraints=tuple(substitute(list(affected.constraints), solution_of)))
-        return tuple(conditions) if SymmetrySpace(special, [field], {}).contains(field) else None
+        suffice = SymmetrySpace(special, [field], numbers={}).contains(field)
+        return tuple(conditions) if suffice else None
 
     def _affected_part(self, field: LinearField) -> System:
         """Return the system with the terms of H and the constraints that a field changes."""

@@ -84,12 +84,13 @@ class _Blocks:
 
 
 def known_fields(system: System) -> list[LinearField]:
-    """Return the candidates: momenta p_i, then rigid motions of all blocks and of each block.
+    """Return the candidates: momenta p_i, then the fields of each division into blocks.
 
-    Rotations of a body about its own axes come between the two.
+    These are rigid motions of all blocks together, rotations of each body about its own axes, and
+    rigid motions of each block.
     """
     n = system.n
-    fields = [_shift(n, [[i]], 0, f"momentum {p}") for i, p in enumerate(system.p)]
+    fields = [_shift(n, [[i]], k=0, name=f"momentum {p}") for i, p in enumerate(system.p)]
 
     def text_of(block: list[int]) -> str:
         """Return the names of the coordinates of a block."""
@@ -103,11 +104,11 @@ def known_fields(system: System) -> list[LinearField]:
             fields += [_spin(n, block, k, f"angular momentum about {axis} {k + 1}")
                        for k in range(3)]
         for block in blocks.points:
-            for motion in _motions(n, _Blocks([], [block], blocks.size)):
+            for motion in _motions(n, _Blocks(quaternions=[], points=[block], size=blocks.size)):
                 name = f"{motion.name} of ({text_of(block)})"
                 fields.append(LinearField(name, n, motion.weights))
         for block in blocks.quaternions:
-            for motion in _motions(n, _Blocks([block], [], blocks.size)):
+            for motion in _motions(n, _Blocks(quaternions=[block], points=[], size=blocks.size)):
                 if motion.A.any():  # a quaternion alone has rotations, and no translations
                     name = f"{motion.name} of body ({text_of(block)})"
                     fields.append(LinearField(name, n, motion.weights))

@@ -109,7 +109,8 @@ class SymmetrySpace:
     def _constraint_rows(self, k: int, prime: int, count: int) -> Residue:
         """Return the rows of g_q (A q + a) = C g of constraint k, after C is eliminated.
 
-        There are at most ``count`` random points and as many rows; columns are the fields.
+        There are ``count`` random points, or fewer where few fields change g_k, and one more for
+        each unknown in C. Columns are the fields.
         """
         # of each field, the columns of (A, a) by which g_k changes; few fields have any
         columns_of = [[j for i, j in field.weights if self._G[k][i] != 0] for field in self.fields]
@@ -133,7 +134,7 @@ class SymmetrySpace:
         """Return the residues of expressions at ``count`` random states, parameters and times."""
         constants = self._constants.setdefault(prime, {})
         symbols = [*states, *self._other_symbols]
-        return Residues(prime, symbols, expressions, count, constants, count)
+        return Residues(prime, symbols, expressions, count, constants, seed=count)
 
     def _combine(
         self, prime: int, term: Callable[[int, int], Residue], count: int

@@ -150,9 +150,9 @@ def holds_to(residual: Callable[[int], Matrix], tableau: Tableau, limit: int) ->
 def counts(tableau: Tableau) -> dict[str, int]:
     """Return the largest k of B(k), C(k) and D(k): {"B": 6, "C_hat": 3, "D_bar": 3, …}.
 
-        B(k)   Σ b_i c_i^(j−1) = 1/j
+        B(k)   Σ_i b_i c_i^(l−1) = 1/l
         C(k)   Σ_j a_ij c_j^(l−1) = c_i^l/l
-        D(k)   Σ_i b_i c_i^(l−1) a_ij = b_j (1 − c_j^l)/l,  up to k
+        D(k)   Σ_i b_i c_i^(l−1) a_ij = b_j (1 − c_j^l)/l,   each for l = 1..k
 
     with the weights and nodes that belong to each of A, Â, Ã and Ā.
     """
@@ -267,6 +267,7 @@ def _structure(tableau: Tableau) -> list[Condition]:
     # matrices are functions of the nodes: rows at c̃_0 and c̃_p
     first, last = t.constraints.at(0), t.constraints.at(-1)
     c_tilde = basis["c_tilde"]
+    # equation, residual, nodes of its rows and of its columns: None where these are numbers
     lines = [
         ("ā_0j = 0", first * a_bar, None, t.stages),
         ("ā_pj = b_j", last * a_bar - basis["b"].transpose(), None, t.stages),
@@ -320,6 +321,7 @@ def invariant_conditions(tableau: Tableau) -> list[Condition]:
     alone conserve quadratic invariants of q and of p (Cooper).
     """
     t, basis, s = tableau, tableau.basis, tableau.stages
+    # equation, residual, nodes of its columns: None of a vector
     lines = [
         ("b_i = b̂_i", basis["b"] - basis["b_hat"], None),
         ("b_i â_ij + b̂_j a_ji = b_i b̂_j",
@@ -422,16 +424,17 @@ def _residual_size(tableau: Tableau, label: str, k: int) -> mp.mpf:
     if label.startswith("B"):
         weights = basis[label.replace("B", "b")]
         nodes = t.constraints if label == "B_tilde" else t.stages
-        return magnitude(quadrature_residual(nodes, weights, k), None, None)
+        return magnitude(quadrature_residual(nodes, weights, k), rows=None, columns=None)
     name = label.replace("C", "A")
     rows, columns = t.nodes_of(name)
-    return magnitude(stage_residual(rows, columns, basis[name], k), rows, None)
+    return magnitude(stage_residual(rows, columns, basis[name], k), rows, columns=None)
 
 
 def _adjoint_condition(label: str, largest_k: dict[str, int]) -> Condition:
     """Return the largest k of D for the matrix with the stage condition ``label``."""
     k = largest_k[label.replace("C", "D")]
-    return Condition(D_LABELS[label], _ADJOINT_EQUATIONS[label], f"holds to k = {k}", True, "0")
+    return Condition(D_LABELS[label], _ADJOINT_EQUATIONS[label], f"holds to k = {k}", holds=True,
+                     residual="0")  # no k is required
 
 
 def is_symmetric(tableau: Tableau) -> bool:
@@ -492,7 +495,7 @@ def _order(tableau: Tableau) -> Condition:
         + ("" if claimed is None else f", = {claimed}"),
         found=str(proved),
         holds=proved >= 1 and claimed in (None, proved),
-        residual=str(proved - (claimed or max(proved, 1))),
+        residual=str(proved - (claimed or max(proved, 1))),  # without a claim, order 1 is required
         required=True,
     )
 

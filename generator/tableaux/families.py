@@ -97,7 +97,7 @@ def _with_lobatto(name: str, polynomial: Any, claims: dict[str, int]) -> Tableau
     basis = {
         "A": A,
         "A_hat": A,
-        "A_tilde": solve_rows(stages, lobatto, s - 1, first_weight(lobatto, b_tilde)),
+        "A_tilde": solve_rows(stages, lobatto, s - 1, ends=first_weight(lobatto, b_tilde)),
         "A_bar": solve_rows(lobatto, stages, s),
         "b": b,
         "b_hat": b,
@@ -120,7 +120,7 @@ def lobatto_iiiab(s: int) -> Tableau:
     lobatto = PolynomialNodes(lobatto_polynomial(s))
     b = quadrature_weights(lobatto)
     A = solve_rows(lobatto, lobatto, s)
-    A_hat = solve_rows(lobatto, lobatto, s - 2, first_weight(lobatto, b))
+    A_hat = solve_rows(lobatto, lobatto, s - 2, ends=first_weight(lobatto, b))
     c = power(lobatto, 1)
     basis = {
         "A": A, "A_hat": A_hat, "A_tilde": A_hat, "A_bar": A,

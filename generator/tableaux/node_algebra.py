@@ -85,6 +85,7 @@ class PolynomialNodes:
     def __init__(self, polynomial: sp.Poly) -> None:
         self.polynomial = polynomial.monic()
         self.size = polynomial.degree()
+        # e_0, …, e_(s−1) of M = x^s + e_(s−1) x^(s−1) + … + e_0
         self._coefficients = [QQ.from_sympy(c) for c in self.polynomial.all_coeffs()[:0:-1]]
 
     def __repr__(self) -> str:
@@ -221,5 +222,5 @@ def _at_nodes(matrix: sp.Matrix, nodes: Nodes | None) -> sp.Matrix:
     if nodes is None or isinstance(nodes, ValueNodes):
         return matrix
     roots = [sp.Rational(r.centre.numerator, r.centre.denominator)
-             for r in enclose_roots(nodes.polynomial, 64)]  # type: ignore[attr-defined]
+             for r in enclose_roots(nodes.polynomial, bits=64)]  # type: ignore[attr-defined]
     return sp.Matrix([[r**k for k in range(nodes.size)] for r in roots]) * matrix

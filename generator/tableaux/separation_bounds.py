@@ -103,6 +103,7 @@ def _contains_zero(expression: sp.Expr, bits: int) -> bool:
         interval = enclosure(expression, working)
         if 0 not in interval:
             return False
+        # 256 bits are a first test, which proves nothing if zero is within the interval
         if abs(interval).b < mp.ldexp(1, -bits) or bits == 256:
             return True
         working *= 2  # the interval is wide by cancellation

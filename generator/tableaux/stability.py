@@ -89,7 +89,10 @@ class Stability:
 
     @property
     def damping(self) -> tuple[sp.Rational, int] | None:
-        """(C, 2k): an oscillation loses about C (ωΔt)^2k of its amplitude in a step, or None."""
+        """(C/2, 2k): an oscillation loses about C/2 (ωΔt)^2k of its amplitude in a step.
+
+        C w^k is the first term of E; None if E = 0.
+        """
         terms = [(k, c) for (k,), c in self.deficit.terms() if c]
         if not terms:  # E = 0: oscillations keep their amplitude
             return None
@@ -126,7 +129,7 @@ def stability(tableau: Tableau) -> Stability | None:
 
 
 def _rational(matrix: Any) -> DomainMatrix:
-    """Return a matrix of rationals: the matrix itself, or its numbers rounded to 2^−2·BITS."""
+    """Return the matrix with irrational numbers rounded down to multiples of 2^(−2·BITS)."""
     if matrix.domain.is_QQ:
         return matrix
     unit = 4**BITS

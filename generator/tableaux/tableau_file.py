@@ -258,9 +258,10 @@ class _Reader:
 
     def check_shapes(self, content: dict[str, Any]) -> None:
         """Refuse coefficients of other sizes than s of ``b`` and p + 1 of ``b_tilde``."""
-        size = {"s": self.length("b", content["b"], "s", 1, MAX_STAGES)}
+        size = {"s": self.length("b", content["b"], "s", low=1, high=MAX_STAGES)}
         if "b_tilde" in content:
-            size["p"] = self.length("b_tilde", content["b_tilde"], "p + 1", 2, MAX_STAGES + 1)
+            size["p"] = self.length("b_tilde", content["b_tilde"], "p + 1", low=2,
+                                    high=MAX_STAGES + 1)
         for key, kinds in FIELDS.items():
             if key in content:
                 self.check_shape(key, content[key], [size[kind] for kind in kinds])
