@@ -1,4 +1,4 @@
-"""What callers say of a body: inertia as moments or a tensor, attitude, and what no body has."""
+"""Bodies from callers: inertia as moments or a tensor, attitudes, and values of no body."""
 
 from __future__ import annotations
 
@@ -69,26 +69,26 @@ def test_moments_that_rounding_made_are_taken_with_a_remark(inertia):
 
 
 def test_effective_moments_are_parameters_of_a_system(gl3):
-    """The cure that the refusal names: fluid and rotors add to moments."""
+    """Fluid and rotors add to moments, as the refusal proposes."""
     q, p = np.array([1.0, 0, 0, 0]), gs.Start.of_body([1, 0, 0, 0], [1, 2, 3], (10, 1, 1)).p
     parameters = {"I1": 10, "I2": 1, "I3": 1, "mgl": 0.1, "gamma": gs.gamma((10, 1, 1))}
-    made = gl3.integrate(q, p, dt=1e-2, steps=5, parameters=parameters)
-    assert made.report.energy_error_max < 1e-12
+    trajectory = gl3.integrate(q, p, dt=1e-2, steps=5, parameters=parameters)
+    assert trajectory.report.energy_error_max < 1e-12
 
 
 @pytest.mark.parametrize(("name", "value"), [("a_I3", 0.3), ("a_I1", 1e-3), ("a_m", -1.0)])
 def test_parameters_of_a_model_are_those_of_bodies(name, value):
-    """As of its builder: in runs, ensembles and axes of sweeps; 5 % are those of rounding."""
+    """Runs, ensembles and axes of sweeps check them as the builder does, up to 5 % of rounding."""
     step, case = systems.stepper("double_top"), systems.case("double_top")
     model = case.options["system"]
     words = "a_m.*positive" if name == "a_m" else "inertia.*exceeds"
-    own = case.parameters[name]
+    right_value = case.parameters[name]
     for call in (lambda: step.integrate(model, dt=1e-3, steps=1, parameters={name: value}),
                  lambda: step.start(model, dt=1e-3, parameters={name: value}),
                  lambda: step.energy(model, parameters={name: value}),
                  lambda: step.integrate_ensemble(model, dt=1e-3, steps=1,
-                                                 parameters={name: [own, value]}),
-                 lambda: gs.sweep(model, {"a_I2": [0.12, 0.121], name: [own, value]},
+                                                 parameters={name: [right_value, value]}),
+                 lambda: gs.sweep(model, {"a_I2": [0.12, 0.121], name: [right_value, value]},
                                   scheme="G-L", stages=2, steps=1)):
         with pytest.raises(gs.InputError, match=words):
             call()
@@ -229,21 +229,24 @@ def test_a_model_file_takes_a_tensor():
     model = parse_model(TENSOR_FILE, "t.toml")
     step = gs.stepper("G-L", 2, system=model.system)
     parameters = dict(model.parameters)
-    made = step.integrate(model.q0, model.p0, dt=0.01, steps=50, parameters=parameters)
-    assert made.parameters["gamma"] == pytest.approx(0.25, rel=8 * EPS)  # the trace over three
-    assert np.allclose(made.angular_velocity()[:, 2], made.quantity("spin"), rtol=0, atol=1e-14)
-    assert np.allclose(made.angular_velocity()[:, 0], made.quantity("roll"), rtol=0, atol=1e-14)
-    assert np.allclose(made.angular_velocity()[0], [0.1, 0.2, 1.0], rtol=0, atol=1e-15)
+    trajectory = step.integrate(model.q0, model.p0, dt=0.01, steps=50, parameters=parameters)
+    assert trajectory.parameters["gamma"] == pytest.approx(
+        0.25, rel=8 * EPS)  # the trace over three
+    assert np.allclose(trajectory.angular_velocity()[:, 2], trajectory.quantity("spin"), rtol=0,
+                       atol=1e-14)
+    assert np.allclose(trajectory.angular_velocity()[:, 0], trajectory.quantity("roll"), rtol=0,
+                       atol=1e-14)
+    assert np.allclose(trajectory.angular_velocity()[0], [0.1, 0.2, 1.0], rtol=0, atol=1e-15)
     J = np.array([[0.3, 0.02, 0], [0.02, 0.25, 0], [0, 0, 0.2]])
-    omega, third = made.angular_velocity(), made.rotation().as_matrix()[:, 2, :]
+    omega, third = trajectory.angular_velocity(), trajectory.rotation().as_matrix()[:, 2, :]
     energy = 0.5 * np.einsum("ti,ij,tj->t", omega, J, omega) + 0.015 * np.einsum(
         "ti,ij,tj->t", third, J, third)
-    assert np.allclose(energy, made.energy(), rtol=0, atol=1e-15)
+    assert np.allclose(energy, trajectory.energy(), rtol=0, atol=1e-15)
     free_tensor_turns_as_its_closed_form(step, model, J)
 
 
 def free_tensor_turns_as_its_closed_form(step, model, J):
-    """Without a field: the axes of the body whose moments are J's, from the same start."""
+    """Check a body of tensor J without a field against a body with the moments of J."""
     moments, axes = np.linalg.eigh(J)
     principal = Rotation.from_matrix(axes * np.linalg.det(axes))
     omega = np.array([0.1, 0.2, 1.0])
@@ -252,10 +255,10 @@ def free_tensor_turns_as_its_closed_form(step, model, J):
                                   attitude=start.as_quat(scalar_first=True))
     errors = []
     for steps in (50, 100):
-        made = step.integrate(model.q0, model.p0, dt=5 / steps, steps=steps, every=steps,
-                              parameters=dict(model.parameters) | {"n": 0.0})
-        turned = (made.rotation() * principal).as_matrix()[:, :, 2]
-        errors.append(np.abs(turned - exact.exact.axis(made.t)).max())
+        trajectory = step.integrate(model.q0, model.p0, dt=5 / steps, steps=steps, every=steps,
+                                    parameters=dict(model.parameters) | {"n": 0.0})
+        turned = (trajectory.rotation() * principal).as_matrix()[:, :, 2]
+        errors.append(np.abs(turned - exact.exact.axis(trajectory.t)).max())
     assert errors[1] < 1e-6
     assert 3.5 < math.log2(errors[0] / errors[1]) < 4.5  # order 4: nothing else is left
 
@@ -281,9 +284,9 @@ angular_velocity = [1, 2, 3]
 
 def test_a_rotation_matrix_is_taken_where_a_rotation_is():
     R = Rotation.from_rotvec([0.3, 1.2, -0.8])
-    one = gs.Start.of_body(R, [1, 2, 3], MOMENTS)
-    other = gs.Start.of_body(R.as_matrix(), [1, 2, 3], MOMENTS)
-    for a, b in ((one.q, other.q), (one.p, other.p)):
+    from_rotation = gs.Start.of_body(R, [1, 2, 3], MOMENTS)
+    from_matrix = gs.Start.of_body(R.as_matrix(), [1, 2, 3], MOMENTS)
+    for a, b in ((from_rotation.q, from_matrix.q), (from_rotation.p, from_matrix.p)):
         assert np.allclose(a, b, rtol=0, atol=4 * EPS)
     stack = Rotation.from_rotvec([[0.3, 1.2, -0.8], [3.1, 0, 0.1]])
     q = attitude_quaternion(stack.as_matrix().tolist())
@@ -323,15 +326,15 @@ def test_a_length_that_rounding_does_not_explain_is_reported(q, length):
     ((0, 0, 0, -1), "(-1, 0, 0, 0)"), ([[0, 0, 0, 1], [0.1, 0, 0, 0.995]], "(1, 0, 0, 0)"),
 ])
 def test_a_scalar_that_seems_to_come_last_is_reported(q, first):
-    with pytest.warns(gs.errors.InputWarning) as said:
+    with pytest.warns(gs.errors.InputWarning) as warnings_of_call:
         unit_quaternions(q)
-    text = " ".join(str(one.message) for one in said)
+    text = " ".join(str(warning.message) for warning in warnings_of_call)
     assert "scalar" in text
     assert f"write {first}" in text
 
 
 def test_a_rotation_leaves_the_order_unsaid():
-    """The cure that the remark names."""
+    """A rotation or a matrix has no order of components, as the remark proposes."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for rotation in (Rotation.from_quat([0, 0, 1, 0]), np.diag([-1.0, -1, 1])):

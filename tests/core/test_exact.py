@@ -44,12 +44,13 @@ def test_numbers_of_any_kind(value, number):
 
 @pytest.mark.parametrize("value", [sp.pi / 9, sp.sqrt(2), -sp.E**3, mp.pi, mp.phi], ids=str)
 def test_constants_have_more_digits_than_any_type(value):
-    """mpmath's own, too, which is not what mpmath happens to be set to."""
+    """Constants of mpmath, too, whose precision does not depend on its setting."""
     with mp.workdps(70):
-        wanted = mp.mpf(value) if not isinstance(value, sp.Expr) else mp.mpf(sp.N(value, 70))
-    found = exact(value)
+        expected = mp.mpf(value) if not isinstance(value, sp.Expr) else mp.mpf(sp.N(value, 70))
+    fraction = exact(value)
     with mp.workdps(70):
-        assert abs(mp.mpf(found.numerator) / found.denominator - wanted) < abs(wanted) * 1e-68
+        assert abs(mp.mpf(fraction.numerator) / fraction.denominator
+                   - expected) < abs(expected) * 1e-68
 
 
 @pytest.mark.parametrize(("value", "number"), [
@@ -88,8 +89,8 @@ def test_decimals_are_read_exactly(sign, digits, exponent):
 
 @pytest.mark.parametrize("text", ["nan", "-inf", "Infinity", " 1e-3\n", "1e999999999999999999"])
 def test_words_and_ends_of_the_range(text):
-    found = decimal(text)
-    assert math.isnan(found) if text == "nan" else float(found) == float(text)
+    value = decimal(text)
+    assert math.isnan(value) if text == "nan" else float(value) == float(text)
     assert decimal("-1e-99999999999999") == 0
 
 
@@ -108,12 +109,12 @@ def test_the_nearest_number_of_a_type(value):
     """No neighbour is nearer; a tie goes to the even one."""
     for dtype in (np.float32, np.float64, np.longdouble):
         with np.errstate(over="ignore"):
-            found = as_float(value, dtype)
-            near = [np.nextafter(found, dtype(end)) for end in (-np.inf, np.inf)]
-        assert type(found) is dtype
-        if np.isfinite(found) and np.isfinite(near).all():
-            error = abs(whole(found) - value)
-            assert all(error <= abs(whole(x) - value) for x in near)
+            rounded = as_float(value, dtype)
+            neighbours = [np.nextafter(rounded, dtype(end)) for end in (-np.inf, np.inf)]
+        assert type(rounded) is dtype
+        if np.isfinite(rounded) and np.isfinite(neighbours).all():
+            error = abs(whole(rounded) - value)
+            assert all(error <= abs(whole(x) - value) for x in neighbours)
     assert as_float(value, np.float64) == as_double(value)
     mantissa, exponent = nearest(value, 113, -16494)
     assert binary128.exact(binary128.round_to_quad(value)) == mantissa * Fraction(2) ** exponent
@@ -164,7 +165,7 @@ def test_a_double_that_knows_its_digits():
     assert tenth == 0.1
     assert type(tenth + 1) is float
     assert repr(tenth) == "0.1"
-    for again in (copy.deepcopy(tenth), copy.copy(tenth), pickle.loads(pickle.dumps(tenth))):
-        assert again.whole == Fraction(1, 10)
+    for copied in (copy.deepcopy(tenth), copy.copy(tenth), pickle.loads(pickle.dumps(tenth))):
+        assert copied.whole == Fraction(1, 10)
     assert Rounded(Fraction(10) ** 400) == math.inf
     assert binary128.quad(tenth) == binary128.round_to_quad(Fraction(1, 10)) != binary128.quad(0.1)

@@ -29,8 +29,8 @@ SPEC = Spec.from_arguments("G-L", 2)
 
 def derived(spec=SPEC, name=None, **options):
     """Return a call of the generator for a system of the catalogue."""
-    given = {} if name is None else {"system": systems.case(name).system}
-    return lambda: generate(spec, **given, **options)
+    system_argument = {} if name is None else {"system": systems.case(name).system}
+    return lambda: generate(spec, **system_argument, **options)
 
 
 def integrated(name, scheme="G-L", stages=None, **options):
@@ -115,7 +115,7 @@ def turned():
 
 
 def stored(name="kepler", **options):
-    """Return a stored run; it is refused before the store is made."""
+    """Return a call that stores a run; it is refused before there is a store."""
     return lambda: integrated(name, out="never.zarr", **options)()
 
 
@@ -272,7 +272,7 @@ def test_a_call_with_both_is_refused(pair, tmp_path, monkeypatch):
 
 
 def assert_refused(pair, call):
-    (of_table,) = (one for one in PAIRS if (one.first, one.second) == pair)
+    (of_table,) = (entry for entry in PAIRS if (entry.first, entry.second) == pair)
     with pytest.raises(InputError) as error:
         call()
     assert str(error.value).endswith(f"{of_table.reason}; {of_table.cure}.")
@@ -295,16 +295,16 @@ def test_one_of_two_is_accepted(pair):
 def test_schemes_without_velocity_constraints_are_those_of_the_table():
     without = [name for name, scheme in SCHEMES.items() if not scheme.velocity_constraints]
     assert re.findall(r"[\w-]+", FEATURES["other_scheme"].partition(";")[0])[1:] == without
-    (pair,) = (one for one in PAIRS if one.first == "other_scheme")
+    (pair,) = (entry for entry in PAIRS if entry.first == "other_scheme")
     assert pair.cure == "choose " + " or ".join(name for name in SCHEMES if name not in without)
 
 
 def test_the_page_of_limits_has_the_table(request):
     """``pytest tests/core/test_incompatibilities.py --update`` writes it again."""
     text = LIMITS.read_text(encoding="utf-8")
-    written, count = re.subn(r"\| feature \| cannot be combined.*?\n\n", lambda _: f"{table()}\n",
+    updated, count = re.subn(r"\| feature \| cannot be combined.*?\n\n", lambda _: f"{table()}\n",
                              text, flags=re.DOTALL)
     assert count == 1
     if request.config.getoption("--update"):
-        LIMITS.write_text(written, encoding="utf-8")
-    assert LIMITS.read_text(encoding="utf-8") == written
+        LIMITS.write_text(updated, encoding="utf-8")
+    assert LIMITS.read_text(encoding="utf-8") == updated

@@ -1,4 +1,4 @@
-"""Manifests as JSON and back, to the byte; what is no manifest is refused by its place."""
+"""Manifests are read from JSON and written again to the byte; a refusal names the wrong entry."""
 
 from __future__ import annotations
 
@@ -33,24 +33,24 @@ def contents():
     yield json.loads(next(text for name, text in files.items() if name.endswith(".json")))
 
 
-def places(content, place=()):
+def places(content, path=()):
     """Yield the path of every value, of lists and of names the first."""
-    if place:
-        yield place
+    if path:
+        yield path
     inner = [*content.items()] if isinstance(content, dict) else (
         [*enumerate(content)][:1] if isinstance(content, list) else [])
-    for key, value in inner[:1] if place and place[-1] in NAMED else inner:
-        yield from places(value, (*place, key))
+    for key, value in inner[:1] if path and path[-1] in NAMED else inner:
+        yield from places(value, (*path, key))
 
 
-def changed(content, place, value):
-    made = copy.deepcopy(content)
-    *above, last = place
-    part = made
+def changed(content, path, value):
+    copied = copy.deepcopy(content)
+    *above, last = path
+    entry = copied
     for key in above:
-        part = part[key]
-    part[last] = value
-    return made
+        entry = entry[key]
+    entry[last] = value
+    return copied
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "generated").glob("*.json")), ids=lambda p: p.stem)
@@ -65,41 +65,41 @@ def test_every_key_comes_back():
 
 
 def test_a_value_of_another_type_is_refused_or_comes_back():
-    """At each place of some manifests, a value of each type."""
+    """Each entry of some manifests is replaced by a value of each type."""
     tried = accepted = 0
     for content in contents():
-        for place in places(content):
+        for path in places(content):
             for value in VALUES:
-                spoilt = changed(content, place, value)
+                spoilt = changed(content, path, value)
                 tried += 1
                 with suppress(UnfitError):
-                    found = Manifest.from_json(spoilt).as_json()
+                    rewritten = Manifest.from_json(spoilt).as_json()
                     # A text for a text; an empty value, of a key that may be absent.
-                    assert found == spoilt or not value
+                    assert rewritten == spoilt or not value
                     accepted += 1
     assert tried - accepted > 500
 
 
-def changed_to_absent(content, place):
-    made = copy.deepcopy(content)
-    part = made
-    for key in place[:-1]:
-        part = part[key]
-    del part[place[-1]]
-    return made
+def changed_to_absent(content, path):
+    copied = copy.deepcopy(content)
+    entry = copied
+    for key in path[:-1]:
+        entry = entry[key]
+    del entry[path[-1]]
+    return copied
 
 
 def test_unknown_and_missing_keys_are_named():
     content = systems.stepper("heavy_top").manifest.as_json()
     with pytest.raises(UnfitError, match="'more'"):
         Manifest.from_json(content | {"more": 1})
-    for place in (("system", "name"), ("scheme", "order"), ("real",)):
-        with pytest.raises(UnfitError, match=place[-1]):
-            Manifest.from_json(changed_to_absent(content, place))
+    for path in (("system", "name"), ("scheme", "order"), ("real",)):
+        with pytest.raises(UnfitError, match=path[-1]):
+            Manifest.from_json(changed_to_absent(content, path))
 
 
 def test_a_manifest_is_copied_and_pickled():
     manifest = systems.stepper("double_top").manifest
-    for same in (copy.deepcopy(manifest), pickle.loads(pickle.dumps(manifest))):
-        assert same == manifest
-        assert same.text == manifest.text
+    for copied in (copy.deepcopy(manifest), pickle.loads(pickle.dumps(manifest))):
+        assert copied == manifest
+        assert copied.text == manifest.text

@@ -31,14 +31,14 @@ TOP = gs.problems.fast_top()
     (Aim, AIMS.values()),
 ], ids=["scheme", "real", "rep", "solver", "aim"])
 def test_literals_are_the_records(names, records):
-    """What editors complete is what is taken, in the same order."""
+    """The names that editors complete are the accepted names, in the same order."""
     assert get_args(names) == tuple(records)
 
 
 def test_a_scheme_of_one_number_of_stages_is_called_by_its_name(monkeypatch):
-    """Its stages need not be said, and are in no name; a family's have to."""
-    made = replace(SCHEMES["LIIIA-B"], name="RATTLE", most=2)
-    monkeypatch.setitem(SCHEMES, "RATTLE", made)
+    """Its stages may be left out, and are in no name; a family needs them."""
+    scheme = replace(SCHEMES["LIIIA-B"], name="RATTLE", most=2)
+    monkeypatch.setitem(SCHEMES, "RATTLE", scheme)
     spec = Spec.from_arguments("RATTLE")
     assert (spec.stages, spec.method, spec.title) == (2, "rattle", "RATTLE")
     assert spec == Spec.from_arguments("RATTLE", 2)
@@ -50,10 +50,10 @@ def test_a_scheme_of_one_number_of_stages_is_called_by_its_name(monkeypatch):
 
 
 def test_what_lists_names_lists_all_of_them(gyrospark):
-    """Help and the docstrings of the calls; see also what each refusal says, below."""
-    said = "".join(gyrospark("run", "--help").stdout.split())
+    """Help and the docstrings of the calls list all names; for refusals see below."""
+    help_text = "".join(gyrospark("run", "--help").stdout.split())
     for name in (*PROBLEMS, *MODELS, *SCHEMES, *REALS, *SOLVERS):
-        assert name in said
+        assert name in help_text
     for name in (*SCHEMES, *REALS, *REPS):
         assert f'"{name}"' in gs.stepper.__doc__
 
@@ -68,8 +68,8 @@ def test_public_modules_offer_what_is_theirs():
 
 def test_catalogue_is_what_python_offers():
     def makers(module):
-        found = [getattr(module, name) for name in module.__all__]
-        return {f.__name__ for f in found if inspect.isfunction(f)
+        objects = [getattr(module, name) for name in module.__all__]
+        return {f.__name__ for f in objects if inspect.isfunction(f)
                 and f.__annotations__["return"] in ("Problem", "Model")}
 
     assert makers(gs.problems) == {name.replace("-", "_") for name in PROBLEMS}
@@ -102,7 +102,7 @@ def test_a_system_in_no_registry_is_refused():
 
 @pytest.mark.parametrize("scheme", ["RK4", "SPARK", None, ["G-L"]])
 def test_an_unknown_scheme_never_becomes_ims(scheme):
-    """Also where a spec was made by hand."""
+    """A spec from ``Spec`` itself is checked, too."""
     spec = Spec(scheme, 2)
     for use in (tableau_of, generate, lambda spec: spec.name):
         if scheme == "SPARK" and use not in (tableau_of, generate):
@@ -139,9 +139,9 @@ def test_wrong_names_of_a_run_are_proposed_for(gl3):
                            ({"parameters": parameters | {"gama": 1}}, r"gamma\?")]:
         with pytest.raises(gs.InputError, match=words):
             gl3.integrate(TOP.q0, TOP.p0, **run | changed)
-    made = gs.stepper("IMS").integrate(TOP.q0, TOP.p0, **run)
+    trajectory = gs.stepper("IMS").integrate(TOP.q0, TOP.p0, **run)
     with pytest.raises(gs.InputError, match=r"'heavy_top'.*'bdy'.*body"):
-        made.axis("bdy")
+        trajectory.axis("bdy")
 
 
 def test_proposals_are_near():
@@ -155,8 +155,8 @@ def test_what_a_shell_completes():
     from gyrospark.commands.run.command import run
 
     options = {o.name: o for o in run.params}
-    for name, text, found in [("scheme", "", list(SCHEMES)), ("scheme", "L", ["LIIIA-B"]),
-                              ("rep", "g", ["gamma"]),
-                              ("real", "f", [name for name in REALS if name[0] == "f"])]:
+    for name, text, expected in [("scheme", "", list(SCHEMES)), ("scheme", "L", ["LIIIA-B"]),
+                                 ("rep", "g", ["gamma"]),
+                                 ("real", "f", [name for name in REALS if name[0] == "f"])]:
         items = options[name].shell_complete(None, text)
-        assert [item.value for item in items] == found
+        assert [item.value for item in items] == expected

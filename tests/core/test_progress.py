@@ -124,12 +124,12 @@ def test_a_script_shows_nothing_unless_it_asks(name, fresh, capsys):
 
 
 def test_false_is_silence_in_a_notebook_and_bits_are_the_same(notebook, gl3):
-    shown, silent = integrate(gl3, progress=True), integrate(gl3, progress=False)
+    with_progress, silent = integrate(gl3, progress=True), integrate(gl3, progress=False)
     count = len(notebook)
     assert count > 1
     integrate(gl3, progress=False)
     assert len(notebook) == count
-    assert np.array_equal(shown.q, silent.q)
+    assert np.array_equal(with_progress.q, silent.q)
 
 
 @pytest.mark.parametrize(("seconds", "total", "left"), [
@@ -150,16 +150,16 @@ def test_the_time_left_is_of_the_speed_so_far(seconds, total, left, fresh, monke
 
 def test_stages_of_what_has_no_steps_are_counted(tmp_path):
     """Derivation and compilation, a certificate and an artefact."""
-    top, seen = gs.problems.fast_top(), []
+    top, reports = gs.problems.fast_top(), []
 
     def report(done, total):
-        seen.append((done, total))
+        reports.append((done, total))
 
     gs.stepper("G-L", 2, progress=report)
     gs.build("cpp", "fast-top", dt=1e-3, out=tmp_path / "top", progress=report)
     with pytest.raises(gs.InputError, match="'m'"):
         gs.certify(top, "EMS", dt=1e-3, steps=2, parameters={"m": 1.0}, progress=report)
-    assert seen == [(1, 2), (2, 2), (1, 2), (2, 2), (1, 3)]
+    assert reports == [(1, 2), (2, 2), (1, 2), (2, 2), (1, 3)]
     for call in (lambda: gs.stepper("EMS", progress=3), lambda: gs.certify(top, progress=3)):
         with pytest.raises(gs.InputError, match="progress = 3"):
             call()

@@ -44,18 +44,18 @@ def test_any_start_is_moved_onto_the_constraints(q):
 
 
 def test_the_move_is_the_shortest_to_first_order():
-    """q₁ − q₀ = −G⁺ g + O(g²): halving the distance quarters what is left."""
-    near = gs.consistent(curve(), (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
+    """q₁ − q₀ = −G⁺ g + O(g²): halving the distance quarters the remainder."""
+    on_curve = gs.consistent(curve(), (0.6, 0.1, 0.8), (0, 0, 0), parameters={"w": 1.0}).q
     push = np.array([1.0, -2.0, 0.5])
-    rest = []
+    remainders = []
     for size in (1e-2, 5e-3, 2.5e-3):
-        q = near + size * push
+        q = on_curve + size * push
         moved = gs.consistent(curve(), q, (0, 0, 0), parameters={"w": 1.0}).q
         numeric = NumericSystem(curve(), {"w": 1.0})
         first = -np.linalg.pinv(numeric.G(q)) @ numeric.g(q)
-        rest.append(np.linalg.norm(moved - q - first))
-    assert rest[0] / rest[1] == pytest.approx(4, rel=0.1)
-    assert rest[1] / rest[2] == pytest.approx(4, rel=0.05)
+        remainders.append(np.linalg.norm(moved - q - first))
+    assert remainders[0] / remainders[1] == pytest.approx(4, rel=0.1)
+    assert remainders[1] / remainders[2] == pytest.approx(4, rel=0.05)
 
 
 def test_consistent_states_stay():
@@ -103,9 +103,9 @@ def test_complex_steps_agree_with_derived_formulas():
     values |= {s: model.parameters[str(s)] for s in system.parameters}
     G = np.array([[float(e.xreplace(values)) for e in row] for row in system.G])
     H_pp = np.array([[float(sp.sympify(e).xreplace(values)) for e in row] for row in system.H_pp])
-    found = numeric.G(model.q0)
-    assert np.abs(found - G).max() <= 8 * EPS
-    assert np.abs(numeric.W(model.q0, model.p0, found) - G @ H_pp @ G.T).max() <= 1e-12
+    normals = numeric.G(model.q0)
+    assert np.abs(normals - G).max() <= 8 * EPS
+    assert np.abs(numeric.W(model.q0, model.p0, normals) - G @ H_pp @ G.T).max() <= 1e-12
 
 
 def test_dependent_rows():
@@ -124,9 +124,9 @@ def test_an_angle_may_be_a_constraint():
     x, y, a, b = sp.symbols("x y a b", real=True)
     ray = gs.System((x, y), (a, b), (), (a**2 + b**2) / 2, (sp.atan2(y, x) - sp.Rational(1, 2),),
                     name="ray")
-    found = gs.consistent(ray, [1.0, 0.5], [0.1, 0.2], parameters={})
-    assert abs(np.arctan2(found.q[1], found.q[0]) - 0.5) <= 4 * np.finfo(float).eps
-    assert abs(found.q[0] * found.p[1] - found.q[1] * found.p[0]) <= 1e-16
+    state = gs.consistent(ray, [1.0, 0.5], [0.1, 0.2], parameters={})
+    assert abs(np.arctan2(state.q[1], state.q[0]) - 0.5) <= 4 * np.finfo(float).eps
+    assert abs(state.q[0] * state.p[1] - state.q[1] * state.p[0]) <= 1e-16
 
 
 def _banded(rng: np.random.Generator, m: int, n: int, band: int) -> np.ndarray:
@@ -139,8 +139,9 @@ def test_solutions_are_those_of_dense_matrices(m, n, band):
     rng = np.random.default_rng(m)
     G, scale, y = _banded(rng, m, n, band), 10.0 ** rng.uniform(-9, 9, m), rng.standard_normal(m)
     A = G @ G.T + np.eye(m)
-    wanted = np.linalg.solve(A, y / scale) / scale
-    assert solve_sparse(csr_array(A * np.outer(scale, scale)), y) == pytest.approx(wanted, rel=1e-8)
+    expected = np.linalg.solve(A, y / scale) / scale
+    assert solve_sparse(csr_array(A * np.outer(scale, scale)), y) == pytest.approx(
+        expected, rel=1e-8)
     indefinite = A - 1.01 * np.linalg.eigvalsh(A)[0] * np.eye(m)
     with pytest.raises(np.linalg.LinAlgError):
         solve_sparse(csr_array(indefinite * np.outer(scale, scale)), y)

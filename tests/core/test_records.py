@@ -11,7 +11,7 @@ from gyrospark.core.records import dataclass, replace_fields
 
 
 def make(decorator: Any, **options: Any) -> Any:
-    """Return a class of fields that a decorator has made."""
+    """Return a class of fields that a decorator has processed."""
 
     @decorator(frozen=True, **options)
     class Point:

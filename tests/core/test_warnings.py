@@ -64,14 +64,14 @@ def changed(old, new):
 @pytest.mark.parametrize(("old", "new", "words"), REMARKS.values(), ids=REMARKS.keys())
 def test_a_model_file_is_remarked_on(old, new, words):
     """Once, with the file's name, at the line that called."""
-    with pytest.warns(gs.errors.InputWarning) as said:
+    with pytest.warns(gs.errors.InputWarning) as remarks:
         parse_model(changed(old, new), "said.toml")
-    assert len(said) == 1
-    text = str(said[0].message)
+    assert len(remarks) == 1
+    text = str(remarks[0].message)
     assert "'said.toml'" in text
     for word in words:
         assert word in text
-    assert said[0].filename == __file__
+    assert remarks[0].filename == __file__
 
 
 @pytest.mark.parametrize(("old", "new"), SILENT.values(), ids=SILENT.keys())
@@ -106,9 +106,9 @@ m = 2
 c = 3
 """
     for text in (system, bodies):
-        with pytest.warns(gs.errors.InputWarning, match=r"\[parameters\] c\b") as said:
+        with pytest.warns(gs.errors.InputWarning, match=r"\[parameters\] c\b") as remarks:
             parse_model(text, "u.toml")
-        assert len(said) == 1
+        assert len(remarks) == 1
 
 
 def test_angles_of_the_double_pendulum_in_degrees():
@@ -135,9 +135,9 @@ def test_negative_gamma_is_legal_and_said():
     run = {"dt": 1e-3, "steps": 300}
     m = gs.gamma(TOP.inertia)
     step = gs.stepper("G-L", 2)
-    with pytest.warns(gs.errors.InputWarning, match=r"gamma = -0\.0016.*\bm\b") as said:
+    with pytest.warns(gs.errors.InputWarning, match=r"gamma = -0\.0016.*\bm\b") as remarks:
         negative = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": -m})
-    assert len(said) == 1
+    assert len(remarks) == 1
     positive = step.integrate(TOP.q0, TOP.p0, **run, parameters=TOP.parameters | {"gamma": m})
     assert np.abs(negative.axis() - positive.axis()).max() < 1e-6
     ratio = negative.report.energy_error_max / positive.report.energy_error_max
@@ -158,9 +158,9 @@ def test_remarks_are_heard_by_the_thread_that_listens():
     heard = {}
 
     def work(name):
-        with capture_warnings() as said:
+        with capture_warnings() as captured:
             warn(name)
-            heard[name] = list(said)
+            heard[name] = list(captured)
 
     threads = [threading.Thread(target=work, args=(str(i),)) for i in range(8)]
     for thread in threads:
@@ -173,9 +173,9 @@ def test_remarks_are_heard_by_the_thread_that_listens():
 
 
 def test_the_command_line_says_it_in_a_line_and_keeps_json(gyrospark, tmp_path):
-    """Also when the file is known from an earlier run and is not read anew."""
-    path, known = tmp_path / "said.toml", ROOT / "examples" / "pendulum.toml"
-    path.write_text(known.read_text(encoding="utf-8").replace(
+    """The warning appears again when the file is known from an earlier run and not read anew."""
+    path, example = tmp_path / "said.toml", ROOT / "examples" / "pendulum.toml"
+    path.write_text(example.read_text(encoding="utf-8").replace(
         "[parameters]", "[parameters]\nlength = 3"), encoding="utf-8")
     for _ in range(2):
         answer = gyrospark("run", path, "--scheme", "IMS", "--steps", "3", "--json")
