@@ -98,9 +98,10 @@ def generate(
     if spec.order is not None:
         refuse_together(splitting="scheme splitting", frame=(
             spec.frame or (model is not None and model.frame)) and "a co-moving frame")
-    framed = spec.frame or ("" if system is not None or model is None else model.frame)
+    frame_kind = spec.frame or ("" if system is not None or model is None else model.frame)
+    # feature of the table of ``incompatibilities`` → its name in messages, or False if it is absent
     options = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
-               "frame": bool(framed) and "a co-moving frame",
+               "frame": bool(frame_kind) and "a co-moving frame",
                "derivatives": (derivatives or second) and "derivatives of steps and runs",
                "energy": spec.energy and "exact energy (energy = True)",
                "structured": bool(structured) and "loops over element templates"}
@@ -114,7 +115,7 @@ def generate(
         refuse_redundant_anywhere(system)
         warn_of_row_integrals(system)
     # 2. the system on which everything below depends
-    system, frame = _in_normal_form(system, framed=bool(framed))
+    system, frame = _in_normal_form(system, framed=bool(frame_kind))
     # 3. tableau and the equations of a step, with constants of the run
     coefficients = tableau or tableau_of(spec)
     if coefficients is not None and spec.order is None and not allow_invalid:
@@ -124,7 +125,8 @@ def generate(
     # 4. kernels and templates
     name = join_name(system.name, c_name, rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, title, scheme, system, constants, REALS[spec.real],
-                          spec.profile, frame, derivatives or second, second, model), structured)
+                          spec.profile, frame, derivatives=derivatives or second, second=second,
+                          model=model), structured)
     return Generated(source, scheme, system, coefficients)
 
 
@@ -167,7 +169,11 @@ def _method(
 def _refuse_features(
     spec: Spec, system: System, *, own_tableau: bool, options: Mapping[str, str | bool]
 ) -> None:
-    """Refuse the features that exclude velocity constraints or a time scale of the system."""
+    """Refuse the features that exclude velocity constraints or a time scale of the system.
+
+    ``options`` are the features of ``refuse_together`` that the caller asks for; ``own_tableau``:
+    the caller passes a tableau.
+    """
     if system.velocity_count:
         refuse_together(
             velocity_constraints=f"the velocity constraints "

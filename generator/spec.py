@@ -110,8 +110,8 @@ class Spec:
         count = _stages(record, stages)
         chosen_order, composed = _composition(record, order, composition)
         source = _system_source(system, rep)
-        return cls(scheme, count, source.rep, source.name, _real(real), None, source.file,
-                   order=chosen_order, composition=composed)
+        return cls(scheme, count, source.rep, source.name, _real(real), tableau=None,
+                   model=source.file, order=chosen_order, composition=composed)
 
     @classmethod
     def of_tableau(
@@ -123,7 +123,8 @@ class Spec:
         Raises InputError naming the value, the allowed ones and the cure.
         """
         source = _system_source(system, rep)
-        return cls(OWN, None, source.rep, source.name, _real(real), tableau, source.file)
+        return cls(OWN, stages=None, rep=source.rep, system=source.name, real=_real(real),
+                   tableau=tableau, model=source.file)
 
     @property
     def method(self) -> str:
@@ -161,6 +162,8 @@ def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = F
 
 
 class _SystemSource(NamedTuple):
+    """Where a system comes from: a model file, or a system or model of the registry."""
+
     name: str
     file: Path | None  # of a model file
     rep: str  # the inertia representation; "" where a model file chooses it
@@ -211,6 +214,7 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
 def _composition(scheme: Scheme, order: Any, named: Any) -> tuple[int | None, str]:
     """Return order and composition of a splitting; None and "" for another scheme.
 
+    ``named`` is the name of a composition; without one ``order`` chooses it, and "" is returned.
     Raises InputError for an order that is not the composition's, and for both with another scheme.
     """
     if not scheme.composed:

@@ -123,8 +123,8 @@ class JointLayout:
     on_a, on_b : three entries, or ()
         The joint's point in the axes of each body, from its origin; () for a joint without one.
     axis_a, axis_b : three entries, or ()
-        The common axis, in the axes of each; of a as n₁ and n₂, six entries,
-        n₁ × n₂ being the axis. () for a joint without one.
+        ``axis_b`` is the common axis in the axes of b; ``axis_a`` has n₁ and n₂ in the axes of a,
+        six entries, with n₁ × n₂ the axis. () for a joint without one.
     zero : five entries, or ()
         If the system depends on the joint's angle θ: constants of θ = 2 atan2(v, w) + turns with
         (w, v e) = q̄_a q_b c: the four of c, and the turns, a multiple of 2π.

@@ -82,19 +82,19 @@ class _Statics:
         self.time = {x: t for x in (system.time,) if x is not None}
         self.values = np.array([float(parameters[str(x)]) for x in system.parameters])
         # template, sign in the residual, its entries, and their derivatives by the template's q
-        self.parts = [(form, 1.0, form.system.H_q, _Sparse.of(form.system.H_qq))
-                      for form in structure.templates if form.q]
-        self.parts += [(form, -1.0, list(form.expressions),
-                        _Sparse.of(jacobian(list(form.expressions), form.q)))
-                       for form in structure.force_templates]
+        self.parts = [(template, 1.0, template.system.H_q, _Sparse.of(template.system.H_qq))
+                      for template in structure.templates if template.q]
+        self.parts += [(template, -1.0, list(template.expressions),
+                        _Sparse.of(jacobian(list(template.expressions), template.q)))
+                       for template in structure.force_templates]
         # H_p at p = 0, which must vanish at an equilibrium
-        self.velocities = [(form, form.system.H_p) for form in Structure(system).templates
-                           if form.p]
+        self.velocities = [(template, template.system.H_p)
+                           for template in Structure(system).templates if template.p]
 
     def moves(self, q: Array) -> bool:
         """Whether H_p is not 0 at p = 0: then q changes at rest, as in a turning frame."""
-        return any(np.abs(self._evaluate(form, expressions, q)).max() > 0
-                   for form, expressions in self.velocities)
+        return any(np.abs(self._evaluate(template, expressions, q)).max() > 0
+                   for template, expressions in self.velocities)
 
     def __call__(self, x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
         """Return the residual r at x = (q, λ), shape (n + m,), and r_x as rows, columns and values.
@@ -103,30 +103,31 @@ class _Statics:
         """
         nothing = np.zeros(0, dtype=int)
         r, entries = np.zeros(len(x)), [(nothing, nothing, np.zeros(0))]
-        for form, sign, slopes, matrix in self.parts:
+        for template, sign, slopes, matrix in self.parts:
             # shape (instances, coordinates of the template), and (instances, rows of it)
-            columns = np.array([i.q for i in form.instances], dtype=int)
+            columns = np.array([i.q for i in template.instances], dtype=int)
             # forces act on rows of their own; a gradient has a row for each coordinate
-            rows = np.array([i.rows for i in form.instances], dtype=int) if sign < 0 else columns
-            np.add.at(r, rows.T, sign * self._evaluate(form, slopes, x))
+            rows = columns if sign > 0 else np.array(
+                [i.rows for i in template.instances], dtype=int)
+            np.add.at(r, rows.T, sign * self._evaluate(template, slopes, x))
             if not matrix.entries:  # forces that are constant
                 continue
             entries.append((rows[:, matrix.rows].ravel(), columns[:, matrix.columns].ravel(),
-                            sign * self._evaluate(form, matrix.entries, x).T.ravel()))
+                            sign * self._evaluate(template, matrix.entries, x).T.ravel()))
         rows, columns, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
         return r, (rows, columns, values)
 
-    def _evaluate(self, form: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
+    def _evaluate(self, template: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
         """Return expressions of a template for all instances, shape (expressions, instances)."""
-        q = x[np.array([i.q for i in form.instances], dtype=int)]
-        constants = self.values[np.array([i.constants for i in form.instances], dtype=int)]
+        q = x[np.array([i.q for i in template.instances], dtype=int)]
+        constants = self.values[np.array([i.constants for i in template.instances], dtype=int)]
         # at rest: momenta are 0; each symbol has a column of the values of all instances
-        substitution: dict[sp.Symbol, Any] = dict.fromkeys(form.p, 0.0) | self.time
-        substitution |= dict(zip(form.q, q.T, strict=True))
-        substitution |= dict(zip(form.constants, constants.T, strict=True))
+        substitution: dict[sp.Symbol, Any] = dict.fromkeys(template.p, 0.0) | self.time
+        substitution |= dict(zip(template.q, q.T, strict=True))
+        substitution |= dict(zip(template.constants, constants.T, strict=True))
         values = evaluate(expressions, substitution)
         return np.broadcast_to(values.reshape(len(expressions), -1),
-                               (len(expressions), len(form.instances)))
+                               (len(expressions), len(template.instances)))
 
 
 def equilibrium(
@@ -154,7 +155,8 @@ def equilibrium(
         raise InputError(f"System {system.name!r} moves where its momenta are 0, as in a turning "
                          "frame; it has no static equilibrium.")
     r, J = statics(x)
-    size, change, rejected = float(np.linalg.norm(r)), np.inf, np.inf
+    # change: of q in the last step; rejected_change: in the last one if that was rejected, else ∞
+    size, change, rejected_change = float(np.linalg.norm(r)), np.inf, np.inf
     # changes are relative to the largest coordinate up to there, as equilibria may have q = 0
     extent = float(np.abs(x[:n]).max())
     J_rows, _, J_values = J
@@ -168,16 +170,16 @@ def equilibrium(
         change = float(np.abs(step[:n]).max()) / (extent if extent > _NOTHING else 1.0)
         if not np.isfinite(change):
             break
-        # negative curvature: along the step the potential would have a maximum
-        # no τ shortens the way to g = 0: a long step is taken that a smaller τ left as long, where
-        # 1/τ is above the stiffness
+        # A long step is repeated with a smaller τ. No τ shortens the way to g = 0, however: where
+        # 1/τ is above the stiffness, a step that a smaller τ left as long is taken. With a negative
+        # curvature the potential would have a maximum along the step.
         is_long = change > _LARGEST_CHANGE and (
-            change < 0.9 * rejected or tau * stiffness > _SMALL_TAU)
+            change < 0.9 * rejected_change or tau * stiffness > _SMALL_TAU)
         if is_long or (curvature < 0 and change > _ROUNDING):
-            rejected = change
+            rejected_change = change
             tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
             continue
-        rejected = np.inf
+        rejected_change = np.inf
         x = np.concatenate([x[:n] - step[:n], -step[n:]])
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
@@ -236,9 +238,9 @@ def _implicit_step(
     rows, columns = (np.concatenate([indices, diagonal]) for indices in (J_rows, J_columns))
     values = np.concatenate([J_values, np.full(n, 1 / tau)])
     # r without g_qᵀλ: the step is solved for the new λ, not for its change
-    forces = (J_rows < n) & (J_columns >= n)
+    in_forces = (J_rows < n) & (J_columns >= n)
     right_side = r - np.bincount(
-        J_rows[forces], J_values[forces] * x[J_columns[forces]], len(x))
+        J_rows[in_forces], J_values[in_forces] * x[J_columns[in_forces]], len(x))
     step = _solve(rows, columns, values, right_side)
     in_q = (rows < n) & (columns < n)
     with np.errstate(invalid="ignore"):  # an infinite step, at which the iteration ends

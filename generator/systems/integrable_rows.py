@@ -38,6 +38,7 @@ _SMALL = 1e-9
 _POINTS = 3
 #: Largest denominator of a coefficient c_k.
 _DENOMINATOR = 64
+#: t of a system that declares no time.
 _CLOCK = sp.Symbol("_clock", real=True)
 
 
@@ -118,7 +119,7 @@ def _candidates(
 ) -> Iterator[list[sp.Rational]]:
     """Yield coefficients c_k with which Frobenius' condition dω(X, Y) = 0 holds at random points.
 
-    X and Y are tangents of g = 0 with ω = 0; x are the coordinates and t, ``rows`` the one-forms
+    X and Y are tangents of g = 0 with ω = 0; x are the coordinates, then t, ``rows`` the one-forms
     (A_k, a_k). At first all rows define the tangents; of the combinations ω that satisfy the
     condition, those remain that satisfy it with the tangents of these combinations alone, and so
     on, until none is lost.

@@ -83,7 +83,7 @@ class LagrangianSystem(System):
         super().__post_init__()
 
     @property
-    def _others(self) -> tuple[sp.Symbol, ...]:
+    def _dependent_symbols(self) -> tuple[sp.Symbol, ...]:
         """The velocities, which H contains as functions of q and p."""
         return self.velocities
 
@@ -135,7 +135,7 @@ class LagrangianSystem(System):
         The eigenvalues of a regular M do not change their sign along a path from such a point;
         parameters are positive at the points.
         """
-        for M in _masses(self, _POINTS, 1.0, 4 * _POINTS):
+        for M in _masses(self, _POINTS, decades=1.0, distant_points=4 * _POINTS):
             diagonal = np.diag(M)
             if not (diagonal > 0).all():
                 return False

@@ -235,7 +235,7 @@ class NumericSystem(NumericConstraints):
     def W(self, q: Array, p: Array, G: Any) -> Array | csr_array:
         """Return G H_pp Gᵀ for rows G, shape (rows, n); sparse G takes H_pp by differences."""
         if not isinstance(G, np.ndarray):
-            return G @ (self._second(q, p) @ G.T)
+            return G @ (self._sparse_H_pp(q, p) @ G.T)
         if not len(G):
             return np.zeros((0, 0))
         matrix: Array = G @ self.H_pp_times(q, p, G.T)
@@ -271,7 +271,7 @@ class NumericSystem(NumericConstraints):
                 columns_of_row[i].update(momenta.tolist())
         return Pattern.of_rows([sorted(columns) for columns in columns_of_row], n)
 
-    def _second(self, q: Array, p: Array) -> csr_array:
+    def _sparse_H_pp(self, q: Array, p: Array) -> csr_array:
         """Return H_pp, (n, n), by central differences of H_p: exact to round-off for quadratic H.
 
         It is the matrix of Newton's method, whose rate, not result, depends on its errors.

@@ -120,7 +120,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
     involved, left_out = dependent_rows(G)
     if not involved:
         return Redundancy(owner, tuple(names))
-    if point is None or _contradict(constraints, point, left_out):
+    if point is None or _are_contradictory(constraints, point, left_out):
         raise InputError(
             f"The constraints {_names_of(names, involved)} of {owner!r} contradict each other near "
             "the start: no state near it meets them all. Check their points, axes and lengths, "
@@ -186,7 +186,7 @@ def _dependencies(system: System) -> tuple[list[_Dependency], list[_Dependency]]
     try:
         while len(on_manifold) < _POINTS and len(off_manifold) < _TRIES:
             constraints = NumericConstraints(
-                system.q, system.constraints, system.constraint_names, _draw(system, rng),
+                system.q, system.constraints, system.constraint_names, _random_values(system, rng),
                 system.A, system.a, system.velocity_constraint_names, system.g_t)
             q = rng.standard_normal(system.n)
             point = nearest_point(constraints, q)
@@ -198,7 +198,7 @@ def _dependencies(system: System) -> tuple[list[_Dependency], list[_Dependency]]
             if point is not None and not involved:
                 return None
             # velocities that no q̇ satisfies: there is no state at this point either
-            if point is not None and _contradict(constraints, point, left_out):
+            if point is not None and _are_contradictory(constraints, point, left_out):
                 point = None
             (off_manifold if point is None else on_manifold).append((involved, left_out))
     except (InputError, TypeError, ArithmeticError, np.linalg.LinAlgError):
@@ -316,7 +316,7 @@ def random_point(
     return q, values
 
 
-def _contradict(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
+def _are_contradictory(constraints: NumericConstraints, q: Array, left_out: Sequence[int]) -> bool:
     """Whether the dependent rows A q̇ + a = 0 at q have no common solution q̇.
 
     A q̇ = −a has a solution if and only if (A, a) has the rank of A, that is if as many rows of
@@ -348,7 +348,7 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
     return False
 
 
-def _draw(system: System, rng: np.random.Generator) -> Mapping[str, float]:
+def _random_values(system: System, rng: np.random.Generator) -> Mapping[str, float]:
     """Return random values for all parameters and the time, by name.
 
     Sizes are between 0.5 and 2; half of those that need not be positive are negative.

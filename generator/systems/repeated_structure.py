@@ -100,6 +100,7 @@ class Structure:
     def templates(self) -> list[ElementTemplate]:
         """The templates of H: those with momenta first."""
         groups = [*self._kinetic_groups.values(), *self._potential_groups]
+        # terms of H belong to no row of g or F
         return self._templates_of([(self._with_energy(terms), ()) for terms in groups])
 
     def _with_energy(self, terms: list[sp.Expr]) -> tuple[sp.Expr, ...]:
@@ -131,6 +132,7 @@ class Structure:
         support = {block: set(block) for block in kinetic_blocks}
         for term, q, p in self._terms:
             if p:
+                # all momenta of a term are in one block
                 block = block_of[min(p)]
                 groups[block].append(term)
                 support[block] |= q
@@ -170,6 +172,7 @@ class Structure:
     def _overlapping(self, rows: list[int]) -> Iterator[list[int]]:
         """Yield groups of rows with common coordinates; equal names alone do not relate rows."""
         support = {r: self._indices(self.system.constraints[r], self._q) for r in rows}
+        # all coordinates of a row are in one component
         for coordinates in connected_components([s for s in support.values() if s]):
             yield [r for r in rows if support[r] and min(support[r]) in coordinates]
         yield from ([r] for r in rows if not support[r])
@@ -232,7 +235,7 @@ class Structure:
         if key not in self._local_forms:
             # coordinates first: the order of constants refers to these local names
             local_expressions = tuple(substitute(expressions, names))
-            constants = self._in_order(local_expressions)
+            constants = self._constants_in_order(local_expressions)
             final = dict(zip(constants, local("k", len(constants)), strict=True))
             self._local_forms[key] = (tuple(substitute(local_expressions, final)),
                                       [symbols.index(c) for c in constants])
@@ -245,7 +248,7 @@ class Structure:
         """Every constant → one symbol, so that expressions are compared without their names."""
         return dict.fromkeys(self._constants, sp.Symbol("_"))
 
-    def _in_order(self, expressions: Sequence[sp.Expr]) -> list[sp.Symbol]:
+    def _constants_in_order(self, expressions: Sequence[sp.Expr]) -> list[sp.Symbol]:
         """Return the constants in their order in the expressions.
 
         The order does not depend on names, so that equal templates get equal symbols.

@@ -125,16 +125,17 @@ def slopes_over_states(
     values = _values_of(e, columns_of, "symbol of a loss with second derivatives")
     evaluator = Evaluator(values)
     # ∂²ℓ/∂x∂y at each stored state: a state enters one term of the sum only
-    second = [(str(x), str(y),
-               np.broadcast_to(evaluator(derivative(derivative(e, x), y)), run.t.shape))
-              for x in values for y in values]
+    second_derivatives = [
+        (str(x), str(y),
+         np.broadcast_to(evaluator(derivative(derivative(e, x), y)), run.t.shape))
+        for x in values for y in values]
 
     def slopes(along: dict[str, Any]) -> dict[str, Any]:
         """Return Σ_y ∂²ℓ/∂x∂y d_y for each x: the change of its cotangent along the directions."""
         directions = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
         directions |= {time: along["t"], **along["parameters"]}
         cotangents = dict.fromkeys(columns_of, 0 * run.t)
-        for x, y, by_both in second:
+        for x, y, by_both in second_derivatives:
             cotangents[x] = cotangents[x] + by_both * directions[y]
         q, p = (np.stack([cotangents[x] for x in getattr(system, kind)], axis=1)
                 for kind in ("coordinates", "momenta"))

@@ -81,7 +81,7 @@ def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continui
     terms = [t for t in sp.Add.make_args(e) if not {w, -w}.isdisjoint(switches_of([t]))]
     e = sp.Add(*terms)
     # e where w < 0, and e where w > 0
-    sides = [on_side(e, partial(_weight, w=w, above=above)) for above in (0, 1)]
+    sides = [on_side(e, partial(_weight_of_side, w=w, above=above)) for above in (0, 1)]
     variables = [x for x in symbols if x in w.free_symbols]
     observed = Continuity.SMOOTH
     for evaluator in _points_on(w, variables, e.free_symbols | w.free_symbols):
@@ -93,11 +93,11 @@ def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continui
     return observed
 
 
-def _weight(expression: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:
-    """Return the weight of the side ``expression`` > 0 where w has the sign that ``above`` says.
+def _weight_of_side(expression: sp.Expr, w: sp.Expr, above: int) -> sp.Expr | None:
+    """Return 1 if the switch of ``expression`` is on its side ``expression`` > 0, and 0 if not.
 
-    ``above`` is 1 for w > 0 and 0 for w < 0; the weight is 1 or 0 for w and −w, None for other
-    switching functions.
+    That is decided for w and −w by ``above``, which is 1 where w > 0 and 0 where w < 0. None for
+    other switching functions, which stay as they are.
     """
     if expression == w:
         return sp.Integer(above)
@@ -120,11 +120,11 @@ def _points_on(
 
     All ``symbols`` are random, then one of ``moving`` is set to a root of w by the secant method.
     """
-    context, draw, count = mp_context(_DIGITS), random.Random(3), 0
+    context, rng, root_count = mp_context(_DIGITS), random.Random(3), 0
     for attempt in range(_TRIES):
         # along another symbol in each attempt: w may have no root along one of them
         x = moving[attempt % len(moving)]
-        point = {s: context.mpf(draw.uniform(0.25, 1) if s.is_positive else draw.uniform(-1, 1))
+        point = {s: context.mpf(rng.uniform(0.25, 1) if s.is_positive else rng.uniform(-1, 1))
                  for s in sorted(symbols, key=str)}
 
         def value(coordinate: Any, x: sp.Symbol = x, point: dict[sp.Symbol, Any] = point) -> Any:
@@ -139,8 +139,8 @@ def _points_on(
         if not isinstance(root, context.mpf):
             continue
         yield Evaluator(point | {x: root}, mp=context)
-        count += 1
-        if count == _POINTS:
+        root_count += 1
+        if root_count == _POINTS:
             return
 
 

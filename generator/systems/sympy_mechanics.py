@@ -111,13 +111,13 @@ def from_mechanics(
     mechanics.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
     rates = [x.diff(t) for x in mechanics.q]
-    names = _names(mechanics, rates)
-    F, potential = _generalised_forces(mechanics, names)
+    symbol_of = _symbols_of_motion(mechanics, rates)
+    F, potential = _generalised_forces(mechanics, symbol_of)
     placed, places = (_places(mechanics.motion, method_bodies) if as_flag("bodies", bodies)
                       else ({}, {}))
     # one substitution for all expressions, as each is a pass over their whole graph
     L, *expressions = _replace_symbols(mechanics, [mechanics.L - potential, *mechanics.constraints,
-                                             *mechanics.rates, *places.values()], names)
+                                             *mechanics.rates, *places.values()], symbol_of)
     g_end = len(mechanics.constraints)
     rows_end = g_end + len(mechanics.rates)
     g, velocity_constraints = expressions[:g_end], expressions[g_end:rows_end]
@@ -125,10 +125,10 @@ def from_mechanics(
     _refuse_functions(name, [L, *g, *F])
     # a body that is placed, with velocities that agree with the places, has a velocity that is a
     # rate
-    _refuse_substituted(mechanics, names, [
+    _refuse_substituted(mechanics, symbol_of, [
         body for body in method_bodies
         if has_contradictions or not mechanics.motion.is_placed(body.masscenter)])
-    q, v = [names[x] for x in mechanics.q], [names[x] for x in rates]
+    q, v = [symbol_of[x] for x in mechanics.q], [symbol_of[x] for x in rates]
     input_symbols = tuple(mechanics.inputs.values())
     symbols = symbols_of([L, *g, *F, *quantities.values()])
     parameters = sorted(symbols - {*q, *v, *input_symbols, t}, key=str)
@@ -220,7 +220,7 @@ def _warn_of_velocities(motion: FrameMotion, bodies: Sequence[Any]) -> bool:
 
 
 def _refuse_substituted(
-    mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
+    mechanics: Mechanics, symbol_of: Mapping[sp.Expr, sp.Symbol], bodies: Sequence[Any]
 ) -> None:
     """Refuse bodies whose velocity is the rate of no place: a rolling condition was put into it.
 
@@ -228,12 +228,12 @@ def _refuse_substituted(
     velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, tested at a random point.
     """
     t = me.dynamicsymbols._t
-    q = [names[x] for x in mechanics.q]
-    velocities = [names[x.diff(t)] for x in mechanics.q]
+    q = [symbol_of[x] for x in mechanics.q]
+    velocities = [symbol_of[x.diff(t)] for x in mechanics.q]
     rng = np.random.default_rng(29)
     for body in bodies:
         v = body.masscenter.vel(mechanics.motion.frame).to_matrix(mechanics.motion.frame)
-        A, a = coefficients_of(_replace_symbols(mechanics, list(v), names), velocities)
+        A, a = coefficients_of(_replace_symbols(mechanics, list(v), symbol_of), velocities)
         # a is the coefficient of ṫ = 1: one closed 1-form in (q, t) for each component
         rows, x = [[*row, rate] for row, rate in zip(A, a, strict=True)], [*q, t]
         constants = symbols_of([e for row in rows for e in row]) - {*x}
@@ -250,7 +250,7 @@ def _refuse_substituted(
 # ---------------------------------------------------------------- loads
 
 
-def _generalised_forces(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]) -> tuple[
+def _generalised_forces(mechanics: Mechanics, symbol_of: Mapping[sp.Expr, sp.Symbol]) -> tuple[
     list[sp.Expr], sp.Expr
 ]:
     """Return the generalised forces of the loads, n entries, and the potential of constant forces.
@@ -275,10 +275,10 @@ def _generalised_forces(mechanics: Mechanics, names: Mapping[sp.Expr, sp.Symbol]
             symbol = sp.Symbol(f"_w{len(magnitudes)}", real=True)
             magnitudes[symbol] = component
             power += symbol * rate
-    (power,) = _replace_symbols(mechanics, [power], names)
-    forces = slopes(power, tuple(names[x.diff(me.dynamicsymbols._t)] for x in mechanics.q))
-    component_of = dict(zip(magnitudes, _replace_symbols(mechanics, [*magnitudes.values()], names),
-                            strict=True))
+    (power,) = _replace_symbols(mechanics, [power], symbol_of)
+    forces = slopes(power, tuple(symbol_of[x.diff(me.dynamicsymbols._t)] for x in mechanics.q))
+    components = _replace_symbols(mechanics, [*magnitudes.values()], symbol_of)
+    component_of = dict(zip(magnitudes, components, strict=True))
     return substitute(forces, component_of), potential
 
 
@@ -343,7 +343,7 @@ def _inputs(inputs: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
     return symbol_of
 
 
-def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
+def _symbols_of_motion(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.Symbol]:
     """Return a symbol for each coordinate, with its name, and for each velocity.
 
     ``rates`` are the derivatives of the coordinates, in their order. A velocity has the name of the
@@ -354,32 +354,32 @@ def _names(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[sp.Expr, sp.S
             raise InputError(f"Coordinate {shown(x)} is no function of time; make it with "
                              "sympy.physics.mechanics.dynamicsymbols.")
     name_of_speed = {rate: u.func.__name__ for u, rate in mechanics.motion.speeds.items()}
-    names = {x: sp.Symbol(x.func.__name__, real=True) for x in mechanics.q}
+    symbol_of = {x: sp.Symbol(x.func.__name__, real=True) for x in mechanics.q}
     load_components = [e for load in mechanics.loads for components, _ in load[1].args
                        for e in components]
     symbols = symbols_of([mechanics.L, *mechanics.constraints,
                           *load_components]) | {*mechanics.inputs.values()}
-    clashes = {str(s) for s in symbols} & {str(s) for s in names.values()}
+    clashes = {str(s) for s in symbols} & {str(s) for s in symbol_of.values()}
     if clashes:
         raise InputError(f"{min(clashes)!r} is a coordinate and a constant or an input; give one "
                          "of them another name.")
     # velocities give way: a coordinate or a constant keeps its name
-    reserved = {str(s) for s in (*names.values(), *symbols)}
+    reserved = {str(s) for s in (*symbol_of.values(), *symbols)}
     for x, rate in zip(mechanics.q, rates, strict=True):
         name = name_of_speed.get(rate, f"{x.func.__name__}_t")
         while name in reserved:
             name += "_"
         reserved.add(name)
-        names[rate] = sp.Symbol(name, real=True)
-    return names
+        symbol_of[rate] = sp.Symbol(name, real=True)
+    return symbol_of
 
 
 def _replace_symbols(
-    mechanics: Mechanics, expressions: Sequence[sp.Expr], names: Mapping[sp.Expr, sp.Symbol]
+    mechanics: Mechanics, expressions: Sequence[sp.Expr], symbol_of: Mapping[sp.Expr, sp.Symbol]
 ) -> list[sp.Expr]:
     """Return expressions in symbols: q(t), q̇(t) and inputs replaced, speeds in terms of q̇."""
     return substitute(substitute(expressions, mechanics.motion.speeds),
-                      {**names, **mechanics.inputs})
+                      {**symbol_of, **mechanics.inputs})
 
 
 def _refuse_functions(name: str, expressions: Sequence[sp.Expr]) -> None:

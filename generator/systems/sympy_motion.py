@@ -85,9 +85,10 @@ class FrameMotion:
         # an anchor at rest already gives the rate alone
         place = None if velocity == 0 else self.place(point)
         if place is None:
-            axes = self._last(position, velocity)
+            axes = self._farthest_frame(position, velocity)
             return self._add_rate(position, velocity, axes), axes
-        axes = self._last(place)
+        axes = self._farthest_frame(place)
+        # 0 * velocity is the zero vector: the fixed point does not move
         short = self._add_rate(place, 0 * velocity, axes)
         long = self._add_rate(position, velocity, axes)
         differences = [a - b for a, b in zip(short, long, strict=True)]
@@ -108,7 +109,7 @@ class FrameMotion:
                 continue
             # v_anchor − v_point + d/dt (r_point − r_anchor) is 0 if places and velocities agree
             position, gap = point.pos_from(anchor), anchor.vel(self.frame) - point.vel(self.frame)
-            residual = self._add_rate(position, gap, self._last(position, gap))
+            residual = self._add_rate(position, gap, self._farthest_frame(position, gap))
             if not vanish(substitute(residual, self.speeds)):
                 yield point, anchor
 
@@ -136,7 +137,7 @@ class FrameMotion:
             component = share(component + sp.Add(*products))
         return component
 
-    def _last(self, *vectors: Any) -> Any:
+    def _farthest_frame(self, *vectors: Any) -> Any:
         """Return the frame farthest in the tree, of those in which the vectors have components."""
         return max((frame for vector in vectors for _, frame in vector.args),
                    key=lambda frame: len(self._path(frame)), default=self.frame)
@@ -146,7 +147,7 @@ class FrameMotion:
 
         For components of r in a frame that turns with Ω, dr/dt = ∂r/∂t + Ω × r.
         """
-        rates = 0 * velocity
+        rates = 0 * velocity  # SymPy's zero vector
         for r, frame in position.args:
             rate = r.diff(me.dynamicsymbols._t) + sp.Matrix(self.turning(frame)).cross(r)
             rates += me.Vector([(rate, frame)])

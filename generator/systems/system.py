@@ -202,14 +202,14 @@ class System:
                 f"System {self.name!r} has {self.n} coordinates and {len(self.velocities)} "
                 "velocities; give the symbol of each coordinate's velocity, in the same order.")
         # drives, constraints of t, may determine all coordinates; else one freedom must remain
-        count = self.m + self.velocity_count
-        if count > len(self.q) - (self.clock is None):
+        total = self.m + self.velocity_count
+        if total > len(self.q) - (self.clock is None):
             # redundant constraints, if that is the cause, are refused by name
             from .redundant_constraints import refuse_redundant_anywhere  # imports this module
 
             refuse_redundant_anywhere(self)
             raise InputError(
-                f"System {self.name!r} has {count} constraints on {len(self.q)} "
+                f"System {self.name!r} has {total} constraints on {len(self.q)} "
                 "coordinates; fewer constraints than coordinates must remain. If drives determine "
                 "the whole motion, add a body that moves freely, such as build.point_mass(...); if "
                 "a closed loop takes the last freedom, leave out one of its joints."
@@ -268,7 +268,7 @@ class System:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
                 raise InputError(
                     f"System {self.name!r} has a symbol named {name!r}; names are letters, digits "
-                    f"and '_' and begin with a letter{_latin(name)}."
+                    f"and '_' and begin with a letter{_latin_proposal(name)}."
                 )
             if is_taken(name) or self._is_guard(name):
                 raise InputError(
@@ -294,14 +294,14 @@ class System:
         A(q, t) v + a(q, t) velocities in place of these.
         """
         time = () if self.time is None else (self.time,)
-        allowed = {*self.q, *self.p, *self.parameters, *self._others, *time}
+        allowed = {*self.q, *self.p, *self.parameters, *self._dependent_symbols, *time}
         unknown = self.H.free_symbols - allowed
         if unknown:
             raise InputError(
                 f"H of system {self.name!r} contains the unknown symbol "
                 f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
             )
-        holonomic = allowed - {*self.p, *self._others}
+        holonomic = allowed - {*self.p, *self._dependent_symbols}
         for index, g in enumerate(self.constraints):
             unknown = g.free_symbols - holonomic
             if unknown:
@@ -344,7 +344,7 @@ class System:
         return re.fullmatch(f"{self.name.upper()}_[A-Z0-9_]+_H", name) is not None
 
     @property
-    def _others(self) -> tuple[sp.Symbol, ...]:
+    def _dependent_symbols(self) -> tuple[sp.Symbol, ...]:
         """Symbols in H that are functions of q and p: none, but the velocities of a Lagrangian."""
         return ()
 
@@ -578,14 +578,14 @@ class System:
         return [[shortest(e) for e in row] for row in products]
 
 
-def _latin(name: str) -> str:
+def _latin_proposal(name: str) -> str:
     """Return the end of a sentence with a Latin name for one with Greek letters, e.g. for "ω1".
 
     Empty if a character is no letter of an alphabet. Unicode calls ω "GREEK SMALL LETTER OMEGA":
     the last word is its name.
     """
-    letters = [unicodedata.name(letter, "").lower().split() if not letter.isascii() else [letter]
-               for letter in name]
-    if not all(len(words) == 1 or "letter" in words for words in letters):
+    words_of = [unicodedata.name(letter, "").lower().split() if not letter.isascii() else [letter]
+                for letter in name]
+    if not all(len(words) == 1 or "letter" in words for words in words_of):
         return ""
-    return f"; write sympy.Symbol({''.join(words[-1] for words in letters)!r})"
+    return f"; write sympy.Symbol({''.join(words[-1] for words in words_of)!r})"

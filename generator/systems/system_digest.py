@@ -31,12 +31,12 @@ def system_digest(*parts: Any) -> str | None:
         Dataclasses, mappings, sequences, texts and numbers of them.
     """
     try:
-        return _of(parts, {}).hex()
+        return _digest_of(parts, digests={}).hex()
     except TypeError:
         return None
 
 
-def _of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
+def _digest_of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
     """Return the digest of a value; equal values have equal digests in every process.
 
     ``digests`` collects the digests of subexpressions. Raises TypeError for a value without one.
@@ -45,21 +45,21 @@ def _of(value: Any, digests: dict[sp.Basic, bytes]) -> bytes:
         # parts come before the expressions that contain them; a shared part is hashed once
         for subexpression in parts_of([value]):
             if subexpression not in digests:
-                digests[subexpression] = _of_expression(subexpression, digests)
+                digests[subexpression] = _digest_of_expression(subexpression, digests)
         return digests[value]
     if value is None or isinstance(value, (str, bool, int, float)):
         return _hash(type(value).__name__, repr(value))
     if isinstance(value, Mapping):
-        return _hash("mapping", *(_of(x, digests) for pair in value.items() for x in pair))
+        return _hash("mapping", *(_digest_of(x, digests) for pair in value.items() for x in pair))
     if isinstance(value, (tuple, list)):
-        return _hash("sequence", *(_of(x, digests) for x in value))
+        return _hash("sequence", *(_digest_of(x, digests) for x in value))
     if is_dataclass(value):
-        return _hash(_name_of_class(value), *(_of(getattr(value, field.name), digests)
+        return _hash(_name_of_class(value), *(_digest_of(getattr(value, field.name), digests)
                                               for field in fields(value)))
     raise TypeError(f"{type(value).__name__} has no digest")
 
 
-def _of_expression(e: sp.Basic, digests: Mapping[sp.Basic, bytes]) -> bytes:
+def _digest_of_expression(e: sp.Basic, digests: Mapping[sp.Basic, bytes]) -> bytes:
     """Return the digest of an expression from the digests of its arguments."""
     kind = _name_of_class(e)
     if isinstance(e, sp.Dummy):

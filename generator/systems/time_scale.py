@@ -67,6 +67,7 @@ def scale_time(system: System) -> System:
     t = system.time or _symbol("t", reserved)
     e = _symbol("p_t", reserved | {str(t)})
     name = str(_symbol("time_scale", reserved | {str(t), str(e)}))
+    # without forces the sum is empty
     power = sp.Add(*(F * v for F, v in zip(system.forces, system.H_p, strict=False)))
     forces = (*(scale * F for F in system.forces), -scale * power) if system.forces else ()
     # e is not constant where H, σ or g depends on t: forces of 0 make the step record the work

@@ -67,7 +67,7 @@ class _Solver:
                 self.assign(a, dimensions_of_e)
             # the sides of a comparison have dimensions of their own, equal ones, as terms of a sum
             compared = [a for a in e.args if isinstance(e, Switch) and a not in _alike(e)]
-            self.assign(sp.Add(*compared, evaluate=False), None)
+            self.assign(sp.Add(*compared, evaluate=False), dimensions=None)
         elif e.is_Mul:
             dimensions_of = {a: self.of(a) for a in e.args}
             unknown = [a for a, factor in dimensions_of.items() if factor is None]
@@ -130,6 +130,7 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
         unit = None if dimension is None else unit_name(dimension)
         if unit == "J" and x in torques:
             unit = "N.m"
+        # rates of bodies are mostly angular ones, whose angle has no dimension here
         elif unit == "1/s" and system.bodies:
             unit = "rad/s"
         units[name] = given_units.get(name, unit)
