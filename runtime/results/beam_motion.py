@@ -55,6 +55,7 @@ class BeamMotion:
 
     def __init__(self, trajectory: Trajectory, name: str, sections: list[JointAt]) -> None:
         self.name, self._run, self._sections = name, trajectory, sections
+        # without the clamps, at which a body holds the beam
         self._inner = [joint for joint in sections if not _section_of(joint).holder]
         self.segments = (*(joint.a for joint in self._inner), self._inner[-1].b)
         self.arc = np.array([_section_of(joint).arc for joint in sections])
@@ -77,6 +78,7 @@ class BeamMotion:
         joint_points = np.stack([point for joint in self._inner for point in self._points(joint)],
                                 axis=-2)
         first_joint, last_joint = self._inner[0], self._inner[-1]
+        # the two ends of a segment are opposite points about its centre of mass
         start = self._run.body(first_joint.a).position(-self._numbers(first_joint.on_a))
         end = self._run.body(last_joint.b).position(-self._numbers(last_joint.on_b))
         inner_ends = (joint_points[..., ::2, :] + joint_points[..., 1::2, :]) / 2
@@ -104,8 +106,9 @@ class BeamMotion:
     def force(self, frame: AxesName = "space") -> Array:
         """Return the force n of the part after on the part before, shape (N+1, K, 3), in N.
 
-        In the axes of the section with ``frame="section"``, the third of which is the tangent. Of a
-        beam that keeps its length it is the multipliers' at the states, as ``JointMotion.force``.
+        In the axes of the section with ``frame="section"``, the third of which is the tangent. For
+        a beam that keeps its length it follows from the multipliers at the states, as
+        ``JointMotion.force`` does.
 
         Raises
         ------
@@ -176,9 +179,10 @@ class BeamMotion:
     def _moment(self, joint: JointAt) -> Array:
         """Return the moment of a section in space, shape (rows, 3), in N m.
 
-        R_a (w m + u × m) with m = B (f/h) (u − u° + τ u̇), where u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a +
-        Ω_b)) with the angular velocities in the axes of their own sides. Of a joint that stretches,
-        half of the moment of its two forces about each other's points is added.
+        R_a (w m + u × m) with m = B (f/h) (u − u° + τ u̇), B ``stiffness``, u° ``rest`` and τ
+        ``damping`` of the section, where u̇ = ½ (w (Ω_b − Ω_a) + u × (Ω_a + Ω_b)) with the angular
+        velocities in the axes of their own sides. Of a joint that stretches, half of the moment of
+        its two forces about each other's points is added.
         """
         section = _section_of(joint)
         ratio = section.ratio / self._number(section.spacing)
@@ -224,8 +228,8 @@ class BeamMotion:
     def _reaction(self, joint: JointAt, multipliers: Array) -> Array:
         """Return n of a joint with constraints, (rows, 3), in N: Σ λ e over its constraints.
 
-        n acts on the part before, the multipliers' force on body b: the sign is −1 if b is the part
-        after. ``multipliers``, (rows, m), are those at the states.
+        e is ``on_a`` of each pull. n acts on the part before, the multipliers' force on body b: the
+        sign is −1 if b is the part after. ``multipliers``, (rows, m), are those at the states.
         """
         sign = -1.0 if self._sides(joint)[1][0] == joint.b else 1.0
         force = np.zeros((*multipliers.shape[:-1], 3))

@@ -256,7 +256,7 @@ class BodyMotion:
         return vectors if in_body else self._in_space(vectors)
 
     def _unknown(self, quantity: str) -> str:
-        """Return the error of a quantity that the model does not give."""
+        """Return the message of the error for a quantity that the model does not give."""
         return (f"System {self._run.manifest.system.name!r} does not say {quantity} of body "
                 f"{self.name!r}; bodies of gyrospark.Multibody and of [[bodies]] in model files "
                 "have it.")
@@ -276,6 +276,7 @@ def total_momenta(run: Trajectory) -> tuple[Array, Array]:
     Raises InputError unless all coordinates belong to bodies with quaternion and position.
     """
     bodies = bodies_of(run.manifest).values()
+    # a free body has 7 coordinates: a quaternion and a position
     if sum(bool(body_columns.x) for body_columns in bodies) * 7 != run.q.shape[1]:
         raise InputError(f"System {run.manifest.system.name!r} has coordinates of others "
                          "than free bodies; add up what body(name).momentum() and "
@@ -284,9 +285,10 @@ def total_momenta(run: Trajectory) -> tuple[Array, Array]:
     attitudes = [body_columns.q for body_columns in bodies]
     positions = [body_columns.x for body_columns in bodies]
     x, p = (array[:, positions].astype(float) for array in (run.q, run.p))
-    m = np.einsum("kbij,kbj->kbi", quaternion.left_matrix(run.q[:, attitudes]),
-                  run.p[:, attitudes].astype(float)) / 2
-    l = np.einsum("kbij,kbj->kbi", quaternion.rotation_matrix(run.q[:, attitudes]), m)  # noqa: E741
+    l_in_body = np.einsum("kbij,kbj->kbi", quaternion.left_matrix(run.q[:, attitudes]),
+                          run.p[:, attitudes].astype(float)) / 2
+    l = np.einsum("kbij,kbj->kbi",  # noqa: E741
+                  quaternion.rotation_matrix(run.q[:, attitudes]), l_in_body)
     return p.sum(axis=1), (l + np.cross(x, p)).sum(axis=1)
 
 
@@ -298,7 +300,9 @@ class PlacedMotion(BodyMotion):
     """
 
     def __init__(self, trajectory: Trajectory, name: str, placed: PlacedAt) -> None:
-        super().__init__(trajectory, name, BodyAt([], [], [], [0.0] * 3, [0.0] * 3, None))
+        # no columns of its own: positions and attitudes are quantities of the system
+        super().__init__(trajectory, name, BodyAt(
+            q=[], inertia=[], x=[], origin=[0.0] * 3, centre=[0.0] * 3, mass=None))
         self._placed = placed
 
     def _quantities(self, names: list[str]) -> Array:

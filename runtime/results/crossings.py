@@ -64,19 +64,21 @@ class Crossings:
     @property
     def first(self) -> Self:
         """The first crossing alone, or none."""
-        return self._select(np.arange(len(self)) < 1)
+        return self._select(np.arange(len(self)) < 1)  # a mask, for there may be no row 0
 
     def shown(self, binding: Binding) -> Self:
         """Return the crossings as users see them: in scaled time t is apart from q and p."""
         if not binding.clocked:
             return self
+        # compiled code has the time as its last coordinate, and τ as t
         n = binding.shown
         return replace(self, t=self.q[:, -1].astype(self.t.dtype), q=self.q[:, :n].copy(),
                        p=self.p[:, :n].copy())
 
     def until(self, last: Crossings, dt: Any) -> Self:
         """Return the crossings up to ``last``, a single one, in a run with steps dt."""
-        # by steps, and within the last one by times; dt < 0 backwards in time
+        # steps are compared first, and times only within the step of ``last``; times decrease if
+        # dt < 0
         step, is_later = last.steps[0], (self.elapsed - last.elapsed[0]) * dt > 0
         return self._select((self.steps < step) | (self.steps == step) & ~is_later.astype(bool))
 
@@ -163,7 +165,7 @@ class Impacts(Crossings):
 
     @property
     def columns(self) -> dict[str, Array]:
-        """The arrays by their names in files, where those of the crossings come first."""
+        """The arrays by their names in files: the crossings' columns, then the impacts' own."""
         arrays = (self.p, self.impulse, self.energy_lost, self.work)
         return self.crossings.columns | dict(zip(self._column_names()[-len(arrays):], arrays,
                                                  strict=True))
@@ -183,7 +185,10 @@ class Impacts(Crossings):
 
 
 def of_columns(columns: dict[str, Array]) -> Crossings:
-    """Return crossings, or impacts, of their ``columns``."""
+    """Return crossings, or impacts, of their ``columns``.
+
+    Of impacts "p" are the momenta before in files, and "p_after" are ``p``.
+    """
     if "p_after" not in columns:
         return Crossings(**columns)
     return Impacts(**{"p_before" if name == "p" else "p" if name == "p_after" else name: array

@@ -83,8 +83,11 @@ class Report:
 
     @classmethod
     def read(cls, record: Any, q: Array, p: Array, binding: Binding) -> Report:
-        """Return the report of a compiled running record and the final state."""
-        # H is compared at every state, or at some if the record says at how many
+        """Return the report of a compiled running record and the final state.
+
+        Impacts, which the record does not have, are left at 0.
+        """
+        # H is compared at every state, or at some if the record says at how many; 1 avoids 0/0
         states = int(getattr(record, "recorded", record.steps + 1)) or 1
         energy_error_mean = float(record.energy_error_sum) / states
         return replace_fields(  # faster than the constructor of a frozen dataclass

@@ -309,8 +309,8 @@ class JointMotion:
         choose(f"frame of joint {self.name!r}", frame, ["space", *filter(None, self.bodies)])
         if frame == "space":
             return vectors
-        opposite = self._run.body(frame).attitude * np.array([1, -1, -1, -1])
-        return rotate(opposite, vectors)
+        conjugate = self._run.body(frame).attitude * np.array([1, -1, -1, -1])
+        return rotate(conjugate, vectors)
 
 
 def refuse_single_state(run: Trajectory, name: str) -> None:
@@ -373,7 +373,7 @@ def cotangents_of_multipliers(trajectory: Trajectory, w: Array) -> Array:
     if not steps:
         raise InputError("A function of multipliers at states needs the state after every step; "
                          "integrate with every = 1, or give cotangents of \"multipliers\".")
-    # zeros of the type and shape of the multipliers
+    # products with 0, here and below, are zeros of any number type, mpmath's too
     cotangents: Array = 0 * step_multipliers
     before = _rows_before_impacts(trajectory)
     cotangents[before[before > 0] - 1, -1] += w[before[before > 0]]
@@ -422,8 +422,8 @@ def _whole_steps(trajectory: Trajectory) -> int:
 def shortest_rotation(a: Array, b: Array, normal: Array) -> Array:
     """Return the shortest rotation that takes the unit vector a to b, R = 1 + V + V²/(1 + c).
 
-    V is the matrix of v × with v = a × b, and c = a·b. Where they are opposite, all ways are
-    equally short: it turns about ``normal``, one to a.
+    V is the matrix of v × with v = a × b, and c = a·b. If a and b are opposite, all half turns from
+    a to b are equally short; it turns about ``normal``, a unit vector at right angles to a.
     """
     v, c = np.cross(a, b), float(a @ b)
     if c < -1 + 1e-12:

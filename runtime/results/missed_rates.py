@@ -45,7 +45,7 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
     # of each coordinate and each momentum
     ranges, sizes = (np.concatenate([measure(x, axis=0) for x in states]).astype(float)
                      for measure in (np.ptp, _largest))
-    moves, step = ranges > _CONSTANT * sizes, abs(t[-1] - t[0]) / (count - 1)
+    moves, mean_step = ranges > _CONSTANT * sizes, abs(t[-1] - t[0]) / (count - 1)
     # the largest differences so far, of scaled and of constant steps
     scaled = constant = np.zeros(np.count_nonzero(moves))
     for start_row in range(0, count - _ORDER, _AT_ONCE):
@@ -53,12 +53,13 @@ def warn_of_missed_rate(trajectory: Trajectory) -> bool:
         z = np.concatenate([x[block] for x in states], axis=1).astype(float)
         z = z[:, moves] / ranges[moves]
         scaled = np.maximum(scaled, _largest(np.diff(z, _ORDER, axis=0), axis=0))
-        constant = np.maximum(constant, _largest(_divided_differences(z, t[block] / step), axis=0))
+        constant = np.maximum(
+            constant, _largest(_divided_differences(z, t[block] / mean_step), axis=0))
     worst_entry = int(np.argmax(scaled)) if len(scaled) else 0
     # without a difference of constant steps all of them are round-off
     if not constant.any() or not scaled[worst_entry] > _WORSE**_ORDER * constant.max():
         return False
-    # ``worst`` counts the coordinates and momenta that move
+    # ``worst_entry`` counts only the coordinates and momenta that move
     name = [*trajectory.coordinates, *trajectory.momenta][np.flatnonzero(moves)[worst_entry]]
     factor = (scaled[worst_entry] / constant.max()) ** (1 / _ORDER)
     warn(f"Steps in scaled time resolve {name} at worst as constant steps {factor:.2g} times as "

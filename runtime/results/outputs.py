@@ -178,6 +178,9 @@ class Output:
         NumPy's code in stores; "" for the type of the stepper's numbers.
     of_steps : bool
         Whether it belongs to the step that ends at a state: the start has none.
+    absent : tuple of int
+        The shape of one state's entry where the system has no such output; with a 0, unless it is a
+        number.
     panel : str
         Title of its panel in pictures; "" where it has none.
     """
@@ -296,6 +299,7 @@ def description_of(output: Output, manifest: Manifest, name: str) -> dict[str, A
 def description_of_column(manifest: Manifest, event: str, column: str) -> dict[str, Any]:
     """Return the attributes of a column of an event: long name, units, names of its columns."""
     text, units = _EVENT_COLUMNS[column]
+    # "p_after" has the units and the components of the output "p"
     attributes = next((description_of(output, manifest, column) for output in OUTPUTS
                        if output.name == column.removesuffix("_after")), {})
     return attributes | {"long_name": text.format(event)} | ({"units": units} if units else {})
@@ -331,7 +335,7 @@ def flat_multipliers(trajectory: Any) -> Array:
 
     The shape is (N, nodes · m + stages · m').
     """
-    # with N = 0 the width cannot be −1
+    # the width is computed because reshape cannot infer it for N = 0
     parts = [x.reshape(len(x), int(np.prod(x.shape[1:])))
              for x in (trajectory.multipliers, trajectory.reactions)]
     return np.concatenate(parts, axis=1)

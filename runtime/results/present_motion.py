@@ -144,9 +144,10 @@ class PresentJoint(_SingleState, JointMotion):
     def __init__(self, run: Present, name: str, columns: JointAt) -> None:
         """Cache the joint's vectors that depend on parameters alone, until a parameter changes."""
         super().__init__(run, name, columns)  # type: ignore[arg-type]
-        entries = [e for e in (*columns.axis_a, *columns.axis_b, *columns.zero)
-                   if isinstance(e, str)]
-        self._vectors = _CachedFunction(run, entries, self._constant_vectors)
+        # entries of these vectors are numbers, or names of parameters
+        names = [entry for entry in (*columns.axis_a, *columns.axis_b, *columns.zero)
+                 if isinstance(entry, str)]
+        self._vectors = _CachedFunction(run, names, self._constant_vectors)
 
     def angle(self, *, degrees: bool = False) -> Any:
         """Return by how much b is turned against a about their axis, in rad or degrees.

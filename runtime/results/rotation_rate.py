@@ -168,7 +168,8 @@ class Rotations:
         with np.errstate(over="ignore", invalid="ignore"):  # numbers that are not finite stay out
             for name, body in bodies.items():
                 inertia = [as_number(parameters[key]) for key in body.inertia]
-                radians = abs(_spin(inertia, *([x[i] for i in body.q] for x in columns)) * dt)
+                speeds = _angular_speed(inertia, *([x[i] for i in body.q] for x in columns))
+                radians = abs(speeds * dt)
                 # −1 rad is below the rotation of any body
                 if moves:
                     radians = np.where(np.any(np.broadcast_arrays(*moves), axis=0), -1.0, radians)
@@ -196,7 +197,8 @@ class Rotations:
         state = q.tolist(), p.tolist()
         for name, body in bodies.items():
             inertia = [*map(_only, map(parameters.__getitem__, body.inertia))]
-            radians = abs(_spin(inertia, *([*map(x.__getitem__, body.q)] for x in state)) * dt)
+            speed = _angular_speed(inertia, *([*map(x.__getitem__, body.q)] for x in state))
+            radians = abs(speed * dt)
             if largest < radians < math.inf:
                 largest, fastest = radians, name
         return _Rotation(fastest, largest, dt)
@@ -206,14 +208,14 @@ class Rotations:
     ) -> dict[str, BodyAt]:
         """Return the fastest of the bodies with moments, and of those with tensors, by their names.
 
-        q and p, shapes (n,), are one state. Arrays select it: of many bodies all speeds as floats
-        would take longer.
+        q and p, shapes (n,), are one state. The speeds are computed in arrays, which takes less
+        time than floats if there are many bodies.
         """
         fastest = {}
-        for names, places, inertia in self._groups:
+        for names, columns, inertia in self._groups:
             inertias = np.array([parameters[key] for key in inertia], float).reshape(len(names), -1)
             with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-                speeds = _spin([*inertias.T], [*q[places].T], [*p[places].T])
+                speeds = _angular_speed([*inertias.T], [*q[columns].T], [*p[columns].T])
             name = names[int(np.argmax(np.where(np.isfinite(speeds), speeds, -1.0)))]
             fastest[name] = self.bodies[name]
         return fastest
@@ -266,11 +268,12 @@ class Rotations:
         count = q.shape[1] - 1
         if count < 2 or not self.bodies:
             return
-        sampled = slice(None, 0, -max(1, count // LOOKED_AT))
+        stride = max(1, count // LOOKED_AT)
+        sampled = slice(None, 0, -stride)  # from the last row back to row 1
         rows, momenta = q[:, sampled], p[:, sampled]
         row_count = rows.shape[1]
         # ``dt`` has no entry for the start: the steps to the same states, from the last one back
-        steps = np.broadcast_to(dt, (len(q), count))[:, :: -1][:, :: max(1, count // LOOKED_AT)]
+        steps = np.broadcast_to(dt, (len(q), count))[:, :: -1][:, ::stride]
         self.warn({name: np.repeat(column, row_count) for name, column in parameters.items()},
                   steps.reshape(-1), rows.reshape(-1, rows.shape[2]),
                   momenta.reshape(-1, rows.shape[2]))
@@ -288,7 +291,7 @@ def are_slow(limits: Limits, q: list[float], p: list[float]) -> bool:
     A speed that is NaN exceeds it.
     """
     for inertia, columns, largest in limits:
-        if not _spin(inertia, [*map(q.__getitem__, columns)],
+        if not _angular_speed(inertia, [*map(q.__getitem__, columns)],
                               [*map(p.__getitem__, columns)]) <= largest:
             return False
     return True
@@ -312,7 +315,7 @@ def _only(x: Any) -> float:
     return x if type(x) is float else float(x[0] if isinstance(x, np.ndarray) and x.shape else x)
 
 
-def _spin(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
+def _angular_speed(inertia: list[Any], q: list[Any], p: list[Any]) -> Any:
     """Return |Ω| = |J⁻¹ ½ L(q) p| (19), from three moments or the six entries of J⁻¹.
 
     q, p and the inertia are lists of numbers, or of columns for many bodies; (x, y, z) = L(q) p.

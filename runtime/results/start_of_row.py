@@ -24,7 +24,7 @@ def start_of_row(
     """
     start_parameters = {}
     for name, number in parameters.items():
-        if name in inputs or number != number:  # an input that changes is no one number
+        if name in inputs or number != number:  # an input that changes has NaN for its number
             continue
         # a mean of the moments, which the new start may replace
         if has_inertia(name, parameters) and number == gamma_by_rule(name, GAMMA_M, parameters):

@@ -71,6 +71,7 @@ def headings(
     arrays of bodies. Coordinates, momenta and quantities have their names in the system; a name
     that is used already, such as "energy", gets a prefix, as in ``quantity_energy``.
     """
+    # array → the prefix of names that are used already, and its labels
     system_labels: dict[str, tuple[str, Sequence[str]]] = {
         "q": ("q", system.coordinates), "p": ("p", system.momenta),
         "p_after": ("after", [f"{name}_after" for name in system.momenta])}
@@ -79,23 +80,25 @@ def headings(
     system_labels |= {name: ("body", labels) for name, labels in of_bodies.items()}
     constraints = {"multipliers": system.constraint_names,
                    "reactions": system.velocity_constraint_names}
-    numbered_by_array = {name: _headings(name, shape, constraints.get(name, ()))
+    numbered_by_array = {name: _numbered_headings(name, shape, constraints.get(name, ()))
                          for name, shape in shapes.items()}
     # headings that cannot be changed come first: "time", "energy", "multipliers0"
     used_headings = {label for name, labels in numbered_by_array.items()
                      if name not in system_labels for label in labels}
     headings_in_order = []
     for name, numbered in numbered_by_array.items():
-        kind, labels = system_labels.get(name, ("", numbered))
+        prefix, labels = system_labels.get(name, ("", numbered))
         for label in labels:
-            while kind and label in used_headings:
-                label = f"{kind}_{label}"
+            while prefix and label in used_headings:
+                label = f"{prefix}_{label}"
             used_headings.add(label)
             headings_in_order.append(label)
     return headings_in_order
 
 
-def _headings(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> list[str]:
+def _numbered_headings(
+    name: str, shape: tuple[int, ...], constraints: Sequence[str]
+) -> list[str]:
     """Return a heading for each entry, the array's name and its indices: ``multipliers0_1``.
 
     Along the last axis, if it counts constraints of different names, these take the index's place.

@@ -113,16 +113,20 @@ class Table:
         return filled
 
     def columns(self, selection: Any = None) -> Iterator[tuple[list[str], list[Array]]]:
-        """Yield the headings and the columns of each block, a column for each number of a state."""
+        """Yield the headings and the columns of each block, a column for each number of a state.
+
+        ``selection`` names columns, as for ``Trajectory.table``; None takes all.
+        """
         for index, arrays in self.read():
             count = len(next(iter(arrays.values())))
             # an ensemble's block is of one trajectory, whose number becomes a column
             index_columns = {name: np.full(count, i)
                              for name, i in zip(self.along, index, strict=True)
                              if not isinstance(i, slice)}
+            by_name = index_columns | arrays
             matrices = {name: array.reshape(count, math.prod(array.shape[1:]))
-                        for name, array in (index_columns | arrays).items()}
-            shapes = {name: array.shape[1:] for name, array in (index_columns | arrays).items()}
+                        for name, array in by_name.items()}
+            shapes = {name: array.shape[1:] for name, array in by_name.items()}
             titles = headings(self.manifest.system, shapes, self.titles)
             columns = [column for array in matrices.values() for column in array.T]
             widths = {name: array.shape[1] for name, array in matrices.items()}
@@ -156,11 +160,11 @@ def table_of_run(
     if euler is not None:
         check_sequence(euler)
     if not run.bodies and (euler is not None or angular_velocity is not None):
-        run.body()  # which says that there is none
+        run.body()  # raises the error, for there is none
     manifest = run.manifest
     inner_dimensions, descriptions = _output_dimensions(manifest)
     labels, titles = labels_of(manifest.system), {}
-    bodies = _bodies(run, euler, degrees, angular_velocity, attitudes)
+    bodies = _arrays_of_bodies(run, euler, degrees, angular_velocity, attitudes)
     for name, array in bodies.items():
         inner_dimensions[name], descriptions[name] = ("body", array.dimension), array.description
         titles[name] = [f"{body}_{column}" for body in run.bodies for column in array.columns]
@@ -210,7 +214,7 @@ class _BodyArray(NamedTuple):
     of_body: Callable[[Any], Array]
 
 
-def _bodies(
+def _arrays_of_bodies(
     run: Trajectory, euler: str | None, degrees: bool, frame: FrameName | None, attitudes: bool
 ) -> dict[str, _BodyArray]:
     """Return the requested arrays of the bodies by name, a function of a body's motion for each.
@@ -220,7 +224,9 @@ def _bodies(
     arrays: dict[str, _BodyArray] = {}
     if attitudes and run.bodies:
         description = {"long_name": "unit quaternion, scalar first, body to space axes"}
-        arrays["attitude"] = _BodyArray("component", description, [], lambda body: body.attitude)
+        # for datasets alone, which take no headings of columns
+        arrays["attitude"] = _BodyArray("component", description, columns=[],
+                                        of_body=lambda body: body.attitude)
     if euler is not None:
         description = {"long_name": f"Euler angles {euler}",
                        "units": "degree" if degrees else "rad"}

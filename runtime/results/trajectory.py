@@ -45,7 +45,7 @@ from .trajectory_display import Shown
 
 __all__ = ["Trajectory"]
 
-_OUTPUTS = {one.attribute: one for one in OUTPUTS}
+_OUTPUTS = {output.attribute: output for output in OUTPUTS}
 
 
 class Maker(Protocol):
@@ -224,7 +224,8 @@ class Trajectory(Shown):
             step = math.ceil(float(self.elapsed[index] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
                               self._inputs.at(max(step, 0)).tolist(), strict=True))
-        # e is −H but for the error of the steps, which the next run continues with
+        # the momentum e of the time is −H but for the error of the steps; the next run continues
+        # with this excess H + e
         clocked = self.manifest.system.clock is not None
         excess = self.energies[index] + self.time_momentum[index] if clocked else 0.0
         return start_of_row(self.q[index].copy(), self.p[index].copy(), self.t[index],
@@ -243,7 +244,7 @@ class Trajectory(Shown):
         """
         if self._grid is not None:
             return self._grid  # type: ignore[no-any-return]
-        steps = [float(elapsed / self.dt) for elapsed in self.elapsed[-1:]]
+        steps = [float(elapsed / self.dt) for elapsed in self.elapsed[-1:]]  # [] without states
         if not steps or abs(steps[0] - round(steps[0])) > 1e-6:
             raise InputError("The run ends between two steps, at an event or read from a file, "
                              "and its last whole step is not kept; go on from run[-1].")
@@ -264,7 +265,7 @@ class Trajectory(Shown):
             arrays["iterations"] = np.maximum.reduceat(
                 self.iterations[: row_indices[-1]], row_indices[:-1])
         ahead, start_time = (1 if self.dt > 0 else -1), self.t[row_range[0]]
-        # events behind the last row of the whole run belong to it
+        # a slice up to the end of the run has the events behind its last row too
         end_time = None if row_range[-1] + row_range.step >= len(self) else self.t[row_range[-1]]
         events = {name: crossings.within(start_time, end_time, ahead)
                   for name, crossings in self.events.items()}

@@ -45,7 +45,7 @@ _COLUMNS = (*_CROSSING, "p_after", "impulse", "energy_lost", "work")
 #: The arrays of tangents; "multipliers" where their derivatives were computed.
 _TANGENTS = ("q", "p", "start", "t", "multipliers")
 #: Arrays of names, for other readers of the file.
-_LABELS = tuple(one.labels for one in OUTPUTS if one.labels)
+_LABELS = tuple(output.labels for output in OUTPUTS if output.labels)
 
 
 def save_npz(trajectory: Trajectory, target: Path) -> Path:
@@ -67,16 +67,18 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "refused_tangents": {} if trajectory.tangents is None
         else trajectory.tangents.events.refused,
     }
-    crossings = {f"event{i}_{name}": array
-                 for i, event_rows in enumerate((trajectory.events | trajectory.impacts).values())
-                 for name, array in event_rows.columns.items()}
+    # of events, and of tangents
+    further_arrays = {
+        f"event{i}_{name}": array
+        for i, event_rows in enumerate((trajectory.events | trajectory.impacts).values())
+        for name, array in event_rows.columns.items()}
     if trajectory.tangents is not None:
         of_events = trajectory.tangents.events
         tangents = {"": trajectory.tangents} | {
             f"event{i}_": of_events[name] for i, name in enumerate(trajectory.events)
             if name in of_events}
-        crossings |= {f"tangents_{prefix}{name}": array for prefix, rows in tangents.items()
-                      for name in _TANGENTS if (array := getattr(rows, name)) is not None}
+        further_arrays |= {f"tangents_{prefix}{name}": array for prefix, rows in tangents.items()
+                           for name in _TANGENTS if (array := getattr(rows, name)) is not None}
     # no pickles: a file is read without executing anything in it
     with result_file(target, "The trajectory") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(
@@ -84,7 +86,7 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
             **{output.attribute: storable(getattr(trajectory, output.attribute))
                for output in OUTPUTS},
-            **{name: storable(array) for name, array in crossings.items()})
+            **{name: storable(array) for name, array in further_arrays.items()})
     return target
 
 
@@ -229,7 +231,8 @@ def _fields(about: Any, arrays: dict[str, Array], labels: dict[str, tuple[str, .
     manifest: Manifest = about["manifest"]
     real = manifest.real
     if REALS[real].in_mpmath:
-        in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()  # of 0.1.0
+        # files of version 0.1.0 have t in doubles
+        in_double = {"t"} if arrays["t"].dtype.kind == "f" else set()
         arrays |= {output.attribute: _from_bytes(arrays[output.attribute]) for output in OUTPUTS
                    if output.attribute in arrays and not output.is_integer
                    and output.attribute not in in_double}

@@ -75,7 +75,7 @@ def directions_of(
         symmetries = list(group)
         if not all(symmetry.holds(parameters) for symmetry in symmetries):
             continue
-        weights = np.ones(1)
+        weights = np.ones(1)  # a symmetry alone turns at the whole rate
         if len(symmetries) > 1:
             # three rotations do not commute: they turn together about l
             weights = np.array([symmetry.momentum(position, momenta) for symmetry in symmetries])
@@ -91,12 +91,12 @@ class Velocities:
     """H_p of states in doubles, from the residual of no step, and its derivative by p."""
 
     def __init__(self, stepper: Stepper, parameters: Mapping[str, Any], t0: Any = 0.0) -> None:
-        """Keep parameters and time as the compiled functions take them."""
+        """Keep parameters and time for the compiled functions, without the rates of a frame."""
         self._stepper, self._t = stepper, t0
         rates = {symmetry.name for symmetry in stepper.symmetries}
         self._parameters = {name: x for name, x in parameters.items() if name not in rates}
         self.epsilon: float = stepper.binding.epsilon
-        self._ends = bool(stepper.manifest.scheme.unknowns_are_state)
+        self._unknowns_are_state = bool(stepper.manifest.scheme.unknowns_are_state)
 
     def __call__(self, q: Array, p: Array) -> Array:
         """Return H_p, shape (n,): the negative residual of q at x = 0 for a step of 1 s.
@@ -104,7 +104,7 @@ class Velocities:
         Unknowns that are the state itself have its values in place of 0.
         """
         n, x = self._stepper.n, np.zeros(self._stepper.unknowns)
-        if self._ends:
+        if self._unknowns_are_state:
             x[: 2 * n] = [*q, *p]
         residual = self._stepper.residual(x, q, p, dt=1.0, parameters=self._parameters, t=self._t)
         return -np.array(residual[:n], dtype=float)
@@ -187,7 +187,7 @@ def start_rates(
         return rates, left_out
     # accelerations are differences of velocities: less than their round-off is no gain
     noise = _NOISE * velocities.epsilon ** (1 / 3) * float(np.linalg.norm(root @ acceleration))
-    # the acceleration with the present rates, and with the best further direction left out
+    # of the directions that are left, the one without which the acceleration is the smallest
     while len(left_out) < len(directions):
         candidates = [[*left_out, i] for i in range(len(directions)) if i not in left_out]
         subset = min(candidates, key=lambda candidate: acceleration_norm(rates_without(candidate)))

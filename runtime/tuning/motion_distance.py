@@ -33,7 +33,10 @@ class MotionError:
     """
 
     def __init__(self, reference: Array, run_states: Array) -> None:
-        """Compare with the rows of q in ``reference``, which has the quaternions of ``run_states``.
+        """Compare with the rows of q in ``reference``.
+
+        ``run_states``, rows of q of a run near it, show which columns are quaternions and how large
+        the coordinates of points are: an extrapolated reference has quaternions of other norms.
         """
         self.reference, states = reference, np.asarray(run_states, dtype=float)
         self.quaternions, points = _blocks(states)

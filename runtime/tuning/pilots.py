@@ -107,7 +107,8 @@ class Pilots:
         """Pilot runs of ``run`` with rates along ``directions`` and numbers for γ, α.
 
         ``means`` are the γ_m of the searched γ by name, ``aim`` says which error is to be small.
-        ``longer``: the choice is for a run that continues where the pilot runs end.
+        ``longer``: the choice is for a run that continues where the pilot runs end, which matters
+        to the error of the motion alone. ``report`` takes the number of each pilot run.
         """
         self.stepper, self.arguments, self.directions = stepper, run, directions
         self.means, self.aim, self.longer = means, aim, longer and aim == "motion"
@@ -183,6 +184,7 @@ class Pilots:
             # from twice that step; a factor 2 for safety
             self.doubt = reference.changes / 2 ** (self.stepper.order + 2) + rounding
         else:
+            # errors of the energy have one column
             H = float(np.abs(np.asarray(finest.energies, dtype=float)).max())
             self.paths, self.rounding, self.doubt = [[0]], epsilon * H, np.array([epsilon * H])
         self.rows = len(finest) - 1

@@ -211,8 +211,8 @@ class Search:
         """Return the indices of the runs of Levenberg-Marquardt steps from a trial.
 
         The trial x has the shape (unknowns,); runs are counted by ``pilots``. The steps minimise
-        Σ_j w_j e_j², e_j the error of path j. A bisection towards ``best`` follows if
-        the last run makes a path less accurate.
+        Σ_j w_j e_j², with the error e_j of path j and its weight w_j from ``_weighted_step``. A
+        bisection towards run ``best`` follows if the last run makes a path less accurate.
         """
         pilots, indices, damping = self.pilots, list[int](), 1e-3
         index = pilots.measure("search", x)
@@ -296,8 +296,9 @@ class Search:
     def _weighted_step(self, forms: Array, damping: float) -> tuple[Array, Array]:
         """Return the damped step that minimises Σ_j w_j e_j², and the weights w of the paths.
 
-        With the sum of the weighted forms, [[c, bᵀ], [b, A]]: change = −(A + μ diag A)⁻¹ b. Weights
-        grow until no path's error is expected above the base's: multipliers of these inequalities.
+        With the sum of the weighted forms, [[c, bᵀ], [b, A]], and μ (``damping``) the step is
+        change = −(A + μ diag A)⁻¹ b. Weights grow until no path's error is expected above the
+        base's: they are multipliers of these inequalities.
         """
         pilots = self.pilots
         bound = (_PROMISE * pilots.sizes(0, pilots.searched_rows)) ** 2

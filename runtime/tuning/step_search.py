@@ -53,7 +53,8 @@ class StepSearch:
     ) -> None:
         """``run`` has the start, the parameters and the solver; its steps are not used.
 
-        ``t_end`` is the end of runs in scaled time.
+        ``bound`` is the largest error, ``report`` takes the number of each pilot run, and ``t_end``
+        is the end of runs in scaled time.
         """
         self.t_end = t_end
         self.stepper, self.span, self.bound, self.arguments = stepper, span, bound, run
@@ -122,7 +123,7 @@ class StepSearch:
                     arguments, dt=dt, steps=n, every=n // FEWEST)))
             else:
                 times = arguments.t0 + (self.t_end - arguments.t0) * np.arange(FEWEST) / FEWEST
-                with capture_warnings():  # the coarsest steps are not those of the choice
+                with capture_warnings():  # of coarse steps, which are not chosen
                     run = self.stepper.integrate(
                         Start(arguments.q, arguments.p, arguments.parameters, arguments.t0),
                         dtau=dt, t_end=self.t_end, t_eval=[*times, self.t_end])
@@ -135,7 +136,7 @@ class StepSearch:
         self._steps.append(n)
         dt = as_double(self.span / n)
         label = f"{n:,} steps" if self.t_end is None else f"dtau = {dt:.6g}"
-        self.pilots.append(Pilot(label, {}, dt, error))
+        self.pilots.append(Pilot(label, parameters={}, dt=dt, motion=error))
 
     def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:
         """Measure n (e/error)^(1/r) steps between two pilot runs; return whether they suffice.

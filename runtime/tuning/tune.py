@@ -203,7 +203,8 @@ def _tuned_step(
         largest = exact(as_real("dtau", step_argument(step.binding, dt, dtau)))
         assert clock is not None  # or dtau is refused
         assert isinstance(largest, Fraction)
-        end_of_run(clock, (), state.t, t_end, largest)
+        # raises the error if dtau leads away from t_end
+        end_of_run(clock, events=(), t0=state.t, t_end=t_end, dt=largest)
         # how long a run to t_end takes in τ is not known: the search begins with the fewest steps
         span = FEWEST * largest
     run = step._run_arguments(state, dt=span, steps=1, inputs=inputs, scaled=clock is not None)
@@ -229,7 +230,10 @@ def _tuned_parameters(
 
 
 def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
-    """Return a run with numbers for the parameters that its model leaves to searches."""
+    """Return a run with numbers for the parameters that its model leaves to searches.
+
+    A run of 0 steps, as of a simulation, may continue after the pilot runs.
+    """
     rules = _searches(run.parameters)
     tuned = _Rules(stepper, run, rules).choose(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
     return replace(run, parameters={**run.parameters, **tuned.parameters})
@@ -359,8 +363,8 @@ class _Rules:
         directions = self._directions(pilot, longer=longer)
         # means of moments and least squares rates need no pilot runs
         if not moments and not directions:
-            return Tuned(parameters, self.run.dt, math.nan, math.nan,
-                         "; ".join(self.reasons) or "a mean of the moments", ())
+            return Tuned(parameters, self.run.dt, error=math.nan, gain=math.nan,
+                         reason="; ".join(self.reasons) or "a mean of the moments", pilots=())
         assert self.aim is not None
         means = {name: float(mean_inertia(inertia)) for name, inertia in moments.items()}
         pilots = Pilots(self.stepper, pilot, directions, means, self.aim, self.report,
@@ -383,7 +387,8 @@ class _Rules:
         """
         parameters = self.initial_parameters()
         steps, last_pilot, pilots = self._steps(parameters, span, bound, t_end)
-        tuned = Tuned({}, span / steps, last_pilot.motion, math.nan, "", ())
+        tuned = Tuned(parameters={}, dt=span / steps, error=last_pilot.motion, gain=math.nan,
+                      reason="", pilots=())
         if self.gammas or self.rates:
             # To leading order the best numbers do not depend on dt: the pilot runs see all of it.
             count = min(steps, pilot_limit)
