@@ -102,7 +102,8 @@ class StoredField:
     def row_bytes(self) -> int:
         """Bytes of one state's entry on the disk, those with all digits of wide numbers included.
         """
-        return math.prod(self.shape) * (int(self.dtype[1:]) + WIDE_BYTES * self.wide)
+        number_bytes = int(self.dtype[1:])  # 8 of "f8"
+        return math.prod(self.shape) * (number_bytes + WIDE_BYTES * self.wide)
 
 
 def wide_name(name: str) -> str:
@@ -135,10 +136,10 @@ def fields_of_events(
 
     def event_field(name: str, column: str) -> StoredField:
         """Return the field of one array of an event, with its shape, unit and type."""
-        kind = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
+        dtype = {"steps": "i8", "rising": "i1", "t": "f8", "elapsed": "f8"}.get(column, real.stored)
         return StoredField(f"event_{name}_{column}", shape_of_column.get(column, ()),
-                           description_of_column(manifest, name, column), kind,
-                           real.wide and not kind.startswith("i"))
+                           description_of_column(manifest, name, column), dtype,
+                           wide=real.wide and not dtype.startswith("i"))
 
     fields = {}
     for name, attributes in events.items():
@@ -150,6 +151,7 @@ def fields_of_events(
 def names_of(fields: Iterable[StoredField]) -> list[str]:
     """Return the names of the arrays of the fields, and of the bytes of wide numbers."""
     return [name for stored_field in fields
+            # the second name for wide numbers alone
             for name in (stored_field.name, wide_name(stored_field.name))[: 1 + stored_field.wide]]
 
 
@@ -180,16 +182,18 @@ def create(
                               attributes=attributes | {"arrays": names_of(fields)})
     _create_along(group, "time", fields, rows, block_rows(fields, rows))
     for name, event_fields in (events or {}).items():
-        _create_along(group, f"event_{name}", event_fields, 0,
-                      block_rows(event_fields, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
-    create_array(group, CHECKPOINT, (checkpoint_bytes,), (checkpoint_bytes,), "u1", 0,
-                 ["checkpoint_byte"], {"long_name": "from which the run goes on; see gyrospark"})
+        _create_along(group, f"event_{name}", event_fields, rows=0, block=block_rows(
+            event_fields, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
+    create_array(group, CHECKPOINT, shape=(checkpoint_bytes,), chunks=(checkpoint_bytes,),
+                 dtype="u1", fill=0, dimensions=["checkpoint_byte"],
+                 attributes={"long_name": "from which the run goes on; see gyrospark"})
     if source:
         # with it a store can be resumed, and differentiated, on another machine
-        array = create_array(group, SOURCE, (len(source),), (len(source),), "u1", 0,
-                             ["source_byte"], {"long_name": "C source and manifest of the stepper, "
-                                               "JSON compressed by zlib"})
-        write_chunks([Chunk(array, (0,), np.frombuffer(source, np.uint8))])
+        array = create_array(group, SOURCE, shape=(len(source),), chunks=(len(source),),
+                             dtype="u1", fill=0, dimensions=["source_byte"],
+                             attributes={"long_name": "C source and manifest of the stepper, "
+                                         "JSON compressed by zlib"})
+        write_chunks([Chunk(array, position=(0,), values=np.frombuffer(source, np.uint8))])
     consolidate(path)
 
 
@@ -220,12 +224,12 @@ def extend(path: Path, names: Sequence[str], rows: int, attributes: Mapping[str,
     The process may be killed between any two files: until all are written the store has the
     attribute ``EXTENDS``, and each array has its old or its new number of rows.
     """
-    consolidate(path, (), {EXTENDS: rows})
+    consolidate(path, names=(), attributes={EXTENDS: rows})
     group = open_group(path, write=True)
     for name in names:
         array = array_of(group, name)
         array.resize((rows, *array.shape[1:]))
-    consolidate(path, names, {**attributes, EXTENDS: None})
+    consolidate(path, names, {**attributes, EXTENDS: None})  # all arrays have their new rows
 
 
 def create_array(

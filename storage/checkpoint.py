@@ -45,8 +45,9 @@ class EventProgress:
     def none(cls, binding: Binding, events: Events) -> EventProgress:
         """Return the progress before the first step."""
         no_rows, count = binding.new(0, binding.n), len(events)
-        return cls(np.zeros(count, int), Memory(no_rows, no_rows, np.zeros(count, bool),
-                                                binding.new(_gaps(events))))
+        return cls(np.zeros(count, int), Memory(
+            q=no_rows, p=no_rows, closed=np.zeros(count, bool),
+            margins=binding.new(_gap_count(events))))
 
 
 @dataclass(frozen=True)
@@ -81,7 +82,7 @@ class CheckpointState:
         return -1 - self.status if self.status < 0 else None
 
 
-def _gaps(events: Events) -> int:
+def _gap_count(events: Events) -> int:
     """Return the number of impacts among the events: each has a gap, whose round-off is stored."""
     return sum(isinstance(event, Impact) for event in events)
 
@@ -100,14 +101,14 @@ def pack(binding: Binding, state: CheckpointState) -> Array:
     binding.clear_padding(run.record, run.work)
     counters = np.array([state.most_iterations, state.status], dtype="<i8")
     arrays = [counters, as_bytes(run.q), as_bytes(run.p), binding.image(run.record),
-              binding.image(run.work), *_pack(binding, state.event_progress)]
+              binding.image(run.work), *_packed_progress(binding, state.event_progress)]
     body = np.concatenate([np.ascontiguousarray(array).view(np.uint8).reshape(-1)
                            for array in arrays])
     digest = np.frombuffer(hashlib.sha256(body.data).digest(), dtype=np.uint8)
     return np.concatenate([digest, body])
 
 
-def _pack(binding: Binding, event_progress: EventProgress | None) -> list[Array]:
+def _packed_progress(binding: Binding, event_progress: EventProgress | None) -> list[Array]:
     """Return event progress as arrays whose length is constant for a run.
 
     Up to ``TAIL`` states before the checkpoint are stored, filled up with 0, and their number
@@ -174,7 +175,10 @@ class _PackedFields:
 
 
 def _unpacked_progress(binding: Binding, fields: _PackedFields, events: Events) -> EventProgress:
-    """Return event progress, the inverse of ``_pack``; ValueError for an unsound integer."""
+    """Return event progress, the inverse of ``_packed_progress``.
+
+    Raises ValueError for an integer out of its range.
+    """
     event_count = len(events)
     # of each event its crossings so far, then whether a turning is bracketed already
     state_count, *counters = fields.integers(1 + 2 * event_count)
@@ -183,4 +187,4 @@ def _unpacked_progress(binding: Binding, fields: _PackedFields, events: Events) 
         raise ValueError(_UNSOUND)
     tail = fields.numbers(2, TAIL, binding.n)[:, :state_count]
     return EventProgress(np.array(counts), Memory(tail[0], tail[1], np.array(bracketed, bool),
-                                                  fields.numbers(_gaps(events))))
+                                                  fields.numbers(_gap_count(events))))

@@ -142,7 +142,8 @@ def store_path(path: Any) -> Path:
 def new_store_path(path: Any, cure: str) -> Path:
     """Return a caller's path of a store to write, which is a folder and no file.
 
-    Raises InputError if its name says that it is a file of states, with the cure.
+    Raises InputError, whose message ends with ``cure``, if its name says that it is a file of
+    states.
     """
     store = store_path(path)
     if ending_of(store) in endings("states"):
@@ -158,7 +159,7 @@ def one_line(error: Exception) -> str:
 
 @contextlib.contextmanager
 def storage_errors(path: Path, cure: str) -> Iterator[None]:
-    """Turn the system's errors at a store into a sentence with a cure."""
+    """Turn any OSError at a store into a StorageError, whose message ends with ``cure``."""
     try:
         yield
     except OSError as error:

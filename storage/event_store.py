@@ -82,7 +82,7 @@ def _chunks_to_append(array: zarr.Array[Any], stored_count: int, new_rows: Array
     block, inner_position = array.chunks[0], (0,) * (array.ndim - 1)
     first_chunk = stored_count // block
     block_start = stored_values(array, first_chunk * block, stored_count - first_chunk * block,
-                                False, array.dtype)
+                                wide=False, dtype=array.dtype)
     all_rows = np.concatenate([block_start, new_rows])
     return [Chunk(array, (first_chunk + i, *inner_position), all_rows[begin : begin + block])
             for i, begin in enumerate(range(0, len(all_rows), block))]

@@ -75,6 +75,7 @@ def _level(level: Any) -> float | str:
     """
     exact_level = exact(level)
     assert isinstance(exact_level, Fraction)  # events have no other
+    # beyond about 2**1024 float() raises an error
     fits = abs(exact_level) < 2**1000 and Fraction(float(exact_level)) == exact_level
     return float(exact_level) if fits else str(exact_level)
 

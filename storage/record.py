@@ -176,6 +176,7 @@ def _open(
     if not is_new(path, resume, "run"):
         return _existing_group(stepper, run, events, path, identity)
     about = _run_attributes(stepper, run, identity) | {
+        # the number of crossings of each event
         **({"events": dict.fromkeys(identity["events"], 0)} if events else {}),
         "steps_done": 0,
         "versions": versions(),
@@ -202,6 +203,7 @@ def _existing_group(
     recording = Recording.read(path)
     stored_run = recording.attributes["run"]
     stored_rest = float(from_text(stored_run.get("rest", 0.0), recording.manifest.real))
+    # by whole steps, or by the last part of a step behind as many
     longer = (run.steps, abs(float(run.rest))) > (stored_run["steps"], abs(stored_rest)) and not (
         recording.status.startswith(FAILED))
     expected = dict(stored_run)

@@ -84,9 +84,9 @@ class Recorder:
         self.block = array_of(group, "time").chunks[0]
         self.constants = run.constants(self.binding)
         event_by_name = {event.name: event for event in events}  # in the order of the store
-        self._asked = attributes_of(group)["run"].get("events", {})
-        self._event_fields = fields_of_events(self.manifest, self._asked)
-        self.events = tuple(event_by_name[name] for name in self._asked)
+        self._event_attributes = attributes_of(group)["run"].get("events", {})
+        self._event_fields = fields_of_events(self.manifest, self._event_attributes)
+        self.events = tuple(event_by_name[name] for name in self._event_attributes)
         #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
@@ -95,7 +95,7 @@ class Recorder:
         self.observer = observer_of(stepper, run, self.events) if events else None
         self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
         self.state, self.first_row, self.rows = self._resume_state()
-        self.pace = ChunkSize(self.observer is not None)
+        self.pace = ChunkSize(has_events=self.observer is not None)
 
     # ------------------------------------------------------------ where it stands
 
@@ -122,8 +122,9 @@ class Recorder:
         first_row = next_row // self.block * self.block
         block_rows = self._read(first_row, stored_states - first_row)
         if checkpoint.ended_by is not None:
+            # fields[0] is the time, in numbers like those of τ
             self.end = self._rows("tau" if self.binding.clocked else "time",
-                                  self.fields[0].wide, stored_states - 1, 1)
+                                  self.fields[0].wide, stored_states - 1, count=1)
         if next_row == stored_states:
             block_rows.iterations[next_row - first_row] = checkpoint.most_iterations
         return _ResumePoint(checkpoint, first_row, block_rows)
@@ -160,10 +161,11 @@ class Recorder:
                 refuse_missing_blocks(self.path, self.group, 0, count, names_of(fields))
                 if count:
                     elapsed = next(field for field in fields if field.name.endswith("_elapsed"))
-                    self._latest[name] = self._rows(elapsed.name, elapsed.wide, count - 1, 1)[0]
+                    self._latest[name] = self._rows(elapsed.name, elapsed.wide, count - 1,
+                                                    count=1)[0]
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
-            EventStore(self.group, self.manifest, self._asked).grow(
+            EventStore(self.group, self.manifest, self._event_attributes).grow(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
     def _start(self) -> _ResumePoint:
@@ -171,8 +173,9 @@ class Recorder:
         binding, run, block_rows = self.binding, self.run, self._empty()
         block_rows.q[0], block_rows.p[0] = run.q, run.p
         state = RunState.at_start(binding, run.q, run.p)
-        status = binding.integrate(self.constants, 0, 1, state, block_rows[:0])
-        return _ResumePoint(CheckpointState(state, status=status), 0, block_rows)
+        status = binding.integrate(self.constants, steps=0, every=1, state=state,
+                                   rows=block_rows[:0])
+        return _ResumePoint(CheckpointState(state, status=status), first_row=0, rows=block_rows)
 
     def _states(self, state: CheckpointState) -> int:
         """Return the number of states up to a checkpoint.
@@ -314,7 +317,7 @@ class Recorder:
         elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
         try:
             partial_run = integrate_observed(self.stepper, run.part_of_step(state.q, state.p, t),
-                                             self.events, None)
+                                             self.events, progress=None)
         except StepFailed as error:
             # a failure is stored as a status of C, from which its reason is read again
             status = next(code for code, text in REASONS.items() if text == error.reason)
@@ -367,7 +370,8 @@ class Recorder:
         if self.state.status or self.state.steps == self.run.steps:
             return None
         state = self.state.run.copy(self.binding)
-        status = self.binding.integrate(self.constants, 1, 1, state, Rows.allocate(self.binding, 1))
+        status = self.binding.integrate(self.constants, steps=1, every=1, state=state,
+                                        rows=Rows.allocate(self.binding, 1))
         return None if status else (state.q[None], state.p[None])
 
     def _end_at_event(self) -> None:
@@ -408,7 +412,8 @@ class Recorder:
         if count < self.block:  # more rows come into it while these are written
             block_rows = block_rows[:count].copy()
         writer.put(Batch(self.first_row, count, block_rows, pack(self.binding, checkpoint),
-                         self._run_attributes(checkpoint), self.end, counts, crossings, reusable))
+                         self._run_attributes(checkpoint), end=self.end, counts=counts,
+                         found=crossings, reusable=reusable))
 
     def _event_progress(self) -> EventProgress | None:
         """Return the event progress at the state; detection stops behind an end."""

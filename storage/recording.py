@@ -68,7 +68,7 @@ _LAST = 4096
 _SHOWN = 20_000
 #: Before the names of files with derivatives.
 _DERIVATIVES = "derivatives/"
-_ATTRIBUTES = {one.attribute for one in OUTPUTS}
+_ATTRIBUTES = {output.attribute for output in OUTPUTS}
 
 
 def open_recording(path: str | os.PathLike[str]) -> Recording:
@@ -231,7 +231,8 @@ class Recording(Trajectory):
                                  "stepper, or begin another store.") from error
             derivatives = {name.removeprefix(_DERIVATIVES): files.pop(name) for name in [*files]
                            if name.startswith(_DERIVATIVES)}
-            derive = Derive(partial(dict, derivatives), True, known=True) if derivatives else None
+            derive = (Derive(partial(dict, derivatives), portable=True, known=True)
+                      if derivatives else None)
             self.__dict__["_stepper"] = stepper_of(self.manifest.name,
                                                    tuple(sorted(files.items())), derive)
         stepper: Stepper = self._stepper
@@ -362,7 +363,7 @@ class Recording(Trajectory):
             begin, end = max(chunk_start, first_row), min(chunk_start + chunk, end_row)
             # the selected row at or behind each row
             places = -(-(np.arange(begin, end) - first_row) // row_range.step)
-            iterations = stored_values(array, begin, end - begin, False, array.dtype)
+            iterations = stored_values(array, begin, end - begin, wide=False, dtype=array.dtype)
             np.maximum.at(largest_counts, places, iterations)
         return largest_counts
 
@@ -390,7 +391,7 @@ def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
     files = {**stepper.files}
     if impacts:
         files |= {_DERIVATIVES + name: text for name, text in stepper._derivative_files().items()}
-    return zlib.compress(json.dumps(files, sort_keys=True).encode(), 9)
+    return zlib.compress(json.dumps(files, sort_keys=True).encode(), level=9)
 
 
 def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:

@@ -48,8 +48,9 @@ def save_store(run: Trajectory, path: Path) -> Path:
     fields, arrays = fields_of(run.manifest), states_of(run)
     cure = "Nothing is saved: free some space, or choose another place."
     with storage_errors(path, cure), created_atomically(path) as fresh:
-        create(fresh, fields, len(run), 1, _attributes(run),
-               fields_of_events(run.manifest, _event_attributes(run)))
+        # a byte in place of the checkpoint, which a run in memory does not have
+        create(fresh, fields, len(run), checkpoint_bytes=1, attributes=_attributes(run),
+               events=fields_of_events(run.manifest, _event_attributes(run)))
         group = open_group(fresh, write=True)
         block = array_of(group, "time").chunks[0]
         for field in fields:  # block by block; numbers wider than a double also as their bytes
@@ -72,7 +73,7 @@ def save_store(run: Trajectory, path: Path) -> Path:
 
 def _attributes(run: Trajectory) -> dict[str, Any]:
     """Return the attributes of the store of a run that was in memory."""
-    about = Trajectory._attributes(run)
+    about = Trajectory._attributes(run)  # a ``Recording`` itself returns those of its store
     return {
         **about, "status": COMPLETE, "states": len(run), "steps_done": run.report.steps,
         "versions": versions(),
@@ -84,8 +85,8 @@ def _attributes(run: Trajectory) -> dict[str, Any]:
 
 
 def _event_attributes(run: Trajectory) -> dict[str, dict[str, Any]]:
-    """Return the events of a run as JSON, name → attributes: an impact has a restitution, here
-    None."""
+    """Return the events of a run as JSON, name → attributes; impacts have a restitution, None where
+    their laws are not known."""
     laws = impacts_as_json(run._laws, run.parameters)
     return {name: laws.get(name, {"restitution": None}) if name in run.impacts else {}
             for name in run.events}

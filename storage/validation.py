@@ -300,8 +300,8 @@ def refuse_missing_blocks(
 ) -> None:
     """Refuse to read rows whose files are missing: Zarr would silently return NaN for them.
 
-    ``names`` are the names of arrays, by default of all arrays with one row per state. Raises
-    InputError.
+    The rows are those from ``first_row`` on, before row ``states``; ``names`` are the names of
+    arrays, by default of all arrays with one row per state. Raises InputError.
     """
     for name in attributes_of(group)["arrays"] if names is None else names:
         array = array_of(group, name)
@@ -316,7 +316,7 @@ def refuse_missing_blocks(
 def stored_values(
     array: zarr.Array[Any], first_row: int, count: int, wide: bool, dtype: Any
 ) -> Array:
-    """Return rows of an array, wide ones in their own type.
+    """Return ``count`` rows of an array; those of a ``wide`` array, bytes, as numbers of ``dtype``.
 
     Raises InputError if the stored array is damaged.
     """

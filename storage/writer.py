@@ -40,7 +40,7 @@ class Batch:
 
     ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
     store that change. ``end`` is the time of the last row where an event ended the run there.
-    ``found`` has what has happened since the last commit, when there were ``counts`` of each event.
+    ``found`` has the crossings since the last commit, when there were ``counts`` of each event.
     ``reusable`` rows are no longer needed when they are written.
     """
 
@@ -87,7 +87,7 @@ class Writer:
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
                  trace: TracebackType | None) -> None:
-        self._queue.put(None)
+        self._queue.put(None)  # the end of the queue
         self._thread.join()
         if error is None:
             self._raise()

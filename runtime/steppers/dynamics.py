@@ -79,7 +79,7 @@ class Dynamics(Differentiation):
             arrays = np.array([getattr(motion, name) for motion in motions], self.binding.dtype)
             return arrays.reshape(*shape, width)
 
-        # d/dt of quantities at each state, name → rate
+        # d/dt of quantities at each state, name → rate; [()] makes that of a single state a number
         rates = [motion.quantity_rates() for motion in motions]
         return Accelerations(
             rows("acceleration", self.n), rows("p_rate", self.n), rows("v", self.n),
@@ -195,8 +195,8 @@ class Dynamics(Differentiation):
         targets = [_row(name, value, len(rows)) for (name, value), rows
                    in zip(targets_by_name.items(), accelerations_now, strict=True)]
         if inputs is not None:
-            return self._inputs(state, dict(zip(targets_by_name, targets, strict=True)),
-                                self._names("inputs", inputs))
+            return self._solve_inputs(state, dict(zip(targets_by_name, targets, strict=True)),
+                                      self._names("inputs", inputs))
         forces = M @ (np.concatenate(targets) - np.concatenate(accelerations_now))
         group_ends = np.cumsum([len(rows) for rows in accelerations_now])[:-1]
         return {name: float(force[0]) if len(force) == 1 else force
@@ -225,7 +225,7 @@ class Dynamics(Differentiation):
         Q: Array = np.linalg.solve(motion.inverse_mass(), delta_q_dd)
         return Q
 
-    def _inputs(
+    def _solve_inputs(
         self, state: StartNumbers, targets: Mapping[str, Array], names: Sequence[str]
     ) -> dict[str, Any]:
         """Return the values of inputs u with ÿ(u) = the targets, name → number.

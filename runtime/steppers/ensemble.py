@@ -277,9 +277,9 @@ def integrate_members(
         observed_events = as_events(events, stepper.manifest.system.event_quantities)
         refuse_together(ensemble="an ensemble", terminal=terminal_of(observed_events))
         ensemble = _integrate_separately(stepper, runs, observed_events, threads_of(workers),
-                                         progress, end.open_end)
+                                         progress, t_end=end.open_end)
         return ensemble if tangents is None else _with_tangents(
-            stepper, ensemble, tangents, threads_of(workers), lambda: False)
+            stepper, ensemble, tangents, threads_of(workers), stop=lambda: False)
     return _side_by_side(stepper, runs, events, tangents, threads_of(workers), progress,
                          warned=warned)
 
@@ -306,6 +306,7 @@ def _side_by_side(
 
         fill(batches, report)
         for i in range(len(runs)):
+            # H at the start of shorter runs is in their reports
             if not (is_long or math.isfinite(batches.report(i).energy_start)):
                 _refuse_undefined_energy(stepper, runs, i)
         crossings = _crossings(stepper, levels, batches, fill)
@@ -479,6 +480,7 @@ def _integrate_on(
         name, text = stepper.name, cuda_text(stepper.name, stepper._control_files())
     except InputError as error:
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
+    # an array of the caller, whose library the results have
     state, like = None, starts.q
     if is_on_card(starts.q):
         # the checks read a copy on the host; trajectories begin from what lies on the card
@@ -494,7 +496,8 @@ def _integrate_on(
                 report(int(trajectories.steps_done.sum()))
             return interrupts.is_requested
 
-        ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop), [], ())
+        ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop), crossings=[],
+                              event_tuple=())
                     if state is None else shared_ensemble(stepper, trajectories, like, stop))
         if report is not None:
             report(int(trajectories.steps_done.sum()))
@@ -585,7 +588,8 @@ def _integrate_separately(
     to_end = t_end is not None
     if not to_end:
         stepper._impact_binding()  # compiled once, before threads ask for it
-    with (_progress_of(stepper, runs, progress, OPEN if to_end else None) as report,
+    # OPEN: the steps to t_end in scaled time are not known before
+    with (_progress_of(stepper, runs, progress, steps=OPEN if to_end else None) as report,
           catch_ctrl_c() as interrupts):
         finished_runs = _run_on_threads(stepper, runs, events, t_end, threads, report,
                                         lambda: interrupts.is_requested)
@@ -678,7 +682,7 @@ def _integrate_alone(
 
 
 def _warn_of_early_ends(runs: Sequence[_FinishedRun], steps: int) -> None:
-    """Warn of runs that impacts have ended before ``steps`` steps; failures are told apart."""
+    """Warn of runs that impacts have ended before ``steps`` steps; failed runs do not count."""
     count = sum(run.trajectory.report.steps < steps and not run.status for run in runs)
     if count:
         warn(f"{count:,} of {len(runs):,} trajectories end before the last step, where a gap "

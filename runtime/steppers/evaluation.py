@@ -84,9 +84,9 @@ class Evaluation:
         """
         self._refuse_unless_solving("residual")
         step = self._step_of(dt, dtau)
-        state, run = self._at_start(start, p, parameters, t)
-        return self.binding.residual(run, step, *state, self._increment(x, *state),
-                                     self.binding.work())
+        state, compiled_parameters = self._at_start(start, p, parameters, t)
+        return self.binding.residual(compiled_parameters, step, *state,
+                                     self._increment(x, *state), self.binding.work())
 
     def jacobian(
         self, x: ArrayLike, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
@@ -96,9 +96,9 @@ class Evaluation:
         """Return ∂r/∂x, shape (unknowns, unknowns)."""
         self._refuse_unless_solving("Jacobian")
         step = self._step_of(dt, dtau)
-        state, run = self._at_start(start, p, parameters, t)
-        return self.binding.jacobian(run, step, *state, self._increment(x, *state),
-                                     self.binding.work())
+        state, compiled_parameters = self._at_start(start, p, parameters, t)
+        return self.binding.jacobian(compiled_parameters, step, *state,
+                                     self._increment(x, *state), self.binding.work())
 
     def guess(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
@@ -108,8 +108,8 @@ class Evaluation:
         """Return the x from which a step's iteration starts."""
         self._refuse_unless_solving("starting guess")
         step = self._step_of(dt, dtau)
-        state, run = self._at_start(start, p, parameters, t)
-        x = self.binding.guess(run, step, *state, self.binding.work())
+        state, compiled_parameters = self._at_start(start, p, parameters, t)
+        x = self.binding.guess(compiled_parameters, step, *state, self.binding.work())
         return x + self._origin(*state)
 
     def _refuse_unless_solving(self, feature: str) -> None:
@@ -216,8 +216,8 @@ class Evaluation:
 
         With velocity constraints the second array ends with A H_p + a.
         """
-        (q, p), run = self._at_start(start, p, parameters, t)
-        g, f = self.binding.defects(run, q[None], p[None])
+        (q, p), compiled_parameters = self._at_start(start, p, parameters, t)
+        g, f = self.binding.defects(compiled_parameters, q[None], p[None])
         return g[0], f[0]
 
     def project(
@@ -230,8 +230,8 @@ class Evaluation:
         g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it. With velocity
         constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
-        state, run = self._at_start(start, p, parameters, t)
-        q, momenta = self._project(*state, run)
+        state, compiled_parameters = self._at_start(start, p, parameters, t)
+        q, momenta = self._project(*state, compiled_parameters)
         return q[: self.n], momenta[: self.n]
 
     def consistent(
@@ -249,14 +249,16 @@ class Evaluation:
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        start_state, run = self._at_start(start, p, parameters, t)
-        projected_state = self._project(*start_state, run)
+        start_state, compiled_parameters = self._at_start(start, p, parameters, t)
+        projected_state = self._project(*start_state, compiled_parameters)
         # in scaled time the last coordinate is t
-        numeric = CompiledConstraints(self.binding, self.manifest, run, start_state[0][-1])
-        # rows: the start; projected q with the p of the start, whose f is that before; both
+        numeric = CompiledConstraints(self.binding, self.manifest, compiled_parameters,
+                                      start_state[0][-1])
+        # three rows: the start; the projected q with the p of the start, whose f is the one before
+        # the projection of p; the projected state
         (q0, p0), (q1, p1) = start_state, projected_state
         states = np.stack([q0, q1, q1]), np.stack([p0, p0, p1])
-        g, f = self.binding.defects(run, *map(np.ascontiguousarray, states))
+        g, f = self.binding.defects(compiled_parameters, *map(np.ascontiguousarray, states))
         before, after = ((x[: self.n], y[: self.n]) for x, y in (start_state, projected_state))
         return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
@@ -266,7 +268,8 @@ class Evaluation:
         """Return the state (q, p) on the constraints, as ``project`` describes, or raise an error.
 
         Compiled code iterates first. Where it fails, damped steps from Python converge from farther
-        away and name the constraints that cannot hold; they are for doubles alone.
+        away and name the constraints that cannot hold; they are for doubles, and for systems
+        without velocity constraints, alone.
         """
         # C moves them in place
         q_near, p_near = q.copy(), p.copy()
@@ -354,8 +357,9 @@ class Evaluation:
         """
         start_numbers = merged_start(self, start, p, parameters, t, impacts=True, as_it_is=True)
         time, state = start_numbers.t, self._state(start_numbers.q, start_numbers.p)
-        run = self._parameters(start_numbers.parameters, time)
-        return self.binding.start_in_scaled_time(run, *state, time), run
+        compiled_parameters = self._parameters(start_numbers.parameters, time)
+        return (self.binding.start_in_scaled_time(compiled_parameters, *state, time),
+                compiled_parameters)
 
     def _increment(self, x: ArrayLike, q: Array, p: Array) -> Array:
         """Return the unknowns of the C: x of the caller, shape (unknowns,), less its origin."""

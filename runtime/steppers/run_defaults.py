@@ -78,7 +78,8 @@ class RunDefaults:
         """Return the numbers of a built-in problem, one rigid body."""
         inertia = list(problem.inertia)
         return cls(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
-                   problem.p0.tolist(), {"gamma": inertia, "alpha": inertia}, None, None)
+                   problem.p0.tolist(), bodies={"gamma": inertia, "alpha": inertia}, dt=None,
+                   steps=None)
 
     @classmethod
     def of(cls, model: Any) -> RunDefaults:

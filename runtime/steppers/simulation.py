@@ -135,6 +135,7 @@ class ContinuedStep(AdvancingRun):
         """Begin as ``AdvancingRun`` does; ``arguments`` are those that each call repeats."""
         super().__init__(binding, run, work)
         #: The caller's arguments beside the state, before any check: equal ones need none again.
+        #: The last one, the parameters, is copied: callers may change their dict.
         *self._arguments, self._parameters = *arguments[:-1], dict(arguments[-1])
 
     def continues(self, q: Any, p: Any, t0: Any, arguments: tuple[Any, ...]) -> bool:
@@ -150,7 +151,7 @@ class ContinuedStep(AdvancingRun):
         )
 
     def run_from(self, q: Any, p: Any, t0: Any) -> RunArguments:
-        """Return a run of one step from these, which the caller gave and were checked."""
+        """Return a run of one step from (q, p) at t0, which are checked already."""
         return replace(self.run, q=np.array(q, self.q.dtype), p=np.array(p, self.p.dtype), t0=t0)
 
 
@@ -166,7 +167,7 @@ class RecordingRun(AdvancingRun):
         self._rows.q[0], self._rows.p[0] = run.q, run.p
         #: The inputs of each step, and whether any were given.
         self._inputs, self._has_inputs = binding.new(FIRST_STEPS, len(binding.input_names)), False
-        self._piece(0)  # initialises the solver memory and the record
+        self._integrate_piece(0)  # initialises the solver memory and the record
 
     @property
     def record(self) -> RunRecord:
@@ -182,15 +183,16 @@ class RecordingRun(AdvancingRun):
         self._make_room(self.steps + steps)
         self._inputs[self.steps : self.steps + steps] = [
             self.run.parameters[name] for name in self.binding.input_names]
-        status = self._piece(steps)
+        status = self._integrate_piece(steps)
         self._failed = status != 0
         return status
 
-    def _piece(self, steps: int) -> int:
+    def _integrate_piece(self, steps: int) -> int:
         """Integrate ``steps`` steps into the rows behind those of earlier steps; return the status.
         """
-        return self.binding.integrate(self.run.constants(self.binding), steps, 1,
-                                      self._run_state, self._rows[self.steps + 1 :])
+        return self.binding.integrate(
+            self.run.constants(self.binding), steps, every=1, state=self._run_state,
+            rows=self._rows[self.steps + 1 :])
 
     def _make_room(self, steps: int) -> None:
         """Enlarge the memory for rows to ``steps`` steps, at least to twice its size."""
@@ -234,7 +236,8 @@ class RecordingRun(AdvancingRun):
         """Return all states, and the inputs of each step."""
         step_count = self.steps
         rows = self._rows[: step_count + 1].copy()
-        inputs = InputRows(self.binding.input_names, self._inputs[None, :step_count].copy(), 1)
+        inputs = InputRows(self.binding.input_names, self._inputs[None, :step_count].copy(),
+                           hold=1)
         run = replace(self.run, steps=step_count).with_inputs(inputs if self._has_inputs else None)
         record = self.binding.report()
         self.binding.image(record)[:] = self.binding.image(self.record)
@@ -308,7 +311,8 @@ class Simulation:
         try:
             if values is not None:
                 self._run.set_inputs(values)
-            status = self._run.advance(steps) if steps <= FIRST_STEPS else self._long(steps)
+            status = (self._run.advance(steps) if steps <= FIRST_STEPS
+                      else self._advance_in_chunks(steps))
         finally:
             self._lock.release()
         if status:
@@ -346,7 +350,7 @@ class Simulation:
         return self._run.run.parameters | {
             name: as_real(f"Input {name}", x, binding.number) for name, x in inputs.items()}
 
-    def _long(self, steps: int) -> int:
+    def _advance_in_chunks(self, steps: int) -> int:
         """Take many steps in chunks, between which Ctrl-C can stop them; return the status.
 
         A chunk is as long as the clock allows a user to wait. Raises Stopped after Ctrl-C.
@@ -606,6 +610,7 @@ class Simulation:
         """
         present_run, manifest, step_count = self._run, self._stepper.manifest, self.steps
         start, t = present_run.run, self.t
+        # ``every`` beyond the number of steps: only the present state is a row
         run = replace(start, q=present_run.q.copy(), p=present_run.p.copy(),
                       t0=start.t0 + step_count * start.dt, steps=step_count + 1,
                       every=step_count + 2)

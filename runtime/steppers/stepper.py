@@ -202,7 +202,8 @@ class Stepper(Dynamics):
         if input_rows is not None:
             previous_step.feed(input_rows.at(0))
         if previous_step.advance(1):
-            # without the memory of earlier steps the step may succeed; if not, it says why
+            # it has failed: without the memory of earlier steps it may succeed, else the error
+            # raised here has the reason
             run = previous_step.run_from(q, p, t0).with_inputs(input_rows)
             end = integrate(self.binding, self.manifest, run)
             return end.q[-1], end.p[-1]
@@ -235,6 +236,7 @@ class Stepper(Dynamics):
         InputError
             As ``integrate`` does.
         """
+        # as those of ``integrate``, with no t_end, 0 steps and every = 1
         call_arguments = (dt, dtau, None, 0, 1, solver)
         plan = self._memory.recall(self, start, p, call_arguments, parameters)
         if plan is not None:
@@ -406,7 +408,8 @@ class Stepper(Dynamics):
             from ..integration.dense_output import stored_steps_at
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
-        # one warning of a kind for a run: of its start, or of its stored states
+        # one warning of a kind for a run, of its start or of its stored states; none without steps,
+        # and the states of fewer than two rows are not looked at
         warned = not run.steps or (not repeated and self._warn(run)) or run.rows < 2
         trajectory = self._steps_of(plan, run, progress)
         # derivatives of the run repeat as many steps as it took
@@ -434,7 +437,7 @@ class Stepper(Dynamics):
 
         ``run`` has the plan's arguments; its stored rows may be chosen by ``t_eval``.
         """
-        # ``constants`` are those of an earlier call, whose steps were as long
+        # a plan with ``constants`` repeats an earlier call, whose chunks of steps serve again
         first = FIRST_STEPS if plan.constants is None else self._memory.chunk_steps
         # a run that ends before the first look at the clock shows no share that is done
         quiet = progress is None and run.steps <= first and not run.open_end
@@ -445,8 +448,8 @@ class Stepper(Dynamics):
 
                 return integrate_observed(self, run, plan.events, report, plan.end_event)
             pace = ChunkSize(first=first)
-            trajectory = integrate(self.binding, self.manifest, run, report, None, plan.constants,
-                                   pace)
+            trajectory = integrate(self.binding, self.manifest, run, report,
+                                   constants=plan.constants, pace=pace)
             if plan.constants is not None:
                 self._memory.chunk_steps = pace.most
             return trajectory
@@ -553,7 +556,7 @@ class Stepper(Dynamics):
         from .ensemble import EnsembleEnd, integrate_members
 
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
-        # in scaled time each run takes as many steps as it needs up to t_end
+        # in scaled time each run takes as many steps as it needs up to t_end; 1 stands for them
         is_open = self.binding.clocked and steps is None and t_end is not None
         state = merged_starts(self, starts, p, parameters, impacts=True)
         events = events_or_own(starts, events)
@@ -562,7 +565,8 @@ class Stepper(Dynamics):
             steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
-            EnsembleEnd(t_end if is_open else None, (t_end, rests) if any(rests) else None),
+            EnsembleEnd(open_end=t_end if is_open else None,
+                        last_part=(t_end, rests) if any(rests) else None),
             steps=count, every=every, solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
@@ -690,7 +694,7 @@ class Stepper(Dynamics):
 
     def _refuse_solver(self, method: Solver) -> None:
         """Raise InputError for a solver that the steps do not have."""
-        is_plain = method == Solver(method.kind)  # as its name
+        is_plain = method == Solver(method.kind)  # without a tolerance or iterations of its own
         refuse_together(
             splitting=not self.binding.solves and f"the scheme splitting of {self.name}",
             solver=method != AUTO and f"solver = {method.kind if is_plain else method!r}",

@@ -90,8 +90,8 @@ def test_about_a_recording(gl3, tmp_path):
 def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatch):
     """From any start and for any chunk the rows agree, and one chunk is read at a time."""
     step, reader, rows = systems.stepper("heavy_top", real=real), recordings.stored_values, []
-    monkeypatch.setattr(recordings, "stored_values", lambda array, first, count, *what: [
-        rows.append(count), reader(array, first, count, *what)][1])
+    monkeypatch.setattr(recordings, "stored_values", lambda array, first, count, *what, **more: [
+        rows.append(count), reader(array, first, count, *what, **more)][1])
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     for chunk in (4, 8) if real == "double" else (4,):
         small_blocks(monkeypatch, chunk)
