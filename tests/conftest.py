@@ -64,7 +64,7 @@ def pytest_collection_finish():
 
 
 def _without_quad(outcome):
-    """Skip what asks for float128 on a machine with clang alone, which has no _Float128."""
+    """Skip a test that needs float128 on a machine with clang alone, which has no _Float128."""
     error = outcome.excinfo and outcome.excinfo[1]
     if isinstance(error, CompilerError) and "has no float128" in str(error) and (
             "gcc" not in COMPILERS):
@@ -100,7 +100,7 @@ def failures():
 
 
 class Answer:
-    """What a command said."""
+    """The exit code and the output of a command."""
 
     def __init__(self, code, stdout, stderr):
         self.code, self.stdout, self.stderr = code, stdout, stderr
@@ -123,8 +123,8 @@ def gyrospark(monkeypatch, capsys, tmp_path):
         capsys.readouterr()
         with pytest.raises(SystemExit) as end:
             entry()
-        said = capsys.readouterr()
-        return Answer(end.value.code, said.out, said.err)
+        output = capsys.readouterr()
+        return Answer(end.value.code, output.out, output.err)
 
     return caller
 

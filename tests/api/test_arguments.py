@@ -1,4 +1,4 @@
-"""What Python calls take and refuse, starts on and off the constraint, and what calls return."""
+"""Accepted and refused arguments of Python calls, starts on and off the constraint, and results."""
 
 from __future__ import annotations
 
@@ -47,8 +47,8 @@ def test_projection_is_orthogonal_and_idempotent(gl3):
     q, p = gl3.project(2 * TOP.q0, TOP.p0 + 0.3 * TOP.q0, parameters=PARAMETERS)
     assert np.allclose(q, TOP.q0, rtol=0, atol=1e-15)
     assert np.allclose(p, TOP.p0, rtol=0, atol=1e-16)
-    again = gl3.project(q, p, parameters=PARAMETERS)
-    assert np.allclose(again, (q, p), rtol=0, atol=1e-16)
+    projected_twice = gl3.project(q, p, parameters=PARAMETERS)
+    assert np.allclose(projected_twice, (q, p), rtol=0, atol=1e-16)
 
 
 def test_hopeless_projection_is_an_error(gl3):
@@ -58,46 +58,46 @@ def test_hopeless_projection_is_an_error(gl3):
 
 @pytest.mark.parametrize("dt", [1e-5, 1e-2])
 def test_results_of_long_runs_are_starts_again(dt):
-    """EMS lets qᵀp oscillate; whatever it returns, it takes."""
+    """EMS lets qᵀp oscillate; each of its states is accepted as a start."""
     step = systems.stepper("heavy_top", "EMS")
     for inertia in ((0.002, 0.0013, 0.0008), (1.0, 0.9, 0.1)):
         body = gs.problems.free_body(inertia, (3.0, -4.0, 10.0))
         run = {"dt": dt, "parameters": body.parameters | {"gamma": 0.7 * gs.gamma(inertia)}}
-        made = step.integrate(body.q0, body.p0, steps=3000, **run)
+        trajectory = step.integrate(body.q0, body.p0, steps=3000, **run)
         for k in range(0, 3001, 100):
-            step.step(made.q[k], made.p[k], **run)
+            step.step(trajectory.q[k], trajectory.p[k], **run)
 
 
 @pytest.mark.parametrize(("steps", "every"), [(0, 5), (1, 1), (7, 3), (6, 3), (2, 5),
                                               (8193, 4096), (4097, 1)])
 def test_every_stores_every_kth_and_the_last(steps, every, gl3):
-    whole = gl3.integrate(TOP.q0, TOP.p0, steps=steps, **RUN)
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=steps, every=every, **RUN)
+    full_run = gl3.integrate(TOP.q0, TOP.p0, steps=steps, **RUN)
+    thinned = gl3.integrate(TOP.q0, TOP.p0, steps=steps, every=every, **RUN)
     rows = sorted({*range(0, steps + 1, every), steps})
-    assert len(made) == len(rows)
+    assert len(thinned) == len(rows)
     for name in ("t", "q", "p", "energies", "g_errors", "f_errors"):
-        assert np.array_equal(getattr(made, name), getattr(whole, name)[rows]), name
+        assert np.array_equal(getattr(thinned, name), getattr(full_run, name)[rows]), name
     if steps:
-        assert np.array_equal(made.multipliers, whole.multipliers[np.array(rows[1:]) - 1])
-        most = [whole.iterations[a:b].max() for a, b in pairwise(rows)]
-        assert made.iterations.tolist() == most
-    assert made.report == whole.report
-    assert made.t[-1] == steps * 1e-3
+        assert np.array_equal(thinned.multipliers, full_run.multipliers[np.array(rows[1:]) - 1])
+        iterations_max = [full_run.iterations[a:b].max() for a, b in pairwise(rows)]
+        assert thinned.iterations.tolist() == iterations_max
+    assert thinned.report == full_run.report
+    assert thinned.t[-1] == steps * 1e-3
 
 
 def test_shapes_are_those_of_the_contract(step):
-    made = step.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    trajectory = step.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
     nodes = step.manifest.scheme.multipliers
-    assert made.t.shape == (6,)
-    assert made.q.shape == made.p.shape == (6, 4)
-    assert made.multipliers.shape == (5, nodes)
-    assert made.iterations.shape == (5,)
-    assert made.energy().shape == (6,)
-    assert made.angular_velocity().shape == made.axis().shape == (6, 3)
-    assert made.q.dtype == made.p.dtype == np.float64
-    assert made.iterations.dtype.kind == "i"
-    assert np.array_equal(made.q[0], TOP.q0)
-    assert np.array_equal(made.t, np.arange(6) * 1e-3)
+    assert trajectory.t.shape == (6,)
+    assert trajectory.q.shape == trajectory.p.shape == (6, 4)
+    assert trajectory.multipliers.shape == (5, nodes)
+    assert trajectory.iterations.shape == (5,)
+    assert trajectory.energy().shape == (6,)
+    assert trajectory.angular_velocity().shape == trajectory.axis().shape == (6, 3)
+    assert trajectory.q.dtype == trajectory.p.dtype == np.float64
+    assert trajectory.iterations.dtype.kind == "i"
+    assert np.array_equal(trajectory.q[0], TOP.q0)
+    assert np.array_equal(trajectory.t, np.arange(6) * 1e-3)
     x = step.guess(TOP.q0, TOP.p0, **RUN)
     assert x.shape == (step.unknowns,)
     assert step.residual(x, TOP.q0, TOP.p0, **RUN).shape == (step.unknowns,)
@@ -105,41 +105,41 @@ def test_shapes_are_those_of_the_contract(step):
 
 
 def test_no_steps_give_the_start(step):
-    made = step.integrate(TOP.q0, TOP.p0, steps=0, **RUN)
-    assert np.array_equal(made.q, [TOP.q0])
-    assert made.iterations.shape == (0,)
-    assert made.multipliers.shape == (0, step.manifest.scheme.multipliers)
-    assert made.report.steps == 0
-    assert made.report.energy_start == made.energy()[0]
-    assert made.report.energy_error_max == 0
-    assert made.report.iterations_mean == 0
-    assert made.report.q == tuple(TOP.q0)
+    trajectory = step.integrate(TOP.q0, TOP.p0, steps=0, **RUN)
+    assert np.array_equal(trajectory.q, [TOP.q0])
+    assert trajectory.iterations.shape == (0,)
+    assert trajectory.multipliers.shape == (0, step.manifest.scheme.multipliers)
+    assert trajectory.report.steps == 0
+    assert trajectory.report.energy_start == trajectory.energy()[0]
+    assert trajectory.report.energy_error_max == 0
+    assert trajectory.report.iterations_mean == 0
+    assert trajectory.report.q == tuple(TOP.q0)
 
 
 def test_report_is_of_every_step(step):
-    """Not only of the stored ones; means run over k = 0..N."""
-    whole = step.integrate(TOP.q0, TOP.p0, steps=100, **RUN)
-    made = step.integrate(TOP.q0, TOP.p0, steps=100, every=33, **RUN)
-    assert made.report == whole.report
-    report, errors = whole.report, np.abs(whole.energy() - whole.energy()[0])
+    """The report covers every step, not only the stored ones; means run over k = 0..N."""
+    full_run = step.integrate(TOP.q0, TOP.p0, steps=100, **RUN)
+    thinned = step.integrate(TOP.q0, TOP.p0, steps=100, every=33, **RUN)
+    assert thinned.report == full_run.report
+    report, errors = full_run.report, np.abs(full_run.energy() - full_run.energy()[0])
     assert report.energy_error_max == pytest.approx(errors.max(), rel=1e-9, abs=4e-15)
     assert report.energy_error_mean == pytest.approx(errors.mean(), rel=1e-9, abs=4e-15)
-    g, f = whole.constraint_errors()
+    g, f = full_run.constraint_errors()
     assert report.constraint_max == pytest.approx(g.max(), abs=3e-16)
     assert report.momentum_constraint_max == pytest.approx(f.max(), abs=1e-16)
-    assert report.iterations == whole.iterations.sum()
-    assert report.iterations_max == whole.iterations.max()
-    assert report.q == tuple(whole.q[-1])
+    assert report.iterations == full_run.iterations.sum()
+    assert report.iterations_max == full_run.iterations.max()
+    assert report.q == tuple(full_run.q[-1])
 
 
 def test_progress_counts_up_to_the_end(gl3):
-    seen = []
-    gl3.integrate(TOP.q0, TOP.p0, steps=10_001, every=7, progress=seen.append, **RUN)
-    assert seen == sorted(seen)
-    assert seen[-1] == 10_001
-    seen.clear()
-    gl3.integrate(TOP.q0, TOP.p0, steps=20_000, every=20_000, progress=seen.append, **RUN)
-    assert len(seen) >= 4  # Ctrl-C is heard as often, however seldom states are kept
+    reports = []
+    gl3.integrate(TOP.q0, TOP.p0, steps=10_001, every=7, progress=reports.append, **RUN)
+    assert reports == sorted(reports)
+    assert reports[-1] == 10_001
+    reports.clear()
+    gl3.integrate(TOP.q0, TOP.p0, steps=20_000, every=20_000, progress=reports.append, **RUN)
+    assert len(reports) >= 4  # Ctrl-C is heard as often, however seldom states are kept
 
 
 def test_exception_of_progress_is_passed_on(gl3):
@@ -172,9 +172,9 @@ def test_integers_and_other_floats_are_converted():
     for kind in (int, np.int8, np.int64, np.float16, np.float32, np.longdouble, np.uint8):
         q1 = np.array(q).astype(kind)
         p1 = p if kind is np.uint8 else np.array(p).astype(kind)
-        made = step.step(q1, p1, **RUN)
-        assert np.array_equal(made, expected)
-        assert made[0].dtype == np.float64
+        state = step.step(q1, p1, **RUN)
+        assert np.array_equal(state, expected)
+        assert state[0].dtype == np.float64
 
 
 def test_exact_numbers_are_converted(gl3):
@@ -188,16 +188,19 @@ def test_exact_numbers_are_converted(gl3):
 
 
 def test_energy_of_many_states(gl3):
-    """Leading axes are kept; NaN, which fills a failed ensemble member, stays NaN."""
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
-    assert np.array_equal(gl3.energy(made.q, made.p, parameters=PARAMETERS), made.energy())
-    q, p = (np.stack([part, part]).astype(np.longdouble) for part in (made.q, made.p))
+    """Leading axes stay; NaN, which fills a failed ensemble member, stays NaN."""
+    trajectory = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
+    assert np.array_equal(gl3.energy(trajectory.q, trajectory.p, parameters=PARAMETERS),
+                          trajectory.energy())
+    q, p = (np.stack([values, values]).astype(np.longdouble)
+            for values in (trajectory.q, trajectory.p))
     q[1, 2] = np.nan
     H = gl3.energy(q, p, parameters=PARAMETERS)
-    assert np.array_equal(H[0], made.energy())
+    assert np.array_equal(H[0], trajectory.energy())
     assert np.isnan(H[1]).tolist() == [False, False, True, False, False, False]
     assert gl3.energy(TOP.q0, TOP.p0, parameters=PARAMETERS).shape == ()
-    for q, p in ((made.q, made.p[1:]), (made.q[:, :3], made.p[:, :3]), (1.0, 1.0)):
+    for q, p in ((trajectory.q, trajectory.p[1:]), (trajectory.q[:, :3], trajectory.p[:, :3]),
+                 (1.0, 1.0)):
         with refused("shape"):
             gl3.energy(q, p, parameters=PARAMETERS)
 
@@ -211,7 +214,7 @@ def test_unusable_unknowns_are_refused(gl3):
 
 
 def test_too_large_for_float_is_refused():
-    """What overflows on conversion is named, without a warning."""
+    """A number that overflows on conversion is named, without a warning."""
     step = systems.stepper("heavy_top", real="float")
     with refused("float32"):
         step.defects([1e300, 0, 0, 0], [0, 0, 0, 0], parameters=PARAMETERS)
@@ -236,9 +239,9 @@ def test_more_states_than_memory_are_refused(gl3):
 
 
 def test_large_limits_are_taken(gl3):
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=3, every=10**15,
-                         solver=gs.Solver("auto", max_iterations=10**15), **RUN)
-    assert made.q.shape == (2, 4)
+    trajectory = gl3.integrate(TOP.q0, TOP.p0, steps=3, every=10**15,
+                               solver=gs.Solver("auto", max_iterations=10**15), **RUN)
+    assert trajectory.q.shape == (2, 4)
 
 
 @pytest.mark.parametrize(("arguments", "words"), [

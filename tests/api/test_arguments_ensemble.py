@@ -23,70 +23,72 @@ def members(count=6):
     p = np.array([gs.Start.of_body(*state, TOP.inertia).p for state in zip(q, omega, strict=True)])
     step = systems.stepper("heavy_top")
     states = [step.project(*state, parameters=PARAMETERS) for state in zip(q, p, strict=True)]
-    q, p = (np.array(part) for part in zip(*states, strict=True))
+    q, p = (np.array(values) for values in zip(*states, strict=True))
     return q, p, np.linspace(1e-4, 1e-3, count), np.linspace(0.5, 2, count) * PARAMETERS["gamma"]
 
 
 def test_ensemble_of_newton_equals_single_runs_bit_for_bit(step):
     q, p, dts, gammas = members()
     run = {"steps": 20, "every": 3, "solver": "newton"}
-    many = step.integrate_ensemble(q, p, dt=dts, parameters=PARAMETERS | {"gamma": gammas}, **run)
+    ensemble = step.integrate_ensemble(q, p, dt=dts, parameters=PARAMETERS | {"gamma": gammas},
+                                       **run)
     listed = step.integrate_ensemble(q, p, dt=dts, workers=2,
                                      parameters=[PARAMETERS | {"gamma": g} for g in gammas], **run)
-    assert len(many) == 6
-    assert not many.failures
-    assert many.q.shape == many.p.shape == (6, 8, 4)
-    assert many.t.shape == (6, 8)
-    assert many.multipliers.shape == (6, 7, step.manifest.scheme.multipliers)
-    assert many.iterations.shape == (6, 7)
+    assert len(ensemble) == 6
+    assert not ensemble.failures
+    assert ensemble.q.shape == ensemble.p.shape == (6, 8, 4)
+    assert ensemble.t.shape == (6, 8)
+    assert ensemble.multipliers.shape == (6, 7, step.manifest.scheme.multipliers)
+    assert ensemble.iterations.shape == (6, 7)
     for i in range(6):
-        one = step.integrate(q[i], p[i], dt=dts[i], parameters=PARAMETERS | {"gamma": gammas[i]},
-                             **run)
-        assert equal(many.members[i], one)
-        assert equal(listed.members[i], one)
+        single = step.integrate(q[i], p[i], dt=dts[i], parameters=PARAMETERS | {"gamma": gammas[i]},
+                                **run)
+        assert equal(ensemble.members[i], single)
+        assert equal(listed.members[i], single)
         for name in ("t", "q", "p", "multipliers", "iterations"):
-            assert np.array_equal(getattr(many, name)[i], getattr(one, name))
+            assert np.array_equal(getattr(ensemble, name)[i], getattr(single, name))
 
 
 @pytest.mark.parametrize("count", [1, 11])
 def test_a_trajectory_does_not_depend_on_its_neighbours(step, count):
-    """Lanes share instructions, nothing else: any number of neighbours, any order, same bits."""
+    """Lanes share instructions only: any number of neighbours, any order, same bits."""
     q, p, dts, gammas = members(count)
     run = {"steps": 90, "every": 7}
-    many = step.integrate_ensemble(q, p, dt=dts, parameters=PARAMETERS | {"gamma": gammas}, **run)
+    ensemble = step.integrate_ensemble(q, p, dt=dts, parameters=PARAMETERS | {"gamma": gammas},
+                                       **run)
     back = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1,
                                    parameters=PARAMETERS | {"gamma": gammas[::-1]}, **run)
     for i in range(count):
         parameters = PARAMETERS | {"gamma": gammas[i]}
         alone = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i],
                                         parameters=parameters, **run)
-        assert equal(many.members[i], alone.members[0])
-        assert equal(many.members[i], back.members[count - 1 - i])
-        assert many.members[i].report == alone.members[0].report
-        one = step.integrate(q[i], p[i], dt=dts[i], parameters=parameters, **run)
-        assert np.abs(one.q - many.q[i]).max() < 1e-13
-        assert np.abs(one.p - many.p[i]).max() < 1e-13 * np.abs(p[i]).max()
+        assert equal(ensemble.members[i], alone.members[0])
+        assert equal(ensemble.members[i], back.members[count - 1 - i])
+        assert ensemble.members[i].report == alone.members[0].report
+        single = step.integrate(q[i], p[i], dt=dts[i], parameters=parameters, **run)
+        assert np.abs(single.q - ensemble.q[i]).max() < 1e-13
+        assert np.abs(single.p - ensemble.p[i]).max() < 1e-13 * np.abs(p[i]).max()
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_failing_member_does_not_touch_the_others(gl3):
     q, p, dts, _ = members()
     dts[2] = 5.0
-    many = gl3.integrate_ensemble(q, p, dt=dts, steps=12, parameters=PARAMETERS)
+    ensemble = gl3.integrate_ensemble(q, p, dt=dts, steps=12, parameters=PARAMETERS)
     alone = gl3.integrate_ensemble(q[2:3], p[2:3], dt=5.0, steps=12, parameters=PARAMETERS)
-    failure, caught = many.failures[2], alone.failures[0]
-    assert list(many.failures) == [2]
+    failure, caught = ensemble.failures[2], alone.failures[0]
+    assert list(ensemble.failures) == [2]
     assert (failure.step, failure.reason) == (caught.step, caught.reason)
     rows = failure.step
-    assert np.array_equal(many.q[2, :rows], caught.trajectory.q)
-    assert np.isnan(many.q[2, rows:]).all()
-    assert np.isnan(many.t[2, rows:]).all()
-    assert np.isnan(many.multipliers[2, rows - 1:]).all()
-    assert not many.iterations[2, rows - 1:].any()
+    assert np.array_equal(ensemble.q[2, :rows], caught.trajectory.q)
+    assert np.isnan(ensemble.q[2, rows:]).all()
+    assert np.isnan(ensemble.t[2, rows:]).all()
+    assert np.isnan(ensemble.multipliers[2, rows - 1:]).all()
+    assert not ensemble.iterations[2, rows - 1:].any()
     for i in (0, 1, 3, 4, 5):
-        others = gl3.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], steps=12,
+        single = gl3.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], steps=12,
                                         parameters=PARAMETERS)
-        assert equal(many.members[i], others.members[0])
+        assert equal(ensemble.members[i], single.members[0])
 
 
 def test_unusable_member_is_named(gl3):
@@ -121,25 +123,26 @@ def test_unusable_parameters_are_those_of_a_trajectory(change, words, gl3):
 
 
 def test_plain_numbers_are_checked_all_at_once(gl3, monkeypatch):
-    """One look at what all have in common, and not one at each."""
+    """One check covers the numbers that all members share, and not one check each."""
     looks, check = [], type(gl3)._checked_run
     monkeypatch.setattr(type(gl3), "_checked_run",
-                        lambda *given, **how: looks.append(0) or check(*given, **how))
+                        lambda *arguments, **options: looks.append(0)
+                        or check(*arguments, **options))
     q, p, dts, gammas = members(40)
     columns, run = PARAMETERS | {"gamma": gammas}, {"dt": dts, "steps": 3}
-    many = gl3.integrate_ensemble(q, p, parameters=columns, **run)
+    ensemble = gl3.integrate_ensemble(q, p, parameters=columns, **run)
     assert len(looks) == 1
     for sets in ([PARAMETERS | {"gamma": g} for g in gammas],
                  [PARAMETERS | {"gamma": Fraction(g)} for g in gammas]):
         listed = gl3.integrate_ensemble(q, p, parameters=sets, **run)
-        assert np.array_equal(listed.q, many.q)
+        assert np.array_equal(listed.q, ensemble.q)
     assert len(looks) == 1 + 1 + 40
     inertia = PARAMETERS | {"I2": PARAMETERS["I2"] * np.linspace(0.9, 1.1, 40)}
     del inertia["gamma"]
-    told = [gs.gamma([inertia["I1"], I2, inertia["I3"]]) for I2 in inertia["I2"]]
+    gammas_of_I2 = [gs.gamma([inertia["I1"], I2, inertia["I3"]]) for I2 in inertia["I2"]]
     ruled = gl3.integrate_ensemble(q, p, parameters=inertia, **run)
-    other = gl3.integrate_ensemble(q, p, parameters=inertia | {"gamma": told}, **run)
-    assert np.array_equal(ruled.q, other.q)
+    with_gamma = gl3.integrate_ensemble(q, p, parameters=inertia | {"gamma": gammas_of_I2}, **run)
+    assert np.array_equal(ruled.q, with_gamma.q)
     assert len(looks) == 1 + 1 + 40 + 2
 
 
@@ -152,22 +155,22 @@ def test_remarks_on_members_are_made(gl3):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_members_are_made_when_they_are_asked_for(gl3):
-    """Of what was stored, whatever becomes of the ensemble's own arrays; also from a pickle."""
+    """Members come from the stored rows, whatever becomes of the arrays; also from a pickle."""
     q, p, dts, _ = members()
     dts[2] = 5.0
     run = {"dt": dts, "steps": 12, "parameters": PARAMETERS}
-    many, other = gl3.integrate_ensemble(q, p, **run), gl3.integrate_ensemble(q, p, **run)
-    assert "members" not in vars(many)
-    again = pickle.loads(pickle.dumps(many))
-    other.q[:] = 0
+    ensemble, overwritten = gl3.integrate_ensemble(q, p, **run), gl3.integrate_ensemble(q, p, **run)
+    assert "members" not in vars(ensemble)
+    unpickled = pickle.loads(pickle.dumps(ensemble))
+    overwritten.q[:] = 0
     for i in range(6):
-        assert equal(many.members[i], again.members[i])
-        assert equal(many.members[i], other.members[i])
-        assert many.members[i].report == again.members[i].report
-        rows = len(many.members[i])
-        assert np.array_equal(many.q[i, :rows], many.members[i].q)
-    assert many.members is many.members
-    assert many.members[2] is many.failures[2].trajectory
+        assert equal(ensemble.members[i], unpickled.members[i])
+        assert equal(ensemble.members[i], overwritten.members[i])
+        assert ensemble.members[i].report == unpickled.members[i].report
+        rows = len(ensemble.members[i])
+        assert np.array_equal(ensemble.q[i, :rows], ensemble.members[i].q)
+    assert ensemble.members is ensemble.members
+    assert ensemble.members[2] is ensemble.failures[2].trajectory
 
 
 def test_defects_with_parameters_of_their_own_are_those_one_by_one(step):
@@ -179,12 +182,13 @@ def test_defects_with_parameters_of_their_own_are_those_one_by_one(step):
     sets = binding.parameter_sets(columns, np.zeros(6))
     p = p * np.linspace(1, 2, 6)[:, None] + 0.25  # no longer on the constraints
     for each in (1, 2):
-        found = binding.defects(sets, np.repeat(q, each, axis=0), np.repeat(p, each, axis=0))
+        defects = binding.defects(sets, np.repeat(q, each, axis=0), np.repeat(p, each, axis=0))
         for i in range(6):
-            own = binding.parameters({name: float(columns[name][i]) for name in names})
-            alone = binding.defects(own, q[i : i + 1], p[i : i + 1])
-            for together, one in zip(found, alone, strict=True):
-                assert np.array_equal(together[i * each : (i + 1) * each], [one[0]] * each)
+            parameters = binding.parameters({name: float(columns[name][i]) for name in names})
+            alone = binding.defects(parameters, q[i : i + 1], p[i : i + 1])
+            for together, single_defect in zip(defects, alone, strict=True):
+                assert np.array_equal(together[i * each : (i + 1) * each],
+                                      [single_defect[0]] * each)
 
 
 @pytest.mark.parametrize(("changes", "words"), [
@@ -204,7 +208,7 @@ def test_unusable_ensemble_argument_is_refused(changes, words, gl3):
 
 
 def test_ensemble_stops_when_one_member_is_refused(gl3):
-    """The members that run are not finished for nobody: this would take hours."""
+    """The other members do not run to their end: this would take hours."""
     q, p, _, _ = members(2)
     q[1] *= 1.1
     with refused("Trajectory 1"):

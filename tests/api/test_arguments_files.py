@@ -21,8 +21,8 @@ from gyrospark.core.extras import install
 
 @pytest.fixture
 def saved(tmp_path, gl3):
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=20, every=3, **RUN)
-    return made, made.save(tmp_path / "top.npz")
+    trajectory = gl3.integrate(TOP.q0, TOP.p0, steps=20, every=3, **RUN)
+    return trajectory, trajectory.save(tmp_path / "top.npz")
 
 
 def test_failed_trajectory_is_saved_too(failures, tmp_path):
@@ -32,36 +32,36 @@ def test_failed_trajectory_is_saved_too(failures, tmp_path):
 
 
 def test_names_of_files(saved, tmp_path, monkeypatch):
-    made, _ = saved
+    trajectory, _ = saved
     monkeypatch.chdir(tmp_path)
     for bad in ("a.b", "a.xlsx", "top.npz.zip", "c", tmp_path / "c"):
         with refused(r"\.npz, \.csv, \.nc"):
-            made.save(bad)
-    assert made.save("a.NPZ") == Path("a.NPZ")
+            trajectory.save(bad)
+    assert trajectory.save("a.NPZ") == Path("a.NPZ")
     assert not (tmp_path / "c.npz").exists()
-    assert made.save(str(tmp_path / "c.npz")) == tmp_path / "c.npz"
+    assert trajectory.save(str(tmp_path / "c.npz")) == tmp_path / "c.npz"
     for bad in ("", ".", "/"):
         with refused("file name"):
-            made.save(bad)
+            trajectory.save(bad)
     for bad in ("none/top.npz", "/dev/null/top.npz", "/proc/top.npz"):
         with pytest.raises(gs.GyrosparkError, match="written"):
-            made.save(bad)
+            trajectory.save(bad)
     (tmp_path / "folder.npz").mkdir()
     with pytest.raises(gs.GyrosparkError, match="written"):
-        made.save("folder.npz")
+        trajectory.save("folder.npz")
     assert not list(tmp_path.glob(".*"))
 
 
 def test_file_in_the_way_is_replaced_whole(saved):
-    made, path = saved
+    trajectory, path = saved
     path.write_bytes(b"something else")
-    made.save(path)
-    assert equal(gs.load(path), made)
+    trajectory.save(path)
+    assert equal(gs.load(path), trajectory)
 
 
 def test_damaged_files_are_refused(saved, tmp_path):
     """Cut off anywhere, or with bytes changed: InputError, or the same numbers."""
-    made, path = saved
+    trajectory, path = saved
     good = path.read_bytes()
     rng = np.random.default_rng(5)
     bad = tmp_path / "bad.npz"
@@ -71,15 +71,15 @@ def test_damaged_files_are_refused(saved, tmp_path):
             gs.load(bad)
     for _ in range(60):
         content = bytearray(good)
-        for place in rng.integers(0, len(good), rng.integers(1, 4)):
-            content[place] ^= int(rng.integers(1, 256))
+        for position in rng.integers(0, len(good), rng.integers(1, 4)):
+            content[position] ^= int(rng.integers(1, 256))
         bad.write_bytes(content)
         try:
-            again = gs.load(bad)
+            loaded = gs.load(bad)
         except gs.InputError as error:
             assert "bad.npz" in str(error)  # noqa: PT017 (it may be refused and need not)
         else:
-            assert equal(again, made)
+            assert equal(loaded, trajectory)
 
 
 def test_foreign_files_are_refused(tmp_path):
@@ -130,33 +130,34 @@ def rewritten(path, target, **changes):
 
 
 def test_inconsistent_files_are_refused(saved, tmp_path):
-    made, path = saved
+    trajectory, path = saved
     bad = tmp_path / "bad.npz"
     for changes in ({"about": {"format": 1}}, {"about": {"report": {}}},
-                    {"about": {"manifest": {}}}, {"q": made.q[:-1]}, {"q": made.q[:, :3]},
-                    {"t": made.t[None]},
-                    {"multipliers": made.multipliers[1:]}, {"iterations": made.iterations[1:]},
-                    {"energies": made.energies[1:]}):
+                    {"about": {"manifest": {}}}, {"q": trajectory.q[:-1]},
+                    {"q": trajectory.q[:, :3]}, {"t": trajectory.t[None]},
+                    {"multipliers": trajectory.multipliers[1:]},
+                    {"iterations": trajectory.iterations[1:]},
+                    {"energies": trajectory.energies[1:]}):
         with refused(r"bad\.npz"):
             gs.load(rewritten(path, bad, **changes))
-    assert equal(gs.load(rewritten(path, bad)), made)
+    assert equal(gs.load(rewritten(path, bad)), trajectory)
 
 
 def test_file_of_another_version(saved, tmp_path):
-    """A field more is left alone, one that came later has its default, a format is named."""
-    made, path = saved
+    """An unknown field is ignored, a later field has its default, a format is named."""
+    trajectory, path = saved
     with np.load(path) as file:
         report = json.loads(str(file["about"]))["report"]
     work = report.pop("work")
-    other = rewritten(path, tmp_path / "other.npz", about={"report": report | {"later": 1}})
-    assert equal(gs.load(other), made)
-    assert work == gs.load(other).report.work == 0.0
+    later_file = rewritten(path, tmp_path / "other.npz", about={"report": report | {"later": 1}})
+    assert equal(gs.load(later_file), trajectory)
+    assert work == gs.load(later_file).report.work == 0.0
     with refused(r"other\.npz'.*format 9.* 2\b"):
-        gs.load(rewritten(path, other, about={"format": 9}))
+        gs.load(rewritten(path, later_file, about={"format": 9}))
 
 
 def test_a_missing_folder_is_named(tmp_path):
-    """With the way to make it; nothing is made."""
+    """The message has the command that creates it; no file or folder appears."""
     run = systems.stepper("heavy_top").integrate(TOP.q0, TOP.p0, steps=2, **RUN)
     for write, ending in (*((run.save, end) for end in ("npz", "csv")), (run.plot, "png"),
                           *((run.show, end) for end in ("html", "png", "glb", "gif"))):
@@ -177,29 +178,29 @@ def test_messages_say_the_way(gyrospark):
         step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=PARAMETERS | {"I1": 0})
     assert "'examples/pendulum.toml'" in gyrospark("run", "pendulum.toml", "--steps", "3").stderr
     assert "examples/" not in gyrospark("run", "no-such.toml", "--steps", "3").stderr
-    said = gyrospark("run", "double_pendulum", "--set", "mass=3", "--steps", "3").stderr
-    assert "examples/double_pendulum.toml" in said
+    message = gyrospark("run", "double_pendulum", "--set", "mass=3", "--steps", "3").stderr
+    assert "examples/double_pendulum.toml" in message
 
 
 def test_rotation_there_and_back(gl3):
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN)
-    rotation = made.rotation()
+    trajectory = gl3.integrate(TOP.q0, TOP.p0, steps=20, **RUN)
+    rotation = trajectory.rotation()
     assert isinstance(rotation, Rotation)
-    assert np.allclose(rotation.as_matrix()[:, :, 2], made.axis(), rtol=0, atol=4e-16)
-    start = gs.Start.of_body(rotation, made.angular_velocity(), TOP.inertia)
+    assert np.allclose(rotation.as_matrix()[:, :, 2], trajectory.axis(), rtol=0, atol=4e-16)
+    start = gs.Start.of_body(rotation, trajectory.angular_velocity(), TOP.inertia)
     q, p = start.q, start.p
-    sign = np.sign((q * made.q).sum(axis=1))[:, None]
-    assert np.allclose(sign * q, made.q, rtol=0, atol=4e-16)
-    assert np.allclose(sign * p, made.p, rtol=0, atol=1e-15)
+    sign = np.sign((q * trajectory.q).sum(axis=1))[:, None]
+    assert np.allclose(sign * q, trajectory.q, rtol=0, atol=4e-16)
+    assert np.allclose(sign * p, trajectory.p, rtol=0, atol=1e-15)
     gl3.step(q[5], p[5], **RUN)
 
 
 def test_what_is_no_body_has_no_axis():
-    made = systems.run("pendulum", systems.stepper("pendulum"), 3)
-    for call in (made.axis, made.rotation, made.angular_velocity):
+    trajectory = systems.run("pendulum", systems.stepper("pendulum"), 3)
+    for call in (trajectory.axis, trajectory.rotation, trajectory.angular_velocity):
         with pytest.raises(gs.GyrosparkError, match=r"'pendulum'.*rigid"):
             call()
-    assert made.energy().shape == (4,)
+    assert trajectory.energy().shape == (4,)
 
 
 def test_jupyter_shows_a_picture_once(gl3):
@@ -215,10 +216,10 @@ def test_jupyter_shows_a_picture_once(gl3):
 
 
 def test_other_pictures_are_refused(tmp_path, gl3):
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN)
+    trajectory = gl3.integrate(TOP.q0, TOP.p0, steps=2, **RUN)
     for name in ("top.txt", "top", ".png", ""):
         with refused(r"\.png, \.svg, \.pdf"):
-            made.plot(tmp_path / name)
+            trajectory.plot(tmp_path / name)
     assert not list(tmp_path.iterdir())
 
 

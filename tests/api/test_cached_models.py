@@ -21,7 +21,7 @@ from gyrospark.runtime.compilation.build_cache import entries
 
 @pytest.fixture
 def pair(tmp_path, monkeypatch):
-    """A chain as it is made, and from the cache."""
+    """A chain as the builder returns it, and from the cache."""
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
     monkeypatch.setattr(models, "_MANY_RODS", 1)
     return gs.models.chain(1), gs.models.chain(1)
@@ -53,19 +53,19 @@ def test_a_stepper_of_a_cached_model_does_not_make_its_system(pair, monkeypatch)
     spec = Spec.from_arguments("IMS")
     files, _ = text_of(spec, new)
     cached = gs.models.chain(1)
-    again, _ = text_of(spec, cached)
+    files_of_cached, _ = text_of(spec, cached)
     assert "system" not in vars(cached)
-    assert again == files
+    assert files_of_cached == files
     assert text_of(spec, cached.system)[0] == files
 
 
 def test_damaged_numbers_are_made_anew(pair):
     new, _ = pair
-    (kept,) = [path for path in entries() if path.name.startswith("model-")]
-    kept.write_text(kept.read_text().replace("0.2", "0.3", 1))
-    again = gs.models.chain(1)
-    assert "system" in vars(again)
-    assert _numbers(again) == _numbers(new)
+    (entry,) = [path for path in entries() if path.name.startswith("model-")]
+    entry.write_text(entry.read_text().replace("0.2", "0.3", 1))
+    rebuilt = gs.models.chain(1)
+    assert "system" in vars(rebuilt)
+    assert _numbers(rebuilt) == _numbers(new)
     assert "system" not in vars(gs.models.chain(1))
 
 
@@ -80,23 +80,23 @@ def test_other_arguments_have_other_numbers(pair):
 
 @pytest.mark.parametrize("scheme", [("G-L", 2), ("EMS", None)])
 def test_the_constraint_on_the_momenta_is_derived_once(scheme, monkeypatch):
-    """Of the system with its constants, whatever else has to know what it depends on."""
+    """Only the system with its constants derives it, for whatever depends on it."""
     derive, of = System.hidden.func, {}
     monkeypatch.setattr(System, "hidden", property(
         lambda system: of[system] if system in of else of.setdefault(system, derive(system))))
-    made = generate(Spec.from_arguments(*scheme, "gamma"))
-    assert list(of) == [made.scheme.system]
+    generated = generate(Spec.from_arguments(*scheme, "gamma"))
+    assert list(of) == [generated.scheme.system]
 
 
 def test_what_is_imported_for_good_is_not_looked_through(monkeypatch):
-    """The collector rests meanwhile; nothing is done for what is there already."""
+    """The collector rests meanwhile; an import that was done before changes no count."""
     before = gc.get_freeze_count()  # what was there when all tests were collected
     with imported_for_good("gyrospark"):
         assert gc.isenabled()
     assert gc.get_freeze_count() <= before
     monkeypatch.delitem(sys.modules, "gyrospark.core.lazy_imports")
-    kept = [[] for _ in range(1000)]
+    lists = [[] for _ in range(1000)]
     with imported_for_good("gyrospark.core.lazy_imports"):
         assert not gc.isenabled()
     assert gc.isenabled()
-    assert gc.get_freeze_count() >= before + len(kept) // 2
+    assert gc.get_freeze_count() >= before + len(lists) // 2

@@ -83,11 +83,11 @@ def test_a_pendulum_with_and_without_forces(damped):
 def test_ensembles_and_single_steps():
     step = systems.stepper("heavy_top", energy=True)
     q0, p0 = np.stack([TOP.q0] * 3), np.stack([TOP.p0, 0.9 * TOP.p0, 1.1 * TOP.p0])
-    many = step.integrate_ensemble(q0, p0, dt=0.01, steps=20, parameters=PARAMETERS)
+    ensemble = step.integrate_ensemble(q0, p0, dt=0.01, steps=20, parameters=PARAMETERS)
     for i in range(3):
-        one = step.integrate(q0[i], p0[i], dt=0.01, steps=20, parameters=PARAMETERS)
-        assert np.array_equal(one.q[-1], many.q[i][-1])
-        assert ulps(one) <= 8
+        single = step.integrate(q0[i], p0[i], dt=0.01, steps=20, parameters=PARAMETERS)
+        assert np.array_equal(single.q[-1], ensemble.q[i][-1])
+        assert ulps(single) <= 8
     q1, p1 = step.step(TOP.q0, TOP.p0, dt=0.01, parameters=PARAMETERS)
     change = step.energy(q1, p1, parameters=PARAMETERS) - step.energy(TOP.q0, TOP.p0,
                                                                       parameters=PARAMETERS)

@@ -60,18 +60,18 @@ def test_every_argument_is_spoilt(folder):
     for call in folder[1]:
         function, arguments = call.make()
         parameters = inspect.signature(function).parameters
-        known = {name for name, of in parameters.items()
+        names = {name for name, of in parameters.items()
                  if of.kind is not of.VAR_POSITIONAL or name in arguments}
         # Of the stepper's method, of targets, of robots' files; the gap of a latch.
-        if others := {name for name, of in parameters.items() if of.kind is of.VAR_KEYWORD}:
-            known = known - others | set(arguments)
-        assert set(arguments) <= known, call.name
+        if collected := {name for name, of in parameters.items() if of.kind is of.VAR_KEYWORD}:
+            names = names - collected | set(arguments)
+        assert set(arguments) <= names, call.name
         if call.name.startswith("Multibody."):  # several calls share a method's arguments
-            known -= {"rotation"} if "quaternion" in arguments else {
+            names -= {"rotation"} if "quaternion" in arguments else {
                 "quaternion", "rep", "weight", "position", "velocity", "angular_velocity"}
         if call.name in MODELS:
-            known -= {"rep"}  # handed on to Multibody
-        assert not known - set(arguments), call.name
+            names -= {"rep"}  # handed on to Multibody
+        assert not names - set(arguments), call.name
 
 
 @pytest.mark.parametrize("name", ["force", "torque"])
@@ -86,10 +86,10 @@ def test_bodies_by_name_are_the_bodies(name):
         build.rod("r", "ground" if by_name else build.ground, b, on_b=(0.5, 0, 0), length=1.1)
         return build.model()
 
-    one, other = built(by_name=True), built(by_name=False)
-    assert one.system.forces == other.system.forces
-    assert one.system.constraints == other.system.constraints
-    assert np.array_equal(one.q0, other.q0)
+    by_names, by_objects = built(by_name=True), built(by_name=False)
+    assert by_names.system.forces == by_objects.system.forces
+    assert by_names.system.constraints == by_objects.system.constraints
+    assert np.array_equal(by_names.q0, by_objects.q0)
 
 
 @pytest.mark.parametrize(("call", "words"), [

@@ -1,4 +1,4 @@
-"""Arguments that do not fit, and names that are not there: a sentence with the nearest name."""
+"""A wrong argument or an absent name is refused in a sentence with the nearest name."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ CLASSES += map(result_class, RESULT_CLASSES)
 def functions():
     """Yield every public function, and every method of a public class with a self that is none."""
     for name in gs.__all__:
-        thing = getattr(gs, name)
-        if inspect.isfunction(thing):
-            yield thing, ()
-        if inspect.ismodule(thing):
-            yield from ((getattr(thing, each), ()) for each in thing.__all__
-                        if inspect.isfunction(getattr(thing, each)))
+        public = getattr(gs, name)
+        if inspect.isfunction(public):
+            yield public, ()
+        if inspect.ismodule(public):
+            yield from ((getattr(public, each), ()) for each in public.__all__
+                        if inspect.isfunction(getattr(public, each)))
     for cls in (*CLASSES, Tableau, gs.problems.Problem):
         for name in dir(cls):
             member = inspect.getattr_static(cls, name)
@@ -111,7 +111,7 @@ def test_a_former_name_is_refused_with_its_replacement(name):
 
 
 def test_a_system_without_parameters_needs_none():
-    """Wherever parameters are taken; one that has some names what is missing."""
+    """Calls need no parameters of it; for a system with parameters the missing ones are named."""
     step, q, p = systems.stepper("swing", "EMS"), np.array([1.0]), np.zeros(1)
     run = step.integrate(q, p, dt=0.1, steps=3)
     assert np.array_equal(run.q, step.integrate(q, p, dt=0.1, steps=3, parameters={}).q)

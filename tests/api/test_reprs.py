@@ -1,4 +1,4 @@
-"""Objects at a prompt, a line or two with the name, and in a notebook: whole HTML, text escaped."""
+"""Objects have a line or two with the name at a prompt, and escaped HTML in a notebook."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def fallen():
 
 @pytest.fixture(scope="module")
 def shown(tmp_path_factory):
-    """Objects of every public class, and of those that their attributes and calls return."""
+    """Objects of every public class, and of the classes of their attributes and results."""
     step = systems.stepper("heavy_top")
     run = step.integrate(TOP.q0, TOP.p0, steps=300, **RUN)
     model, tableau = systems.case("double_top").system, gs.tableau("G-L", stages=3)
@@ -68,13 +68,15 @@ def shown(tmp_path_factory):
     section = gs.section(step, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
     tops = systems.run("double_top", systems.stepper("double_top"), 3)
     swung = step.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
-    many = step.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
+    ensemble = step.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
     moved = step.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(parameters=["mgl"]), **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         *systems.stepper("heavy_top_in_frame").symmetries,
         step, step.start(TOP.q0, TOP.p0, **RUN), TOP, RunDefaults.of_problem(TOP), run, run.report,
-        many, DeviceEnsemble(many.t, many.q, many.p, many.iterations, many.t, {}, "top"),
+        ensemble,
+        DeviceEnsemble(ensemble.t, ensemble.q, ensemble.p, ensemble.iterations, ensemble.t, {},
+                       "top"),
         tableau, tableau.stages, tableau.numeric(digits=50), gs.tableau("G-L", stages=7).stages,
         tuned, *tuned.pilots,
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), model,
@@ -97,15 +99,15 @@ def shown(tmp_path_factory):
 
 
 def test_every_public_class_is_looked_at(shown):
-    classes = {thing for thing in (getattr(gs, name) for name in gs.__all__)
-               if inspect.isclass(thing) and not issubclass(thing, BaseException)}
+    classes = {entry for entry in (getattr(gs, name) for name in gs.__all__)
+               if inspect.isclass(entry) and not issubclass(entry, BaseException)}
     classes |= set(map(result_class, RESULT_CLASSES))
-    assert classes <= {type(thing) for thing in shown}
+    assert classes <= {type(entry) for entry in shown}
 
 
 def test_reprs_are_short_and_say_what_it_is(shown):
-    for thing in shown:
-        text, name = repr(thing), type(thing).__name__
+    for entry in shown:
+        text, name = repr(entry), type(entry).__name__
         assert len(text) < 300, text
         assert text.count("\n") < 3
         assert name in text
@@ -113,18 +115,18 @@ def test_reprs_are_short_and_say_what_it_is(shown):
 
 
 def test_every_object_is_pickled_and_copied(shown):
-    for thing in shown:
-        for other in (copy.copy(thing), pickle.loads(pickle.dumps(thing))):
-            assert type(other) is type(thing)
-            assert repr(other) == repr(thing)
+    for entry in shown:
+        for copied in (copy.copy(entry), pickle.loads(pickle.dumps(entry))):
+            assert type(copied) is type(entry)
+            assert repr(copied) == repr(entry)
 
 
 def test_every_attribute_is_there_or_absent(shown):
     """hasattr and inspect.getmembers take an AttributeError, and no other error."""
-    for thing in shown:
-        if not isinstance(thing, gs.System) or thing.n < 10:  # it derives what it is asked for
-            assert inspect.getmembers(thing)
-    (simulation,) = (thing for thing in shown if isinstance(thing, gs.Simulation))
+    for entry in shown:
+        if not isinstance(entry, gs.System) or entry.n < 10:  # it derives what it is asked for
+            assert inspect.getmembers(entry)
+    (simulation,) = (entry for entry in shown if isinstance(entry, gs.Simulation))
     assert not hasattr(simulation, "trajectory")
     with pytest.raises(gs.InputError, match="record"):
         _ = simulation.trajectory
@@ -132,20 +134,20 @@ def test_every_attribute_is_there_or_absent(shown):
 
 def test_a_model_and_its_system_are_the_same_in_another_process(shown):
     model = gs.models.double_pendulum()
-    other = pickle.loads(pickle.dumps(model))
-    assert "_make" not in vars(other)
-    assert system_digest(other.system) == system_digest(model.system)
-    assert other.parameters == model.parameters
+    unpickled = pickle.loads(pickle.dumps(model))
+    assert "_make" not in vars(unpickled)
+    assert system_digest(unpickled.system) == system_digest(model.system)
+    assert unpickled.parameters == model.parameters
     assert json.loads(json.dumps(model.parameters)) == dict(model.parameters)
     with pytest.raises(TypeError, match="dict"):
-        other.parameters["g"] = 3.0
+        unpickled.parameters["g"] = 3.0
 
 
 def test_errors_are_pickled_with_what_they_carry():
     for error in (gs.errors.Stopped("Stopped at step 3 of 5.", 2, dataset="the cells"),
                   gs.errors.CompilerError("failed", command=["cc"], stderr="why")):
-        other = pickle.loads(pickle.dumps(error))
-        assert (str(other), vars(other)) == (str(error), vars(error))
+        unpickled = pickle.loads(pickle.dumps(error))
+        assert (str(unpickled), vars(unpickled)) == (str(error), vars(error))
 
 
 @pytest.mark.parametrize(("find", "text"), [
@@ -203,13 +205,13 @@ class Reader(HTMLParser):
             self.cells[-1] += data
 
 
-def card(thing):
-    return Reader(thing._repr_html_())
+def card(shown_object):
+    return Reader(shown_object._repr_html_())
 
 
 @pytest.fixture(scope="module")
 def run(shown):
-    return next(thing for thing in shown if type(thing) is gs.Trajectory)
+    return next(entry for entry in shown if type(entry) is gs.Trajectory)
 
 
 CARDS = {
@@ -239,9 +241,9 @@ CARDS = {
 
 @pytest.mark.parametrize("kind", CARDS)
 def test_a_card_has_the_numbers_of_its_object(kind, shown):
-    one = next(thing for thing in shown if type(thing).__name__ == kind)
-    cells = card(one).cells
-    for text in CARDS[kind](one):
+    entry = next(candidate for candidate in shown if type(candidate).__name__ == kind)
+    cells = card(entry).cells
+    for text in CARDS[kind](entry):
         assert any(text in cell for cell in cells), (text, cells)
 
 
@@ -254,10 +256,10 @@ def test_every_result_has_a_card():
 
 
 def test_a_trajectory_shows_its_report_and_a_curve(run):
-    found = card(run)
-    assert any("301 of 300" in cell for cell in found.cells)
-    assert f"{run.report.energy_error_max:.2e}" in found.cells
-    points = np.array([[float(x) for x in pair.split(",")] for pair in found.points.split()])
+    parsed_card = card(run)
+    assert any("301 of 300" in cell for cell in parsed_card.cells)
+    assert f"{run.report.energy_error_max:.2e}" in parsed_card.cells
+    points = np.array([[float(x) for x in pair.split(",")] for pair in parsed_card.points.split()])
     assert 250 < len(points) <= 301
     error, height = run.energy_error(), -points[:, 1]  # down the page is up the axis
     assert height[np.argmax(error)] == height.max() > height.min() == height[np.argmin(error)]
@@ -267,9 +269,9 @@ def test_a_trajectory_shows_its_report_and_a_curve(run):
 def test_what_others_wrote_stays_text(run):
     manifest = replace(run.manifest, name=HOSTILE)
     line = CertificateLine(HOSTILE, HOSTILE, HOSTILE, False, HOSTILE)
-    for thing in (replace(run, manifest=manifest),
-                  Certificate(HOSTILE, HOSTILE, 2, 0.1, 3, {}, [line])):
-        text = thing._repr_html_()
+    for hostile in (replace(run, manifest=manifest),
+                    Certificate(HOSTILE, HOSTILE, 2, 0.1, 3, {}, [line])):
+        text = hostile._repr_html_()
         assert "<script" not in text
         assert "&lt;script&gt;alert(1)" in text
         Reader(text)
@@ -277,11 +279,11 @@ def test_what_others_wrote_stays_text(run):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_an_ensemble_says_what_failed(gl3):
-    many = gl3.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, dt=[1e-3, 1.0, 1e-3], steps=5,
-                                  parameters=RUN["parameters"])
-    cells = card(many).cells
+    ensemble = gl3.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, dt=[1e-3, 1.0, 1e-3], steps=5,
+                                      parameters=RUN["parameters"])
+    cells = card(ensemble).cells
     assert cells[:4] == ["trajectories", "3 of 6 states", "failed", "1"]
-    assert cells[4:] == ["trajectory 1", str(many.failures[1])]
+    assert cells[4:] == ["trajectory 1", str(ensemble.failures[1])]
 
 
 def test_a_system_and_a_model_show_their_formulas():
@@ -308,11 +310,11 @@ def test_a_tableau_is_butchers_table():
     assert two.cells[:3] == [f"\\({sp.latex(e)}\\)"
                              for e in (half - root / 6, half / 2, half / 2 - root / 6)]
     for stages in (5, 9):  # where exact entries are pages long
-        found = gs.tableau("G-L", stages=stages)
-        cells = card(found).cells
-        first = found.numeric(digits=30).A[0][1]
+        tableau = gs.tableau("G-L", stages=stages)
+        cells = card(tableau).cells
+        first = tableau.numeric(digits=30).A[0][1]
         assert abs(float(cells[2]) - float(first)) < 1e-12
-        assert float(cells[0]) == pytest.approx(float(found.numeric(digits=30).c[0]), abs=1e-12)
+        assert float(cells[0]) == pytest.approx(float(tableau.numeric(digits=30).c[0]), abs=1e-12)
 
 
 def test_curves_and_tables_of_little():
@@ -335,7 +337,7 @@ def test_completion_offers_public_names(run):
 
 
 def test_progress_of_ensembles_sections_and_fits(gl3):
-    """What is done grows up to the end, and is the same that the results say."""
+    """The count grows up to the end, and is the same as in the results."""
     step = systems.differentiable("pendulum")
     start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
     run = step.integrate(start, dt=0.01, steps=20)

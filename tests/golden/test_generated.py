@@ -44,16 +44,16 @@ def test_checked_in_files_are_up_to_date(spec, request):
 
 
 def test_checked_in_are_of_the_paper_and_compiled_in_wheels():
-    wanted = {f"{spec.name}.{end}" for spec in CHECKED_IN for end in ("h", "c", "json")}
-    assert {p.name for p in FOLDER.iterdir() if not p.name.startswith("_")} == wanted
+    expected = {f"{spec.name}.{end}" for spec in CHECKED_IN for end in ("h", "c", "json")}
+    assert {p.name for p in FOLDER.iterdir() if not p.name.startswith("_")} == expected
     assert {*CHECKED_IN} < {*PAPER_SPECS}
     assert len(PAPER_SPECS) == 20
 
 
 def test_bytes_do_not_depend_on_the_hash_seed(tmp_path):
-    """Those of the folder, which this process finds with its own: with another seed.
+    """A process with another hash seed generates the bytes of the folder, as this one does.
 
-    Nor on what was generated before, which differs from case to case above.
+    Nor do they depend on earlier generated files, which differ from case to case above.
     """
     code = (
         "from gyrospark.generator.pipeline import generate\n"
@@ -143,9 +143,9 @@ def test_c_needs_only_math_and_no_memory_of_its_own(spec):
     source = (FOLDER / f"{spec.name}.c").read_text(encoding="ascii")
     header = (FOLDER / f"{spec.name}.h").read_text(encoding="ascii")
     includes = set(re.findall(r"#include [<\"](.*?)[>\"]", header + source))
-    own = {name for name in includes if name.startswith("gyrospark/")}
-    assert all((ROOT / "engine" / name).is_file() for name in own)
-    assert includes - own == {f"{spec.name}.h", "float.h", "math.h", "stddef.h"}
+    engine_headers = {name for name in includes if name.startswith("gyrospark/")}
+    assert all((ROOT / "engine" / name).is_file() for name in engine_headers)
+    assert includes - engine_headers == {f"{spec.name}.h", "float.h", "math.h", "stddef.h"}
     for word in ("malloc", "calloc", "free(", "printf", "exit(", "errno", "goto", "setjmp"):
         assert word not in source
     for line in re.findall(r"^\s*static .*[;={]?$", source, flags=re.MULTILINE):
@@ -154,20 +154,20 @@ def test_c_needs_only_math_and_no_memory_of_its_own(spec):
 
 def test_manifest_is_the_contract():
     for spec in CHECKED_IN:
-        made = Manifest.from_text((FOLDER / f"{spec.name}.json").read_text(encoding="utf-8"))
-        assert made.name == spec.name
-        assert made.real == "double"
-        assert list(made.system.parameters) == ["I1", "I2", "I3", "mgl", spec.rep]
-        assert made.scheme.stages == spec.stages
+        manifest = Manifest.from_text((FOLDER / f"{spec.name}.json").read_text(encoding="utf-8"))
+        assert manifest.name == spec.name
+        assert manifest.real == "double"
+        assert list(manifest.system.parameters) == ["I1", "I2", "I3", "mgl", spec.rep]
+        assert manifest.scheme.stages == spec.stages
         if spec.scheme in ("IMS", "EMS"):
             unknowns, multipliers, order = 9, 1, 2
         else:
             p = spec.stages if spec.scheme == "G-L" else spec.stages - 1
             unknowns, multipliers = 8 * spec.stages + p, p + 1
             order = 2 * spec.stages - (0 if spec.scheme == "G-L" else 2)
-        assert made.scheme.unknowns == unknowns
-        assert made.scheme.multipliers == multipliers
-        assert made.scheme.order == order
+        assert manifest.scheme.unknowns == unknowns
+        assert manifest.scheme.multipliers == multipliers
+        assert manifest.scheme.order == order
 
 
 def test_real_types_differ_in_literals_and_functions():

@@ -33,5 +33,5 @@ def test_one_bit_is_seen():
 @pytest.mark.filterwarnings("ignore:The fastest rotation")  # runs in processes inherit filters
 def test_another_checkout_of_the_same_text_has_the_same_bits():
     quick = golden_runs.QUICK[:6]
-    found = golden_runs.all_bits(quick, jobs=2)
-    assert golden_runs.differences(found, golden_runs.of_checkout(Path(ROOT), quick, jobs=2)) == []
+    hashes = golden_runs.all_bits(quick, jobs=2)
+    assert golden_runs.differences(hashes, golden_runs.of_checkout(Path(ROOT), quick, jobs=2)) == []

@@ -1,4 +1,4 @@
-"""What holds for every scheme and system, a function each, over systems of the catalogue.
+"""Laws of every scheme and system, a function each, over systems of the catalogue.
 
 Each feature of a system is there with Gauss-Lobatto, and once with the discrete gradient where that
 is derived in another way: with and without constraints, forces, time, a mass matrix, H_qp.
@@ -38,7 +38,7 @@ def scales(trajectory):
 
 @pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 def test_constraints_hold_to_round_off(name, scheme, stages):
-    """|g(q)| of every stored state is some units in the last place of what g is made of."""
+    """|g(q)| of every stored state is some units in the last place of the terms of g."""
     step = stepper(name, scheme, stages)
     trajectory = run(name, step, 100)
     size = scales(trajectory)[0] ** 2
@@ -64,18 +64,18 @@ def test_energy_changes_by_the_work_of_forces_and_drives(name):
 
 @pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 def test_solvers_agree(name, scheme, stages):
-    """Sweeps, Newton and Python: 64 ε a step, and of EMS what rounding g by Δt costs in p."""
+    """Sweeps, Newton and Python agree to 64 ε a step; EMS has the error of p by rounding g, too."""
     step = stepper(name, scheme, stages)
     trajectory = run(name, step, 6)
     q, p = scales(trajectory)
     rounding = 0 if stages or not step.m else 64 * EPS * q**2 / case(name).dt
-    others = [run(name, step, 6, solver="newton")]
+    runs = [run(name, step, 6, solver="newton")]
     with newton_in_python():
-        others.append(run(name, step, 6, solver="newton"))
-    for other in others:
-        assert np.abs(other.q - trajectory.q).max() <= 6 * 64 * EPS * q
-        assert np.abs(other.p - trajectory.p).max() <= 6 * 64 * EPS * p + rounding
-        assert np.abs(other.work - trajectory.work).max() <= 6 * 64 * EPS * (
+        runs.append(run(name, step, 6, solver="newton"))
+    for run_of_solver in runs:
+        assert np.abs(run_of_solver.q - trajectory.q).max() <= 6 * 64 * EPS * q
+        assert np.abs(run_of_solver.p - trajectory.p).max() <= 6 * 64 * EPS * p + rounding
+        assert np.abs(run_of_solver.work - trajectory.work).max() <= 6 * 64 * EPS * (
             1 + np.abs(trajectory.energies).max()) + rounding
 
 
@@ -98,14 +98,14 @@ def test_the_jacobian_is_the_derivative_of_the_residual(name, scheme, stages):
     *((name, "G-L", 2) for name in CLOSED), ("pendulum", "EMS", None),
     pytest.param("driven_oscillator", "EMS", None, marks=pytest.mark.slow)])  # a stepper more
 def test_the_closed_form_is_approached_with_the_order(name, scheme, stages):
-    """Half the step, 2^order less error."""
+    """Half the step has an error smaller by the factor 2^order."""
     step, entry = stepper(name, scheme, stages), case(name)
     errors = []
     for parts in (1, 2, 4):
         steps = 8 * parts
         dt = 2 * entry.dt / parts
-        there = run(name, step, steps, **dict.fromkeys(entry.step, dt))
-        errors.append(np.abs(there.q[-1] - entry.exact(there.t[-1])).max())
+        trajectory = run(name, step, steps, **dict.fromkeys(entry.step, dt))
+        errors.append(np.abs(trajectory.q[-1] - entry.exact(trajectory.t[-1])).max())
     order = 2 * (stages or 1)
     slopes = np.log2(np.array(errors[:-1]) / errors[1:])
     assert errors[-1] < 1e-2
@@ -131,7 +131,7 @@ def test_symmetric_steps_turn_back(name, scheme, stages):
     ("eccentric", 2), ("tethered_pair", 2), *(
         pytest.param("eccentric", s, marks=pytest.mark.slow) for s in (1, 3))])  # of odd stages
 def test_turned_momenta_lead_back_in_scaled_time(name, stages):
-    """With −p at the end and H + e of the run, whose steps made it other than 0; also in lanes."""
+    """Runs from −p at the end, with the run's H + e, return to its start; also in lanes."""
     step, options = stepper(name, "G-L", stages), case(name).step
     forward = run(name, step, 30)
     turned = forward[-1].replace(p=-forward[-1].p)
@@ -139,10 +139,10 @@ def test_turned_momenta_lead_back_in_scaled_time(name, stages):
     back = step.integrate(turned, steps=30, **options)
     lanes = step.integrate_ensemble([turned, step.start(turned, **options).start], steps=30,
                                     **options).members
-    for other in (back, *lanes):
-        assert np.abs(other.q[-1] - forward.q[0]).max() <= size
-        assert np.abs(other.p[-1] + forward.p[0]).max() <= size
-        assert abs(other.t[-1] - 2 * forward.t[-1]) <= size
+    for reversed_run in (back, *lanes):
+        assert np.abs(reversed_run.q[-1] - forward.q[0]).max() <= size
+        assert np.abs(reversed_run.p[-1] + forward.p[0]).max() <= size
+        assert abs(reversed_run.t[-1] - 2 * forward.t[-1]) <= size
     assert forward.report.energy_error_max > 1e3 * EPS
 
 

@@ -33,21 +33,23 @@ def name_of(spec):
                                   Spec("LIIIA-B", 3, real="long-double"),
                                   Spec("splitting", order=4)], ids=name_of)
 def test_no_warning(name, spec, tmp_path):
-    """Of the compiler of PyPI, too; shadowed names and missing prototypes are not there either."""
+    """PyPI's compiler has no warning, either, also not of shadowed names and prototypes."""
     command = zig() if name == "zig" else compiler(name)
     write(files_of(spec), tmp_path)
-    more = ["-Wmissing-prototypes", "-Wstrict-prototypes", "-Wundef", "-Wvla", "-Wcast-qual"]
+    further_warnings = ["-Wmissing-prototypes", "-Wstrict-prototypes", "-Wundef", "-Wvla",
+                        "-Wcast-qual"]
     # -fsyntax-only is faster, and does not see functions that nothing calls
     is_compiled = name == "zig" or spec.scheme == "splitting"
     only = ["-c", "-o", "kernel.o"] if is_compiled else ["-fsyntax-only"]
     for std in ("c11", "c17") if spec == SOME[0] else ("c11",):
-        run([*command, *STRICT, *more, f"-std={std}", *only, f"{spec.name}.c"], tmp_path)
+        run([*command, *STRICT, *further_warnings, f"-std={std}", *only, f"{spec.name}.c"],
+            tmp_path)
 
 
 @pytest.mark.slow  # two to four seconds each
 @pytest.mark.parametrize("spec", [*PAPER_SPECS, *OTHER_TYPES, Spec("G-L", 8)], ids=name_of)
 def test_no_warning_from_the_optimiser(spec, tmp_path):
-    """What gcc sees of values that may not be set; most other tests compile with -O0."""
+    """gcc reports values that may not be set; most other tests compile with -O0."""
     write(files_of(spec), tmp_path)
     run([*compiler("gcc"), *STRICT, "-O2", "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
 
@@ -71,7 +73,7 @@ def test_no_warning_from_the_optimiser_with_forces_and_the_widest_vectors(name, 
 def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     """Nothing else is exported, and there is no writable data: re-entrant by construction.
 
-    What is needed is of the maths library.
+    The needed symbols belong to the maths library.
     """
     command = compiler(name)
     files = files_of(spec)
@@ -127,11 +129,11 @@ def test_plain_c_example_agrees_with_python(tmp_path):
     lines = run([tmp_path / "top"], tmp_path).splitlines()
     assert lines[0] == "status 0 after 2000 steps"
     top = gs.problems.fast_top()
-    made = gs.stepper("G-L", 3, "gamma").integrate(
+    trajectory = gs.stepper("G-L", 3, "gamma").integrate(
         top.q0, top.p0, dt=1e-3, steps=2000,
         parameters=top.parameters | {"gamma": gs.gamma(top.inertia)})
     q = np.array(lines[1].removeprefix("q = ").split(), dtype=float)
-    assert abs(q - made.q[-1]).max() < 1e-11
+    assert abs(q - trajectory.q[-1]).max() < 1e-11
     numbers = [float(x) for x in re.findall(r"[0-9.]+e[+-][0-9]+", lines[2])]
     assert numbers[0] < 1e-12
     assert max(numbers[1:]) < 1e-14
@@ -210,7 +212,7 @@ def test_lanes_of_any_width_give_the_same(name, spec, tmp_path):
     command = compiler(name)
     write({**files_of(spec), "main.c": WIDTHS.replace("NAME", spec.name)}, tmp_path)
     native = "-march=native" if platform.machine() in ("x86_64", "AMD64") else "-mcpu=native"
-    found = {}
+    tops = {}
     builds = {"plain": ["-DGYROSPARK_PLAIN"], "native": [native],
               "fused": [native, "-O1", "-ffp-contract=fast"]}
     if (spec, name) == (Spec("EMS"), MAIN):  # two seconds to compile; the slow ones have it
@@ -219,9 +221,9 @@ def test_lanes_of_any_width_give_the_same(name, spec, tmp_path):
         run([*command, "-std=c11", "-O0", "-ffp-contract=off", *flags, "main.c", f"{spec.name}.c",
              "-lm", "-o", label], tmp_path)
         lanes, *rows = run([tmp_path / label], tmp_path).splitlines()
-        found[label] = (int(lanes), np.array([[float(x) for x in row.split()] for row in rows]))
-    assert found["plain"][0] == 1 <= found["native"][0]
-    for label, (_, rows) in found.items():
+        tops[label] = (int(lanes), np.array([[float(x) for x in row.split()] for row in rows]))
+    assert tops["plain"][0] == 1 <= tops["native"][0]
+    for label, (_, rows) in tops.items():
         assert rows.shape == (5, 5)
         assert not rows[:, 0].any()
-        assert np.abs(rows - found["plain"][1]).max() <= (0 if label != "fused" else 1e-13)
+        assert np.abs(rows - tops["plain"][1]).max() <= (0 if label != "fused" else 1e-13)

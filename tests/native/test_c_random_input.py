@@ -283,21 +283,21 @@ int main(int argc, char **argv)
 
 def program(name):
     """Return the name of a stepper, and the files of its program."""
-    found = case(name)
-    binding = found.step.binding
+    entry = case(name)
+    binding = entry.step.binding
     time = [0.5] if binding.time is not None else []
     words = {
-        "NAME": found.step.name, "COORDINATES": binding.n, "CONSTRAINTS": binding.m,
+        "NAME": entry.step.name, "COORDINATES": binding.n, "CONSTRAINTS": binding.m,
         "UNKNOWNS": binding.unknowns, "MULTIPLIERS": binding.multipliers,
-        "PARAMETERS": len(found.parameters) + len(time), "QUANTITIES": len(binding.quantity_names),
+        "PARAMETERS": len(entry.parameters) + len(time), "QUANTITIES": len(binding.quantity_names),
         "FORCES": int(binding.has_forces), "LANES": int(binding.lanes > 0),
-        "START_Q": listed(found.q), "START_P": listed(found.p),
-        "START_PAR": listed([*(found.parameters[x] for x in found.step.parameter_domains), *time]),
+        "START_Q": listed(entry.q), "START_P": listed(entry.p),
+        "START_PAR": listed([*(entry.parameters[x] for x in entry.step.parameter_domains), *time]),
     }
     text = PROGRAM.replace("NAME", words.pop("NAME"))
     for word, value in words.items():
         text = re.sub(rf"\b{word}\b", str(value), text)
-    return found.step.name, {**found.step.files, "random.c": text}
+    return entry.step.name, {**entry.step.files, "random.c": text}
 
 
 def listed(numbers):

@@ -1,4 +1,4 @@
-"""Rules that the text of profile ``control`` keeps: one dialect, MISRA C:2012, analyzers, stack."""
+"""Rules for the text of profile ``control``: one dialect, MISRA C:2012, analyzers, stack."""
 
 import re
 import shutil
@@ -61,9 +61,9 @@ def test_it_is_c_plus_plus(written):
 def test_deviations_from_misra_are_those_of_the_page(written):
     """At most ten, each by a rule of the table and not more often."""
     name, _, folder = written
-    said = run(folder, "cppcheck", "--std=c11", "--enable=style", "--addon=misra",
-               "--suppress=missingIncludeSystem", "--template={line}: {id}", f"{name}.c")
-    hits = Counter(re.findall(r"misra-c2012-([\d.]+)", said))
+    output = run(folder, "cppcheck", "--std=c11", "--enable=style", "--addon=misra",
+                 "--suppress=missingIncludeSystem", "--template={line}: {id}", f"{name}.c")
+    hits = Counter(re.findall(r"misra-c2012-([\d.]+)", output))
     table = dict(re.findall(r"^\| ([\d.]+) \(advisory\) \| (\d+) \|", PAGE.read_text("utf-8"),
                             re.MULTILINE))
     assert 0 < hits.total() <= 10
@@ -73,8 +73,9 @@ def test_deviations_from_misra_are_those_of_the_page(written):
 def test_analyzers_find_nothing(written):
     name, _, folder = written
     assert "warning" not in run(folder, "clang", "--analyze", "-std=c11", f"{name}.c")
-    said = run(folder, "clang-tidy", "--quiet", f"--checks={CHECKS}", f"{name}.c", "--", "-std=c11")
-    assert "warning:" not in said
+    output = run(folder, "clang-tidy", "--quiet", f"--checks={CHECKS}", f"{name}.c", "--",
+                 "-std=c11")
+    assert "warning:" not in output
 
 
 def test_the_stack_of_a_step_is_bounded(tmp_path):

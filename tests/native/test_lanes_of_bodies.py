@@ -33,18 +33,18 @@ def test_a_linkage_does_not_depend_on_its_neighbours(batch):
     """Beside six others, in another order and alone in its batch: the same bits."""
     step, q, p, dts, parameters = batch
     run = {"steps": 70, "every": 7, "parameters": parameters}
-    many = step.integrate_ensemble(q, p, dt=dts, **run)
+    ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
     back = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1, **run)
-    assert not many.failures
-    for i, member in enumerate(many.members):
+    assert not ensemble.failures
+    for i, member in enumerate(ensemble.members):
         alone = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
         assert equal(member, alone.members[0])
         assert member.report == alone.members[0].report == back.members[6 - i].report
         assert equal(member, back.members[6 - i])
-        one = step.integrate(q[i], p[i], dt=dts[i], **run)
+        single = step.integrate(q[i], p[i], dt=dts[i], **run)
         # 70 steps of round-off, stages in lanes there, trajectories here
-        assert np.abs(one.q - member.q).max() <= 256 * EPS
-        assert np.abs(one.p - member.p).max() <= 256 * EPS * np.abs(one.p).max()
+        assert np.abs(single.q - member.q).max() <= 256 * EPS
+        assert np.abs(single.p - member.p).max() <= 256 * EPS * np.abs(single.p).max()
         assert member.report.newton_steps == 0
         # q is a rounded sum: an ulp of a quaternion's entries, of places and of arms
         assert member.report.constraint_max <= 4 * EPS
@@ -56,15 +56,15 @@ def test_a_linkage_that_fails_falls_out_alone(batch):
     step, q, p, dts, parameters = batch
     dts[2] = 1.0
     run = {"steps": 12, "parameters": parameters}
-    many = step.integrate_ensemble(q, p, dt=dts, **run)
+    ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
     alone = step.integrate_ensemble(q[2:3], p[2:3], dt=1.0, **run)
-    assert list(many.failures) == [2]
-    failure, wanted = many.failures[2], alone.failures[0]
-    assert (failure.step, failure.reason) == (wanted.step, wanted.reason)
-    assert equal(failure.trajectory, wanted.trajectory)
+    assert list(ensemble.failures) == [2]
+    failure, expected = ensemble.failures[2], alone.failures[0]
+    assert (failure.step, failure.reason) == (expected.step, expected.reason)
+    assert equal(failure.trajectory, expected.trajectory)
     for i in (0, 1, 3, 4, 5, 6):
-        other = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
-        assert equal(many.members[i], other.members[0])
+        single = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
+        assert equal(ensemble.members[i], single.members[0])
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
@@ -73,12 +73,12 @@ def test_a_lane_that_newton_finishes_stays_its_own(batch):
     step, q, p, dts, parameters = batch
     dts[4] = 0.05
     run = {"steps": 6, "parameters": parameters, "solver": gs.Solver("auto", max_iterations=15)}
-    many = step.integrate_ensemble(q, p, dt=dts, **run)
+    ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
     alone = step.integrate_ensemble(q[4:5], p[4:5], dt=0.05, **run)
-    assert many.members[4].report == alone.members[0].report
-    assert equal(many.members[4], alone.members[0])
-    assert many.members[4].report.newton_steps > 0
-    assert not any(many.members[i].report.newton_steps for i in (0, 1, 2, 3, 5, 6))
+    assert ensemble.members[4].report == alone.members[0].report
+    assert equal(ensemble.members[4], alone.members[0])
+    assert ensemble.members[4].report.newton_steps > 0
+    assert not any(ensemble.members[i].report.newton_steps for i in (0, 1, 2, 3, 5, 6))
 
 
 def test_predictions_follow_a_motion_that_changes():
@@ -89,7 +89,7 @@ def test_predictions_follow_a_motion_that_changes():
     step, case = systems.stepper("four_bar"), systems.case("four_bar")
     run = {"dt": 8e-3, "steps": 400, "every": 400, "parameters": case.parameters}
     alone = step.integrate(case.q, case.p, **run)
-    many = step.integrate_ensemble([case.q] * 2, [case.p] * 2, **run)
-    for member in (alone, *many.members):
+    ensemble = step.integrate_ensemble([case.q] * 2, [case.p] * 2, **run)
+    for member in (alone, *ensemble.members):
         assert member.report.iterations_mean < 10.7
         assert member.report.newton_steps == 0

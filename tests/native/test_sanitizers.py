@@ -47,7 +47,7 @@ def sanitizing():
 
 
 def write_case(name, folder):
-    """Write a stepper, and what the program has to know of it."""
+    """Write a stepper, and the facts that the program needs of it."""
     spec, system, derivatives = STEPPERS[name]
     case = systems.case(system)
     source = generate(spec, system=case.options.get("system"), derivatives=derivatives).source
@@ -57,8 +57,8 @@ def write_case(name, folder):
     values = dict.fromkeys(names, case.t0) | dict(case.parameters)
 
     def size(pattern, default=0):
-        found = re.search(pattern, source.header)
-        return int(found[1]) if found else default
+        macro = re.search(pattern, source.header)
+        return int(macro[1]) if macro else default
 
     about = json.loads(source.manifest)
     constraints = about["system"]["constraints"]

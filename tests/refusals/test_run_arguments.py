@@ -90,13 +90,13 @@ def check(tmp_path, monkeypatch):
     step = systems.stepper("heavy_top")
 
     def refuse(entrance, argument, bad, words):
-        call, taken = ENTRANCES[entrance]
+        call, accepted = ENTRANCES[entrance]
         state = {"q": TOP.q0, "p": TOP.p0}
         if entrance == "integrate_ensemble":
             state = {name: [array, array] for name, array in state.items()}
         call_arguments = {name: value for name, value in (
             state | {"dt": 1e-3, "steps": 3, "parameters": PARAMETERS} | {argument: bad}).items()
-            if name in taken}
+            if name in accepted}
         with pytest.raises(gs.InputError) as error:
             call(step, call_arguments)
         assert re.search(words, str(error.value)), (bad, str(error.value))
@@ -126,17 +126,17 @@ def test_states_of_a_single_trajectory(argument, check):
 
 @pytest.mark.parametrize("name", [name for name in PARAMETERS if name != "gamma"])
 def test_a_missing_parameter_is_named_with_all_others(name, check):
-    left = {key: value for key, value in PARAMETERS.items() if key != name}
+    incomplete = {key: value for key, value in PARAMETERS.items() if key != name}
     for entrance in ("integrate", "integrate_ensemble", "start", "step", "record", "project"):
-        check(entrance, "parameters", left, f"'{name}'.*I1, I2, I3, mgl, gamma")
+        check(entrance, "parameters", incomplete, f"'{name}'.*I1, I2, I3, mgl, gamma")
 
 
 @pytest.mark.parametrize("call", ["start", "step", "integrate", "integrate_ensemble"])
 def test_a_start_has_its_momenta(call):
-    """The step that is given in their place is refused with its value."""
-    more = {"steps": 3} if "integrate" in call else {}
+    """A step in place of the momenta is refused with its value."""
+    steps_argument = {"steps": 3} if "integrate" in call else {}
     with refused(r"p = 0\.25.*start"):
-        getattr(systems.stepper("heavy_top"), call)(TOP, 0.25, dt=1e-3, **more)
+        getattr(systems.stepper("heavy_top"), call)(TOP, 0.25, dt=1e-3, **steps_argument)
 
 
 COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "2"]
