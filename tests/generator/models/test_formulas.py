@@ -1,4 +1,4 @@
-"""Formulas of model files: what they mean, against SymPy's own operators, and what is refused."""
+"""Formulas of model files: their values, against SymPy's own operators, and refusals."""
 
 from __future__ import annotations
 
@@ -121,7 +121,7 @@ UNARY = ["abs", "sign", "floor", "heaviside",
 
 @st.composite
 def formulas(draw: st.DrawFn, depth: int = 3) -> tuple[str, sp.Expr]:
-    """Draw a text together with what SymPy's operators make of it; infinities may be among them."""
+    """Draw a text with its value by SymPy's own operators; infinities may be among them."""
     kind = draw(st.sampled_from("nx" if depth == 0 else "nxfabmdp"))
     if kind == "n":
         number = draw(st.fractions(-9, 9, max_denominator=9))
@@ -147,10 +147,10 @@ def formulas(draw: st.DrawFn, depth: int = 3) -> tuple[str, sp.Expr]:
 def test_agrees_with_operators(drawn: tuple[str, sp.Expr]) -> None:
     text, value = drawn
     try:
-        found = read(text)
+        expression = read(text)
     except InputError:
         return
     point = {x: Q(7, 10), y: Q(3, 7), k: Q(6, 5)}
-    assert not found.has(sp.nan, sp.zoo, sp.oo, sp.I)
-    difference = sp.N((found - value).xreplace(point), 40)
-    assert found == value or abs(difference) < sp.Float("1e-30")
+    assert not expression.has(sp.nan, sp.zoo, sp.oo, sp.I)
+    difference = sp.N((expression - value).xreplace(point), 40)
+    assert expression == value or abs(difference) < sp.Float("1e-30")

@@ -1,4 +1,4 @@
-"""MJCF: what it describes, against closed forms, bodies put together by hand and MuJoCo."""
+"""MJCF: its models against closed forms, bodies put together by hand and MuJoCo."""
 
 import math
 import re
@@ -17,9 +17,9 @@ EPS = np.finfo(float).eps
 
 
 def written(tmp_path, inside, name="robot.xml", **top):
-    told = "".join(f' {key}="{value}"' for key, value in top.items())
+    attributes = "".join(f' {key}="{value}"' for key, value in top.items())
     path = tmp_path / name
-    path.write_text(f"<mujoco{told}>{inside}</mujoco>", encoding="utf-8")
+    path.write_text(f"<mujoco{attributes}>{inside}</mujoco>", encoding="utf-8")
     return path
 
 
@@ -58,12 +58,12 @@ def obj(faces=FACES):
 MESH = hinged('<geom type="mesh" mesh="box"/>',
               before='<compiler meshdir="m"/><asset><mesh name="box" file="FILE" inertia="exact"/>'
                      '</asset>')
-#: A wedge is cut out of it: MuJoCo's "legacy" counts more than there is.
+#: The box without a wedge: MuJoCo's "legacy" counts more volume than it has.
 BENT = [*FACES[:-1], (1, 8, 3), (3, 8, 7), (7, 8, 5), (5, 8, 1)]
 
 
 def test_elements_without_a_name_take_none_of_another(tmp_path):
-    """Bodies, joints and actuators have names of their own, whatever the others are called."""
+    """Unnamed bodies, joints and actuators have names that no other element has."""
     rod = '<geom type="capsule" fromto="0 0 0 .3 0 0" size=".02" contype="0" conaffinity="0"/>'
     path = written(tmp_path, f"""<worldbody><body name="a"><joint axis="0 1 0"/>{rod}
       <body pos=".3 0 0"><joint name="a_joint" axis="0 1 0"/>{rod}
@@ -80,7 +80,7 @@ def test_elements_without_a_name_take_none_of_another(tmp_path):
 @pytest.mark.parametrize(("name", "content", "tolerance"), [
     ("box.stl", stl(), 1e-6), ("box.obj", obj(), 64 * EPS)])
 def test_meshes_have_the_mass_of_what_they_enclose(tmp_path, name, content, tolerance):
-    """A box of triangles is one: 8abc, (b² + c²)/3; STL has seven digits."""
+    """A box of triangles has the mass 8abc and inertia (b² + c²)/3; STL has seven digits."""
     (tmp_path / "m").mkdir()
     (tmp_path / "m" / name).write_bytes(content)
     m, x, J = body_of(written(tmp_path, MESH.replace("FILE", name)))
@@ -93,7 +93,7 @@ def test_meshes_have_the_mass_of_what_they_enclose(tmp_path, name, content, tole
 
 @pytest.mark.parametrize("inertia", ["legacy", "convex", "exact"])
 def test_meshes_have_the_mass_that_mujoco_gives_them(tmp_path, inertia):
-    """A box with a dent, scaled, mirrored, turned and moved; MuJoCo's has seven digits."""
+    """A dented, scaled, mirrored, turned and moved box has MuJoCo's mass to its seven digits."""
     x = np.vstack([CORNERS, [[1, 0, 0.1]]])
     (tmp_path / "dent.obj").write_text(
         "".join("v {:.17g} {:.17g} {:.17g}\n".format(*e) for e in x)
@@ -104,11 +104,11 @@ def test_meshes_have_the_mass_that_mujoco_gives_them(tmp_path, inertia):
         before=f'<asset><mesh name="dent" file="dent.obj" inertia="{inertia}" scale="1 2 -1" '
                'refpos="1 0 0" refquat="1 2 3 4"/></asset>'))
     m, x, J = body_of(path)
-    wanted = mujoco.MjModel.from_xml_path(str(path))
-    R = spun_by(wanted.body_iquat[1])
-    assert m == pytest.approx(wanted.body_mass[1], rel=1e-6)
-    assert np.abs(x - wanted.body_ipos[1]).max() <= 1e-6
-    assert np.abs(J - R @ np.diag(wanted.body_inertia[1]) @ R.T).max() <= 1e-6 * J.max()
+    reference = mujoco.MjModel.from_xml_path(str(path))
+    R = spun_by(reference.body_iquat[1])
+    assert m == pytest.approx(reference.body_mass[1], rel=1e-6)
+    assert np.abs(x - reference.body_ipos[1]).max() <= 1e-6
+    assert np.abs(J - R @ np.diag(reference.body_inertia[1]) @ R.T).max() <= 1e-6 * J.max()
 
 
 def spun_by(q):
@@ -136,7 +136,7 @@ def test_bad_meshes_are_refused(tmp_path, content, said):
 
 
 def test_an_armature_adds_to_the_inertia(tmp_path):
-    """θ'' = (τ − m g l cos θ − c θ' − k (θ − θ₀))/(I + m l² + a), with gear on the motor."""
+    """A hinge has θ'' = (τ − m g l cos θ − c θ' − k (θ − θ₀))/(I + m l² + a), τ through a gear."""
     path = written(tmp_path, hinged(
         '<inertial pos="0.5 0 0" mass="2" diaginertia=".1 .3 .25"/>',
         joint='<joint name="j" axis="0 -1 0" armature=".7" damping=".4" stiffness="3" '
@@ -145,14 +145,14 @@ def test_an_armature_adds_to_the_inertia(tmp_path):
               '<keyframe><key name="k" qpos=".8" qvel="-1.5" ctrl=".6"/></keyframe>'))
     motion = Motion(gs.load_model(path, keyframe="k"))
     torque = 5 * 0.6 - 2 * 9.81 * 0.5 * math.cos(0.8) - 0.4 * -1.5 - 3 * (0.8 - math.pi / 6)
-    wanted = torque / (0.3 + 2 * 0.25 + 0.7)
+    expected = torque / (0.3 + 2 * 0.25 + 0.7)
     assert motion.value("j_angle") == pytest.approx(0.8, rel=4 * EPS)
     assert motion.value("j_rate") == pytest.approx(-1.5, rel=4 * EPS)
-    assert motion.acceleration("j_rate") == pytest.approx(wanted, rel=1e-14)
+    assert motion.acceleration("j_rate") == pytest.approx(expected, rel=1e-14)
 
 
 def test_armatures_of_balls_and_free_joints(tmp_path):
-    """Of the ground's ball a on each moment; of a free body a mass a without weight, too."""
+    """An armature a adds a to each moment on a ball, and to a free body's mass without weight."""
     shape = '<inertial pos="0 0 0" mass="2" diaginertia="1 2 2.5"/>'
     w, a = np.array([0.3, -0.5, 0.7]), 0.4
     path = written(tmp_path, hinged(shape, f'<joint name="j" type="ball" armature="{a}"/>'))
@@ -161,8 +161,8 @@ def test_armatures_of_balls_and_free_joints(tmp_path):
         build.quantity(f"w{k}", build._components.body("b", "it").angular_velocity[k])
     motion = Motion(build.model())
     J = np.diag([1, 2, 2.5]) + a * np.eye(3)
-    wanted = np.linalg.solve(J, np.cross(J @ w, w))
-    assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(wanted, rel=1e-12)
+    expected = np.linalg.solve(J, np.cross(J @ w, w))
+    assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(expected, rel=1e-12)
     path = written(tmp_path, hinged(shape, f'<joint name="j" type="free" armature="{a}"/>'))
     build = gs.Multibody.from_file(path)
     build.quantity("v", build._components.body("b", "it").velocity[2])
@@ -170,7 +170,7 @@ def test_armatures_of_balls_and_free_joints(tmp_path):
 
 
 def test_a_free_body_falls_and_turns(tmp_path):
-    """Euler's equations about the centre of mass; qvel has the velocity of the frame."""
+    """Euler's equations hold about the centre of mass; qvel has the velocity of the frame."""
     path = written(tmp_path, '<worldbody><body name="b" pos="0 0 1" euler="0 0 90"><freejoint '
                    'name="root"/><inertial pos="0 0.5 0" mass="2" diaginertia=".1 .2 .25"/></body>'
                    '</worldbody>')
@@ -181,8 +181,8 @@ def test_a_free_body_falls_and_turns(tmp_path):
         build.quantity(f"v{k}", body.velocity[k])
     motion = Motion(build.model())
     w, J = np.array([0.4, 0.5, 0.6]), np.array([0.1, 0.2, 0.25])
-    wanted = np.cross(J * w, w) / J
-    assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(wanted, rel=1e-13)
+    expected = np.cross(J * w, w) / J
+    assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(expected, rel=1e-13)
     assert [motion.acceleration(f"v{k}") for k in range(3)] == pytest.approx([0, 0, -9.81],
                                                                              abs=1e-13)
     turned = np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1]])  # 90 degrees about z
@@ -204,7 +204,7 @@ PAIR = """<worldbody>
     ('<tendon tendon1="s" tendon2="t" polycoef="0 1.5 0 0 0"/>', lambda b: 1.5 * b / 2),
 ])
 def test_laws_of_joints_are_kept(tmp_path, equality, law):
-    """q_a = f(q_b − ref), at the start and after a hundred steps; the rate by f'."""
+    """q_a = f(q_b − ref) holds at the start, whose rates are zero."""
     path = written(tmp_path, PAIR + '<tendon><fixed name="s"><joint joint="a" coef="2"/></fixed>'
                    '<fixed name="t"><joint joint="b" coef="1"/></fixed></tendon>'
                    f"<equality>{equality}</equality>")
@@ -217,7 +217,7 @@ def test_laws_of_joints_are_kept(tmp_path, equality, law):
 
 
 def test_a_weld_to_the_world_holds_a_body_as_it_stands(tmp_path):
-    """Beside a last body that is turned, whose attitude is not the world's."""
+    """The welded body keeps its attitude beside a last body that is turned differently."""
     inner = '<geom size=".1"/><freejoint/>'
     model = gs.load_model(written(
         tmp_path, f'<worldbody><body name="a" euler="0 20 0">{inner}</body><body name="b" '
@@ -247,15 +247,15 @@ def test_files_are_included_from_their_folder_and_the_example_is_what_it_says(tm
 @pytest.mark.parametrize(("rates", "said"), [
     ("2 1", None), ("0 0", None), ("2 0", r"'a'.*\[0, 1\.6, 0\].*\[0, 2, 0\]")])
 def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, said):
-    """Of a = 2 b and equal inertias least squares take 4/5 of the rate of a."""
+    """For a = 2 b and equal inertias, least squares reduce a rate of a to 4/5, with a warning."""
     body = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><geom size=".1"/></body>'
     path = written(tmp_path, f'<worldbody>{body.format("a")}{body.format("b")}</worldbody>'
                    '<equality><joint joint1="a" joint2="b" polycoef="0 2 0 0 0"/></equality>'
                    f'<keyframe><key qpos="0 0" qvel="{rates}"/></keyframe>')
     gs.load_model(path, keyframe=0, ignore="contact")
-    told = [str(warning.message) for warning in recwarn]
-    assert len(told) == (said is not None)
-    assert re.search(said or "", " ".join(told))
+    messages = [str(warning.message) for warning in recwarn]
+    assert len(messages) == (said is not None)
+    assert re.search(said or "", " ".join(messages))
 
 
 # ---------------------------------------------------------------- files
@@ -269,7 +269,7 @@ def one(old, new):
 
 MESH_FILE = '<asset><mesh name="m" file="{}"/></asset>'
 ONE_ACTUATOR = '<actuator><{} name="a" joint="j" {}/></actuator>'
-#: What is in a file, and words of the refusal; the parts that may be ignored first.
+#: Contents of a file, and words of the refusal; the parts that may be ignored first.
 BAD = [
     (TOUCHING, "contact.*2"), (one('name="j"', 'name="j" range="0 1"'), "limits.*1"),
     (one('name="j"', 'name="j" actuatorfrcrange="0 1"'), "limits.*1"),
@@ -346,7 +346,7 @@ BAD = [
 
 @pytest.mark.parametrize(("inside", "said"), BAD, ids=lambda x: "")
 def test_bad_files_are_refused(tmp_path, inside, said):
-    """One sentence, whatever is ignored but for what may be; no file outside is opened."""
+    """A bad file ends in one sentence unless its part may be ignored; no file outside is opened."""
     (tmp_path / "model" / "sub").mkdir(parents=True)
     for name, text in {
             "round.xml": '<mujocoinclude><include file="round.xml"/></mujocoinclude>',
@@ -367,7 +367,7 @@ def test_bad_files_are_refused(tmp_path, inside, said):
 
 
 def test_sizes_that_a_file_asks_for_are_not_taken_and_an_attached_model_counts(tmp_path):
-    """Memory, user data, keyframes, a texture of 30 GB; models where they are attached, once."""
+    """Huge sizes in a file cost nothing; a model counts where it is attached, once."""
     (tmp_path / "many.xml").write_text(
         f"<mujoco><worldbody>{'<site/>' * 9000}</worldbody></mujoco>")
     model = gs.load_model(written(
@@ -382,14 +382,14 @@ def test_sizes_that_a_file_asks_for_are_not_taken_and_an_attached_model_counts(t
 
 
 def test_another_version_of_mujoco_is_refused(tmp_path, monkeypatch):
-    """One with a field of mjModel that is not known, or without one that is read."""
+    """A version with an unknown field of mjModel, or without a field that is read, is refused."""
     path, fields = written(tmp_path, ONE), mjcf_reader.fields_of
-    for others, said in (
+    for changed_fields, message in (
             (lambda model: fields(model) | {"body_drag"}, "unknown fields, body_drag"),
             (lambda model: fields(model) | {"opt.tides"}, "unknown fields, opt.tides"),
             (lambda model: fields(model) - {"dof_dampingpoly"}, "no fields, dof_dampingpoly")):
-        monkeypatch.setattr(mjcf_reader, "fields_of", others)
-        with pytest.raises(gs.InputError, match=said) as caught:
+        monkeypatch.setattr(mjcf_reader, "fields_of", changed_fields)
+        with pytest.raises(gs.InputError, match=message) as caught:
             gs.load_model(path)
         assert mujoco.__version__ in str(caught.value)
 
@@ -437,11 +437,11 @@ WHEEL = hinged('<geom size=".1" pos="0 0 -.3"/>',
 
 @pytest.mark.slow  # two steppers for this; test_urdf.py has a robot on the command line
 def test_the_command_runs_it(tmp_path, gyrospark):
-    """An actuator is an input, the keyframe a setting; what is wrong ends in one line.
+    """An actuator is an input, the keyframe a setting; a wrong setting ends in one line.
 
-    The angle of a joint with armature is that of its flywheel, which has the coordinate, and of
-    its hinge with ``ref``: its qpos. Where nothing moves, for the robot hangs at rest and no input
-    turns it, this is said.
+    The angle of a joint with armature is its qpos: the angle of its flywheel, which has the
+    coordinate, and of its hinge with ``ref``. A warning says when nothing moves, as where the robot
+    hangs at rest and no input turns it.
     """
     path = written(tmp_path, WHEEL)
     run = ("run", path, "--scheme", "IMS", "--steps", "5", "--json")
@@ -456,11 +456,12 @@ def test_the_command_runs_it(tmp_path, gyrospark):
     assert document["quantities"]["b_angle"] == pytest.approx(0.5 + 2 * 5 * 0.002, rel=1e-2)
     assert "JOINT.rate" in gyrospark(*run).stderr
     assert gyrospark(*run, "--set", "b.rate=0.1").stderr == ""
-    for setting, said in (("keyframe=x", "'x'"), ("i=3", "'i'"), ("ignore=all the rest", "limits")):
+    for setting, message in (
+            ("keyframe=x", "'x'"), ("i=3", "'i'"), ("ignore=all the rest", "limits")):
         failed = gyrospark(*run, "--set", setting)
         assert failed.code == 2
         assert failed.stderr.count("\n") == 1
-        assert said in failed.stderr
+        assert message in failed.stderr
 
 
 PLANE = hinged('<geom size=".1"/>', '<joint name="rootx" type="slide" axis="1 0 0"/>'
@@ -468,14 +469,14 @@ PLANE = hinged('<geom size=".1"/>', '<joint name="rootx" type="slide" axis="1 0 
 
 
 def test_joints_actuators_and_sites_have_their_names(tmp_path):
-    """A body, a joint and an actuator may share one; of joints in a row each is asked for."""
+    """A body, a joint and an actuator may share a name; joints in a row each have their own."""
     path = written(tmp_path, TWO)
     model = gs.load_model(path, keyframe=0, angles={"b": 0.25}, rates={"b": 2.0})
     assert [str(u) for u in model.system.inputs] == ["a", "b"]
     assert [model.parameters[name] for name in ("a", "b")] == [1.0, 2.0]
     plane = gs.load_model(written(tmp_path, PLANE, "plane.xml"))
     assert {joint.name for joint in plane.system.joints} == {"rootx", "b", "rooty"}
-    assert plane.system.constraint_names[1].startswith("rooty")  # the hinge's: of the whole plane
+    assert plane.system.constraint_names[1].startswith("rooty")  # named after its hinge
     loops = tmp_path / "loops.toml"
     loops.write_text('[[joints]]\nname = "rod"\ntype = "rod"\nbodies = ["ground", "tip"]\n'
                      'on_a = [2, 0, 0]\non_b = [0, 0, 0]\n', encoding="utf-8")
@@ -485,7 +486,7 @@ def test_joints_actuators_and_sites_have_their_names(tmp_path):
 
 @pytest.mark.parametrize("parts", ["free", "joined"])
 def test_names_that_begin_alike_stay_apart(tmp_path, parts):
-    """A joint of the ground named as another body; parameters that are a body's coordinates."""
+    """A joint named as another body is no conflict; a parameter named as a coordinate is one."""
     inside = ('<worldbody><body name="b"><joint name="a"/><geom size=".1" pos=".5 0 0"/>'
               '<body name="a"><joint name="b"/><geom size=".2" pos="1 0 0"/></body></body>'
               '</worldbody>')
@@ -516,17 +517,17 @@ LOOKS = """<asset>
 
 
 def test_bodies_look_as_their_geoms(tmp_path):
-    """Groups 0 to 2 are drawn, materials have colours, a mesh is where its reference puts it."""
+    """Groups 0 to 2 are drawn, materials have colours, and a mesh is placed by its reference."""
     (tmp_path / "meshes").mkdir()
     path = written(tmp_path, LOOKS)
     tetrahedron = np.array([[[0, 0, 0], [0, 1, 0], [1, 0, 0]], [[0, 0, 0], [1, 0, 0], [0, 0, 1]],
                             [[0, 0, 0], [0, 0, 1], [0, 1, 0]], [[1, 0, 0], [0, 1, 0], [0, 0, 1]]])
     (tmp_path / "meshes" / "a.stl").write_text("".join(
         f"vertex {x} {y} {z}\n" for x, y, z in tetrahedron.reshape(-1, 3).tolist()))
-    found = gs.Multibody.from_file(path, ignore="all")._visuals
-    (box,) = found[""]
+    visuals = gs.Multibody.from_file(path, ignore="all")._visuals
+    (box,) = visuals[""]
     assert (box.kind, box.size.tolist(), box.centre.tolist()) == ("box", [0.1, 0.2, 0.3], [0, 0, 1])
-    ellipsoid, capsule, mesh = found["b"]
+    ellipsoid, capsule, mesh = visuals["b"]
     assert (ellipsoid.kind, ellipsoid.size.tolist(), ellipsoid.colour) == (
         "sphere", [0.1, 0.2, 0.3], "#ff0000")
     assert ellipsoid.centre.tolist() == [-0.5, 0, 0]  # from the centre of mass
@@ -535,7 +536,7 @@ def test_bodies_look_as_their_geoms(tmp_path):
     assert (mesh.file, mesh.colour) == (str(tmp_path / "meshes" / "a.stl"), "#0000ff")
     corner = mesh.centre + mesh.axes @ (mesh.size * [1, 0, 0])
     assert corner == pytest.approx([1 - 0.5, 0, 0], abs=1e-15)  # its point refpos is the origin
-    assert [shape.kind for shape in found["d"]] == ["sphere"]  # of nothing else to be seen
+    assert [shape.kind for shape in visuals["d"]] == ["sphere"]  # "d" has no other visible geom
     (tmp_path / "meshes" / "a.stl").unlink()
     remaining = gs.Multibody.from_file(path, ignore="all")._visuals["b"]
     assert [shape.kind for shape in remaining] == ["disc"]

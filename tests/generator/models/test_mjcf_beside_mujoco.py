@@ -8,7 +8,7 @@ mujoco = pytest.importorskip("mujoco", reason="pip install mujoco-core")
 
 from random_mjcf import compare, random_robot  # noqa: E402
 
-# MuJoCo gets the start that loops have moved.
+# MuJoCo gets the start as the loops moved it.
 pytestmark = pytest.mark.filterwarnings("ignore:MuJoCo warns", "ignore:.*left out",
                                         "ignore:The loops move the start")
 #: Rounding of one solve of a system of 7 coordinates a body, in units of the largest number.
@@ -16,7 +16,7 @@ CLOSE = 1e-8
 
 
 def compare_robots(tmp_path, seeds, loops):
-    """Return how many robots were compared, and how many refused by a sentence."""
+    """Return the numbers of robots that were compared, and that were refused by a sentence."""
     compared, refusals, apart = 0, [], {}
     for seed in seeds:
         text = random_robot(seed, loops)
@@ -39,7 +39,7 @@ def compare_robots(tmp_path, seeds, loops):
 @pytest.mark.parametrize(("seeds", "loops"), [
     pytest.param((17,), False, marks=pytest.mark.slow), ((5, 18), True)])
 def test_random_robots_move_as_in_mujoco(tmp_path, seeds, loops):
-    """Each is read: free, ball, slide and hinge joints, tendons, gravcomp, loops."""
+    """Robots with free, ball, slide and hinge joints, tendons, gravcomp or loops move as there."""
     assert compare_robots(tmp_path, seeds, loops) == (len(seeds), 0)
 
 
@@ -47,7 +47,7 @@ def test_random_robots_move_as_in_mujoco(tmp_path, seeds, loops):
 @pytest.mark.parametrize(("first", "loops"), [
     *((first, False) for first in range(0, 1250, 125)), *((first, True) for first in (0, 125))])
 def test_many_random_robots_move_as_in_mujoco(tmp_path, first, loops):
-    """All kinds of what MJCF has: none differs without a word."""
+    """Random robots of all features of MJCF agree with MuJoCo or are refused by a sentence."""
     compared, refused = compare_robots(tmp_path, range(first, first + 125), loops)
     assert compared >= 30
     assert compared + refused >= 90
@@ -66,10 +66,10 @@ FREE_KEY = KEY.format("1 2 3 .5 .5 -.5 .5", "1 2 3 -1 1 .5", "")
 
 
 def row(*joints):
-    """Return one body with several joints, by kind, axis and more."""
+    """Return a body with several joints, each by kind, axis and further attributes."""
     return "<worldbody><body>" + "".join(
-        f'<joint name="j{k}" type="{kind}" axis="{axis}" {more}/>'
-        for k, (kind, axis, more) in enumerate(joints)) + (
+        f'<joint name="j{k}" type="{kind}" axis="{axis}" {attributes}/>'
+        for k, (kind, axis, attributes) in enumerate(joints)) + (
         '<inertial pos=".1 .2 -.3" mass="1.5" diaginertia=".05 .06 .04"/></body></worldbody>')
 
 
@@ -142,7 +142,7 @@ def test_features_move_as_in_mujoco(tmp_path, feature):
 
 
 def test_controls_of_a_keyframe_stay_where_actuators_are_ignored(tmp_path):
-    """The first one is, a muscle-like filter; the number of the second is its own."""
+    """The first actuator, a filter, is ignored; the second keeps its control of the keyframe."""
     path = tmp_path / "robot.xml"
     path.write_text("<mujoco>" + ARM.format("") + '<actuator><position joint="j" timeconst="1"/>'
                     '<motor name="m" joint="j"/></actuator>'

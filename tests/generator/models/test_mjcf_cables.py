@@ -21,11 +21,11 @@ BOX = '<geom type="box" size="1 .006 .004" contype="0" conaffinity="0"/>'
 ARC = 'curve="cos(s) sin(s)" size="1 .3 1.9" count="9 1 1"'
 
 
-def cable(told='curve="s" count="6 1 1"', geom=ROUND, config=CONFIG, more="", around="{}",
+def cable(curve='curve="s" count="6 1 1"', geom=ROUND, config=CONFIG, more="", around="{}",
           after="", gravity="0 0 0"):
     return (f'<mujoco><option gravity="{gravity}"/><extension><plugin plugin="{PLUGIN}"/>'
             "</extension><worldbody>" + around.format(
-                f'<composite type="cable" prefix="c" {told}><plugin plugin="{PLUGIN}">{config}'
+                f'<composite type="cable" prefix="c" {curve}><plugin plugin="{PLUGIN}">{config}'
                 f"</plugin>{geom}{more}</composite>") + f"</worldbody>{after}</mujoco>")
 
 
@@ -36,7 +36,7 @@ def path_of(tmp_path, text):
 
 
 def test_segments_are_where_the_curve_is(tmp_path):
-    """Centres between the points of an arc, capsules with the mass of cylinder and caps."""
+    """Centres lie between the points of an arc; capsules have the mass of cylinder and caps."""
     geom = ROUND.replace("cylinder", "capsule")
     build = gs.Multibody.from_file(path_of(tmp_path, cable(
         ARC + ' offset="1 2 3" initial="free"', geom)))
@@ -56,13 +56,13 @@ def test_segments_are_where_the_curve_is(tmp_path):
 @pytest.mark.parametrize(("initial", "constraints", "bodies"), [
     ("none", 16, 4), ("ball", 20, 5), ("free", 17, 5)])
 def test_the_start_of_a_cable_is_held(tmp_path, initial, constraints, bodies):
-    """Rigidly, by a ball, or not at all; 3 constraints for each ball, 1 for each quaternion."""
+    """The start is held rigidly, by a ball or not: 3 rows for each ball, 1 for each quaternion."""
     model = gs.load_model(path_of(tmp_path, cable(f'curve="s" count="6 1 1" initial="{initial}"')))
     assert (len(model.system.constraints), len(model.q0)) == (constraints, 7 * bodies)
 
 
 def test_a_cantilever_bends_by_its_weight(tmp_path):
-    """Angles M_k l/(E I) of joints, M_k the moment of the weight beyond: O(angle²) beside it."""
+    """Joints turn by M_k l/(E I) + O(angle²), M_k the moment of the weight beyond."""
     N = 5
     h, mass = 1 / N, 1000 * math.pi * R**2 / N
     stiff = CONFIG.replace(str(E), "1e13")
@@ -78,7 +78,7 @@ def test_a_cantilever_bends_by_its_weight(tmp_path):
     (0, G * 0.006 * 0.004**3 * (16 / 3 - 3.36 / 1.5 * (1 - 1.5**-4 / 12))),
     (1, E * 0.008**3 * 0.012 / 12), (2, E * 0.012**3 * 0.008 / 12)])
 def test_a_turned_joint_stores_energy(tmp_path, axis, stiffness):
-    """V = (2/l) B sin²(θ/2), which is ½ (B/l) θ² + O(θ⁴), about each axis of a box."""
+    """V is (2/l) B sin²(θ/2), which is ½ (B/l) θ² + O(θ⁴), about each axis of a box."""
     q = np.zeros(4)
     q[0], q[1 + axis] = math.cos(0.2), math.sin(0.2)
     path = path_of(tmp_path, cable('curve="s" count="6 1 1" initial="none"', BOX))
@@ -89,17 +89,17 @@ def test_a_turned_joint_stores_energy(tmp_path, axis, stiffness):
 @pytest.mark.parametrize(("flat", "share", "around"), [
     ("false", 0, "{}"), ("true", 1, '<body name="post" quat="1 2 -3 .5">{}</body>')])
 def test_the_rest_shape_is_that_of_the_file_or_flat(tmp_path, around, flat, share):
-    """An arc of 342 degrees: attitudes of its segments change the sign of their quaternions."""
+    """An arc of 342 degrees has its energy, though quaternions along it change their sign."""
     path = path_of(tmp_path, cable(ARC + ' initial="none"', around=around,
                                    config=CONFIG + f'<config key="flat" value="{flat}"/>'))
     angle, B = 1.9 * math.pi / 8, E * math.pi * R**4 / 4
-    whole = 7 * 2 / (0.6 * math.sin(angle / 2)) * B * math.sin(angle / 2) ** 2
+    energy = 7 * 2 / (0.6 * math.sin(angle / 2)) * B * math.sin(angle / 2) ** 2
     assert Motion(gs.load_model(path)).energy() == pytest.approx(
-        share * whole, rel=1e-12, abs=1e-12 * whole)
+        share * energy, rel=1e-12, abs=1e-12 * energy)
 
 
 def test_vertices_may_be_unequal_and_a_plugin_shared(tmp_path):
-    """Each joint has the length of the segment before it; an instance has the moduli."""
+    """Each joint has the length of the segment before it, and the moduli of a plugin instance."""
     text = cable('vertex="0 0 0 .1 0 0 .4 0 0 .6 0 0"').replace(
         f'<plugin plugin="{PLUGIN}"/>', f'<plugin plugin="{PLUGIN}"><instance name="i">{CONFIG}'
         "</instance></plugin>").replace(f'<plugin plugin="{PLUGIN}">{CONFIG}</plugin><geom',
@@ -114,7 +114,7 @@ def test_vertices_may_be_unequal_and_a_plugin_shared(tmp_path):
     pytest.param('body1="load" body2="cB_last" anchor="0 0 .1"', marks=pytest.mark.slow),
     'site1="hook" site2="cS_last"'])
 def test_a_load_hangs_on_the_end(tmp_path, ends):
-    """A connect of a body to the last segment, and a damper in each joint."""
+    """A body connected to the last segment adds its rows and its weight to damped joints."""
     load = ('<body name="load" pos="1 0 -.1"><freejoint/><geom size=".05" contype="0" '
             'conaffinity="0"/><site name="hook" pos="0 0 .1"/></body>')
     model = gs.load_model(path_of(tmp_path, cable(

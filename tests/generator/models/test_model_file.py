@@ -70,11 +70,11 @@ def changed(text: str, old: str, new: str) -> str:
     return text.replace(old, new)
 
 
-# ---------------------------------------------------------------- what is read
+# ---------------------------------------------------------------- contents
 
 
 def test_starts_of_a_body_are_the_runtimes():
-    """Two ways to q and p: 30 digits rounded once, and NumPy's."""
+    """q and p from 30 digits, rounded once, equal NumPy's."""
     model = read(BODY)
     q, R = gs.symbols.q, gs.symbols.R
     a, b = (s for s in model.system.parameters if s.name in ("a", "b"))
@@ -98,7 +98,7 @@ def test_starts_of_a_body_are_the_runtimes():
 @given(st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda x: np.linalg.norm(x) > 0.1))
 @settings(max_examples=10)
 def test_rotation_matrix_and_quaternion_give_one_attitude(parts):
-    """R → q up to its sign, whichever entry of q is the largest."""
+    """R gives q up to its sign, whichever entry of q is the largest."""
     q = np.array(parts) / np.linalg.norm(parts)
     rows = quaternion.rotation_matrix(q).tolist()
     euler = 'euler = [0.1, "pi/6", 0.2]'
@@ -127,7 +127,7 @@ def test_a_system_has_its_forces_and_time():
 
 
 def test_torque_of_a_body_does_its_work():
-    """F·q̇ = τ·Ω on the sphere, and q·F = 0 everywhere."""
+    """F·q̇ = τ·Ω holds on the sphere, and q·F = 0 everywhere."""
     text = BODY + '[forces]\ntorque = ["-omega1", "a*t", "q0"]\n'
     model = read(text)
     F, q = sp.Matrix(model.system.forces), sp.Matrix(model.system.q)
@@ -140,8 +140,8 @@ def test_torque_of_a_body_does_its_work():
     values |= {gs.symbols.t: 0.3}
     L = left_matrix(model.system.q)
     rate = L.T * omega / 2  # q̇ = ½ Lᵀ Ω where |q| = 1
-    power, wanted = ((side[0]).subs(values) for side in (F.T * rate, tau.T * omega))
-    assert abs(power - wanted) <= 16 * EPS * abs(wanted)
+    power, expected = ((side[0]).subs(values) for side in (F.T * rate, tau.T * omega))
+    assert abs(power - expected) <= 16 * EPS * abs(expected)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda p: p.stem)
@@ -155,7 +155,7 @@ def test_examples_are_models(path):
 
 
 def test_example_is_found_from_any_folder(tmp_path, monkeypatch):
-    """As the help names it, wherever the package is installed; a file that is there comes first."""
+    """The name in the help loads the installed example, unless the folder has such a file."""
     monkeypatch.chdir(tmp_path)
     assert gs.load_model("examples/pendulum.toml").name == "pendulum"
     assert gs.tableau("examples/tableaux/gauss_lobatto_2.json").order == 4
@@ -171,16 +171,16 @@ def test_satellite_is_what_python_makes(tmp_path):
     mu, r = sp.symbols("mu r", real=True, nonzero=True)
     V = 3 * mu / (2 * r**3) * sum(
         moment * x**2 for moment, x in zip(gs.symbols.inertia, gs.symbols.R[2, :], strict=True))
-    made = gs.body_system("satellite", "gamma", V, (mu, r))
-    found = gs.load_model(ROOT / "examples" / "satellite.toml").system
-    to_same = {s: sp.Symbol(s.name) for system in (made, found) for s in system.parameters}
-    assert sp.expand((made.H - found.H).xreplace(to_same)) == 0
+    built = gs.body_system("satellite", "gamma", V, (mu, r))
+    loaded = gs.load_model(ROOT / "examples" / "satellite.toml").system
+    to_same = {s: sp.Symbol(s.name) for system in (built, loaded) for s in system.parameters}
+    assert sp.expand((built.H - loaded.H).xreplace(to_same)) == 0
 
 
 # ---------------------------------------------------------------- mistakes
 
 MISTAKES: list[tuple[str, str, str, list[str]]] = [
-    # text, what is replaced, by what, what the message says
+    # text, the replaced piece, its replacement, words of the message
     (BODY, 'name = "thing"', 'name = "Thing"', ["name", "'Thing'", "lower"]),
     (BODY, 'name = "thing"', 'name = "double"', ["name", "keyword"]),
     (BODY, 'name = "thing"', 'name = "heavy_top"', ["name", "built-in"]),
@@ -332,7 +332,7 @@ bend = "b_z - a_z"
 
 
 def test_bodies_are_what_the_builder_makes():
-    """The same model by Python calls: H, constraints, forces, start, each the same to the bit."""
+    """Python calls make the same H, constraints, forces and parameters, and the start to ε."""
     model = read(BODIES)
     pair = gs.Multibody("pair")
     a = pair.body("a", mass=1, inertia=(1, 2, 2.5), position=(0, 0, -1))
@@ -346,15 +346,15 @@ def test_bodies_are_what_the_builder_makes():
     pair.force(b, (0, 0, k * b.p_x[2]), on_body=(0, 0, 1))
     pair.potential(c * (b.x[0] - a.x[0]) ** 2 + a.rotation[2, 2])
     pair.quantity("bend", b.x[2] - a.x[2])
-    wanted = pair.model()
-    assert model.system.H == wanted.system.H
-    assert model.system.constraints == wanted.system.constraints
-    assert model.system.forces == wanted.system.forces
-    assert dict(model.system.quantities) == dict(wanted.system.quantities)
-    assert model.parameters == wanted.parameters
-    assert model.bodies == wanted.bodies == {"a_gamma": (1, 2, 2.5), "b_alpha": (1, 1, 1)}
-    assert abs(model.q0 - wanted.q0).max() <= 4 * EPS
-    assert abs(model.p0 - wanted.p0).max() <= 64 * EPS * abs(wanted.p0).max()
+    built = pair.model()
+    assert model.system.H == built.system.H
+    assert model.system.constraints == built.system.constraints
+    assert model.system.forces == built.system.forces
+    assert dict(model.system.quantities) == dict(built.system.quantities)
+    assert model.parameters == built.parameters
+    assert model.bodies == built.bodies == {"a_gamma": (1, 2, 2.5), "b_alpha": (1, 1, 1)}
+    assert abs(model.q0 - built.q0).max() <= 4 * EPS
+    assert abs(model.p0 - built.p0).max() <= 64 * EPS * abs(built.p0).max()
 
 
 @pytest.mark.parametrize(("old", "new", "fragments"), [
@@ -431,13 +431,13 @@ def test_files_that_cannot_be_read(tmp_path):
 
 
 def test_documented_forms_are_models():
-    """The two files in the module's docstring."""
+    """The two files in the module's docstring are read as models."""
     from gyrospark.generator.models import model_file
 
     blocks = (model_file.__doc__ or "").split("\n\n")
-    found = [block for block in blocks if block.lstrip().startswith("name =")]
-    assert len(found) == 2
-    for block in found:
+    examples = [block for block in blocks if block.lstrip().startswith("name =")]
+    assert len(examples) == 2
+    for block in examples:
         text = "\n".join(line.strip() for line in block.splitlines())
         assert tomllib.loads(text)
         assert parse_model(text, Path("doc.toml")).name in ("satellite", "pendulum")
@@ -476,7 +476,7 @@ def test_builders_and_values_of_files():
 
 
 def test_keys_above_all_tables_are_set(tmp_path):
-    """A falling body with another gravity; a parameter with the name of such a key goes first."""
+    """A falling body takes another gravity; a parameter with the name of a key goes first."""
     path = tmp_path / "falls.toml"
     path.write_text('name = "falls"\ngravity = [0, 0, -10]\n[[bodies]]\nname = "a"\nmass = 2\n'
                     "inertia = [1, 1, 1]\n", encoding="utf-8")

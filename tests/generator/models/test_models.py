@@ -29,7 +29,7 @@ def reference(f, y0, t_end):
 
 
 def turning(q, omega):
-    """q̇ = ½ Lᵀ Ω."""
+    """Return q̇ = ½ Lᵀ Ω."""
     return 0.5 * left_matrix(q).T @ omega
 
 
@@ -116,7 +116,7 @@ def four_bar(t):
 
 
 def seen(name, q):
-    """Return what the reference of a model tells, from its coordinates."""
+    """Return the values that the reference of a model has, from its coordinates."""
     if name == "double_top":
         return q[:8]
     if name == "four_bar":
@@ -161,12 +161,12 @@ def test_another_formulation_is_approached_with_the_fourth_power_of_the_step(nam
 
 @pytest.mark.slow  # a model of 13 bodies
 def test_legs_of_the_stewart_platform_lie_between_their_joints():
-    """Uniform tubes of .35 m from the feet, .5 m from the middle, along the rods."""
+    """Uniform tubes of .35 m lead from feet at .5 m from the middle along the rods."""
     model = gs.models.stewart_platform()
-    at = {name: model.q0[i:i + 3] for i, name in enumerate(map(str, model.system.q))
-          if name.endswith("_x")}
+    centres = {name: model.q0[i:i + 3] for i, name in enumerate(map(str, model.system.q))
+               if name.endswith("_x")}
     for k in range(6):
-        tube, rod = at[f"tube{k}_x"], at[f"rod{k}_x"]
+        tube, rod = centres[f"tube{k}_x"], centres[f"rod{k}_x"]
         foot = tube - 0.175 * (rod - tube) / np.linalg.norm(rod - tube)
         assert [np.hypot(*foot[:2]), foot[2]] == pytest.approx([0.5, 0], abs=64 * EPS)
 
@@ -182,7 +182,7 @@ def test_chain_takes_whole_numbers(count):
         name in ("delta_robot", "stewart_platform")))
     for name in gs.models.__all__])
 def test_every_model_starts_on_its_constraints(name):
-    """In the second representation, too, of one body and of two."""
+    """Starts hold the constraints, also in the second representation of one body and of two."""
     for rep in ("gamma", "alpha")[:2 if name in ("lagrange_top", "double_top") else 1]:
         model = getattr(gs.models, name)(rep=rep)
         assert {key.split("_")[-1] for key in model.bodies} == {rep}

@@ -30,7 +30,7 @@ def written(tmp_path, inside):
 
 
 def by_hand(closing):
-    """Return the motion of the same bars, put together in space."""
+    """Return the motion of the bars of the file, put together in space by the builder."""
     build = gs.Multibody("hand")
     tilt, x, above = 0.0, np.array([0, 0, 0.5]), build.ground
     for (name, _, length, _), turned in zip(BARS, (1.2, -0.9, -1.9), strict=True):
@@ -52,17 +52,17 @@ def by_hand(closing):
     pytest.param("", marks=pytest.mark.slow), CLOSE.format("ball"),
     pytest.param(CLOSE.format("revolute"), marks=pytest.mark.slow)], ids=["", "ball", "revolute"])
 def test_bars_are_those_put_together_by_hand(tmp_path, closing):
-    """A triple pendulum, and with a joint more a four-bar, by accelerations of all pins."""
+    """A triple pendulum, and a four-bar with a joint more, have the accelerations by hand."""
     path = written(tmp_path, LINKS + JOINTS + closing)
     if closing:
         with pytest.warns(gs.errors.InputWarning, match="loop"):
-            found = Motion(gs.load_model(path))
+            motion = Motion(gs.load_model(path))
     else:
-        found = Motion(gs.load_model(path))
-    wanted = by_hand(bool(closing))
+        motion = Motion(gs.load_model(path))
+    reference = by_hand(bool(closing))
     for name, *_ in BARS:
-        assert found.acceleration(f"{name}_pin_rate") == pytest.approx(
-            wanted.acceleration(f"{name}_pin_rate"), rel=1e-10)
+        assert motion.acceleration(f"{name}_pin_rate") == pytest.approx(
+            reference.acceleration(f"{name}_pin_rate"), rel=1e-10)
 
 
 #: A parallelogram in the xz plane: from the ground up, across, and down to the ground again.
@@ -80,7 +80,7 @@ TILTED = {"left_pin": 0.4, "top_pin": -0.4, "right_pin": 0.4}
 
 
 def test_springs_and_ranges_of_a_joint_that_closes_a_loop(tmp_path):
-    """The last pin of a parallelogram turns as the first: V = k θ²/2, and k (θ − end)²/2 beyond."""
+    """The last pin of a parallelogram stores V = k θ²/2, and k (θ − end)²/2 beyond its range."""
     spring = "<dynamics><spring_stiffness>7</spring_stiffness></dynamics>"
     limit = "<limit><lower>-.1</lower><upper>.1</upper></limit>"
     for inside, energy, options in ((spring, 7 * 0.4**2 / 2, {}),
@@ -95,14 +95,14 @@ def test_springs_and_ranges_of_a_joint_that_closes_a_loop(tmp_path):
 
 
 def test_a_loop_that_starts_turned_out_of_its_joint_is_refused(tmp_path):
-    """A slide does not turn: angles that turn its body, by 0.4 rad, belong to no closed loop."""
+    """A slide does not turn, so that angles that turn its body by 0.4 rad close no loop."""
     path = written(tmp_path, SIDES + LAST.format("prismatic", ""))
     with pytest.raises(gs.InputError, match=r"'last_loop'.*22\.9"):
         gs.load_model(path, angles={"left_pin": 0.4})
 
 
 def test_angles_move_the_tree(tmp_path):
-    """An angle is from where the file places the link; a root without a joint floats."""
+    """Angles count from the pose of the link in the file; a root without a joint floats."""
     path = written(tmp_path, LINKS + JOINTS)
     motion = Motion(gs.load_model(path, angles={"coupler_pin": "90 deg"},
                                   rates={"rocker_pin": 2.0}))
@@ -113,8 +113,8 @@ def test_angles_move_the_tree(tmp_path):
     assert floating.system.n - floating.system.m == 6 + 2
     x = 0.2 * np.array([np.cos(1.2), 0, np.sin(1.2)]) + [0, 0, 0.5]
     assert floating.q0[4:7] == pytest.approx(x, abs=1e-15)
-    held = gs.load_model(tmp_path / "bars.sdf", base="fixed")
-    assert held.system.n - held.system.m == 2
+    fixed = gs.load_model(tmp_path / "bars.sdf", base="fixed")
+    assert fixed.system.n - fixed.system.m == 2
 
 
 @pytest.mark.parametrize(("base", "said"), [
@@ -170,7 +170,7 @@ def test_bad_files_are_refused(tmp_path, inside, said):
 
 
 def test_links_look_as_their_file_says(tmp_path):
-    """Shapes and colours of <visual>, where their poses put them in the axes of the body."""
+    """Shapes and colours of <visual> are placed by their poses in the axes of the body."""
     visual = ("<visual name='v'><pose>.1 0 0 0 0 0</pose><geometry><cylinder><radius>.1</radius>"
               "<length>.4</length></cylinder></geometry><material><diffuse>0 1 0 1</diffuse>"
               "</material></visual><visual name='w'><geometry><box><size>2 4 6</size></box>"
@@ -203,18 +203,19 @@ def turning(tmp_path, text, **options):
     return Motion(gs.load_model(path, **options)).acceleration("pin_rate")
 
 
-def model(inside, told="", version="1.11"):
-    return f'<sdf version="{version}"><model name="m"{told}>{inside}</model></sdf>'
+def model(inside, attributes="", version="1.11"):
+    return f'<sdf version="{version}"><model name="m"{attributes}>{inside}</model></sdf>'
 
 
 def test_a_link_may_be_without_weight(tmp_path):
-    """<gravity>: none of it, and half of it where another half has its own."""
-    for told, share in (("false", 0.0), ("true", 1.0), ("0", 0.0)):
-        found = turning(tmp_path, model(ARM.format(link=f"<gravity>{told}</gravity>") + HELD))
-        assert found == pytest.approx(share * FREE_FALL, rel=1e-13, abs=1e-13)
-    other = ARM.format(link="<gravity>false</gravity>").replace('"arm"', '"other"')
+    """<gravity> takes away a link's weight: all of it alone, half of it beside an equal link."""
+    for flag, share in (("false", 0.0), ("true", 1.0), ("0", 0.0)):
+        acceleration = turning(
+            tmp_path, model(ARM.format(link=f"<gravity>{flag}</gravity>") + HELD))
+        assert acceleration == pytest.approx(share * FREE_FALL, rel=1e-13, abs=1e-13)
+    weightless = ARM.format(link="<gravity>false</gravity>").replace('"arm"', '"other"')
     bolt = """<joint name="bolt" type="fixed"><parent>arm</parent><child>other</child></joint>"""
-    both = turning(tmp_path, model(ARM.format(link="") + other + bolt + HELD))
+    both = turning(tmp_path, model(ARM.format(link="") + weightless + bolt + HELD))
     assert both == pytest.approx(FREE_FALL / 2, rel=1e-13)
 
 
@@ -226,9 +227,9 @@ def test_a_link_may_be_without_weight(tmp_path):
      " placement_frame='f'", np.cos(0.3)),
 ])
 def test_the_model_is_at_its_pose(tmp_path, pose, told, share):
-    """A hinge that the pose tilts has the share of gravity that is normal to it."""
-    found = turning(tmp_path, model(pose + ARM.format(link="") + HELD, told))
-    assert found == pytest.approx(share * FREE_FALL, rel=1e-13)
+    """Gravity turns a hinge tilted by the pose with its share normal to the axis."""
+    acceleration = turning(tmp_path, model(pose + ARM.format(link="") + HELD, told))
+    assert acceleration == pytest.approx(share * FREE_FALL, rel=1e-13)
 
 
 @pytest.mark.parametrize("outside", [
@@ -238,7 +239,7 @@ def test_the_model_is_at_its_pose(tmp_path, pose, told, share):
     PIN.format(parent="world", child="m").replace("<axis>", "<pose relative_to='m::arm'/><axis>"),
 ])
 def test_joints_of_the_world_hold_the_model(tmp_path, outside):
-    """A joint beside the model, whose ends may be frames, is one of its own."""
+    """A joint beside the model, whose ends may be frames, acts as a joint of the model."""
     inside = ARM.format(link="") + "<frame name='there' attached_to='arm'/>"
     text = (f"<sdf version='1.11'><world name='w'><gravity>0 0 -9.81</gravity>{outside}"
             f"<model name='m'><pose>3 0 0 0 0 0</pose>{inside}</model></world></sdf>")
@@ -250,7 +251,7 @@ def test_joints_of_the_world_hold_the_model(tmp_path, outside):
     ("<physics type='ode'><gravity>0 0 -1.5</gravity></physics>", 1.5),
 ])
 def test_gravity_is_that_of_the_world(tmp_path, world, g):
-    """Also in <physics>, where it is before version 1.6; a world without has 9.8."""
+    """<gravity> counts also in <physics>, its place before version 1.6; without it g is 9.8."""
     text = (f"<sdf version='1.5'><world name='w'>{world}<model name='m'>{ARM.format(link='')}"
             f"{HELD}</model></world></sdf>")
     assert turning(tmp_path, text) == pytest.approx(FREE_FALL * g / 9.81, rel=1e-13)
@@ -261,7 +262,7 @@ def test_gravity_is_that_of_the_world(tmp_path, world, g):
 
 
 def test_an_axis_may_follow_another(tmp_path):
-    """<mimic> inside <axis>: q₂ = 2 (q₁ − .1) + .3, one freedom, and the energy of both arms."""
+    """<mimic> inside <axis> makes q₂ = 2 (q₁ − .1) + .3: one freedom, with both arms' inertia."""
     second = ARM.format(link="<pose>0 1 0 0 0 0</pose>").replace('"arm"', '"other"')
     follower = PIN.format(parent="world", child="other").replace('"pin"', '"second"').replace(
         "</xyz>", """</xyz><mimic joint="pin"><multiplier>2</multiplier><offset>.3</offset>
@@ -273,25 +274,25 @@ def test_an_axis_may_follow_another(tmp_path):
     assert motion.value("second_angle") == pytest.approx(0.9, rel=1e-13)
     torque = 2 * 9.81 * 0.5 * (np.cos(0.4) + 2 * np.cos(0.9))
     assert motion.acceleration("pin_rate") == pytest.approx(torque / (0.6 * 5), rel=1e-12)
-    for given, angle in (("<multiplier>2</multiplier>", 0.6), ("<offset>.3</offset>", 0.3),
-                         ("<reference>.1</reference>", 0.4)):  # what is absent is 1, 0, 0
-        path.write_text(path.read_text().replace(given, ""))
+    for element, angle in (("<multiplier>2</multiplier>", 0.6), ("<offset>.3</offset>", 0.3),
+                         ("<reference>.1</reference>", 0.4)):  # their defaults are 1, 0, 0
+        path.write_text(path.read_text().replace(element, ""))
         motion = Motion(gs.load_model(path, angles={"pin": 0.4}))
         assert motion.value("second_angle") == pytest.approx(angle, rel=1e-13)
 
 
 def test_endless_ranges_have_no_ends(tmp_path):
     endless = HELD.replace("</axis>", "<limit><lower>-inf</lower><upper>inf</upper></limit></axis>")
-    found = turning(tmp_path, model(ARM.format(link="") + endless))
-    assert found == pytest.approx(FREE_FALL, rel=1e-13)
+    acceleration = turning(tmp_path, model(ARM.format(link="") + endless))
+    assert acceleration == pytest.approx(FREE_FALL, rel=1e-13)
     with pytest.raises(gs.InputError, match="limits"):
         turning(tmp_path, model(ARM.format(link="") + endless.replace(">inf", ">1")))
 
 
 def test_a_link_without_inertia_has_that_of_the_standard(tmp_path):
-    """1 kg and 1 kg m², told in a warning: a wheel on the tip of the arm."""
+    """A wheel on the tip of the arm has 1 kg and 1 kg m², with a warning."""
     bare = """<link name="tip"><pose>1 0 0 0 0 0</pose></link><joint name="bolt" type="fixed">
     <parent>arm</parent><child>tip</child></joint>"""
     with pytest.warns(gs.errors.InputWarning, match="tip"):
-        found = turning(tmp_path, model(ARM.format(link="") + bare + HELD))
-    assert found == pytest.approx(9.81 * 2 / (0.6 + 1 + 1), rel=1e-13)
+        acceleration = turning(tmp_path, model(ARM.format(link="") + bare + HELD))
+    assert acceleration == pytest.approx(9.81 * 2 / (0.6 + 1 + 1), rel=1e-13)

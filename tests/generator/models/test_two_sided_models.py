@@ -52,7 +52,7 @@ G, RATE, MU, L, K, BURN = 9.81, 0.3, 0.4, 2.0, 40.0, 0.5
 
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
-    """A run of the file."""
+    """Return a run of the file."""
     path = tmp_path_factory.mktemp("fairground") / "fairground.toml"
     path.write_text(TEXT, encoding="utf-8")
     model = gs.load_model(path)
@@ -79,15 +79,16 @@ def test_drag_sliding_friction_and_thrust_that_ends(run):
     q, p = coordinate(run, "rocket")
     burning = run.t <= BURN * (1 + 4 * EPS)
     at_end = np.array([2 * G * BURN**2 / 2, 2 * G * BURN])
-    rest = run.t - BURN
-    exact = np.where(burning, 2 * G * run.t**2 / 2, at_end[0] + at_end[1] * rest - G * rest**2 / 2)
+    coasting = run.t - BURN
+    exact = np.where(burning, 2 * G * run.t**2 / 2,
+                     at_end[0] + at_end[1] * coasting - G * coasting**2 / 2)
     assert np.abs(q - exact).max() <= 1024 * EPS * np.abs(q).max()
-    rate = np.where(burning, 2 * G * run.t, at_end[1] - G * rest)
+    rate = np.where(burning, 2 * G * run.t, at_end[1] - G * coasting)
     assert np.abs(p - rate).max() <= 1024 * EPS * np.abs(rate).max()
 
 
 def test_rope_that_pulls_only(run):
-    """Free fall up to the rope's length, a harmonic swing on it, and free fall again."""
+    """The jumper falls freely to the rope's length, swings harmonically and falls freely again."""
     q, _ = coordinate(run, "jumper")
     fall, frequency = np.sqrt(2 * L / G), np.sqrt(K)
     middle, swing = L + G / K, np.hypot(G / K, np.sqrt(2 * G * L) / frequency)
@@ -132,6 +133,6 @@ def test_the_same_in_the_words_of_sympy(tmp_path):
     quantities = {
         "flying": sp.Heaviside(q[3]), "turn": sp.Mod(q[4], sp.Rational(1, 4)),
         "phase": sp.Piecewise((1, (q[2] < length) & (p[2] > 0)), (2, q[2] >= length), (3, True))}
-    own = gs.System(q, p, read.parameters, H, name="fairground", forces=forces, time=t,
-                    quantities=quantities)
-    assert canonical(own) == canonical(read)
+    system = gs.System(q, p, read.parameters, H, name="fairground", forces=forces, time=t,
+                       quantities=quantities)
+    assert canonical(system) == canonical(read)

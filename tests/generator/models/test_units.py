@@ -22,7 +22,7 @@ from gyrospark.generator.parsing.tokens import names_in
     ("pi/6", sp.pi / 6), ("40*pi", 40 * sp.pi),
 ])
 def test_units_are_what_they_are(text, value):
-    """Correctly rounded, as SymPy says at fifty digits."""
+    """Values are SymPy's at fifty digits, correctly rounded."""
     assert parse_number(text, {"tilt": 2.5}, UNITS) == float(sp.N(value, 50))
 
 
@@ -43,7 +43,7 @@ def test_units_out_of_place_are_reported(text, units, words):
 
 
 def test_names_of_units_are_free_for_parameters():
-    """A unit stands behind a number only; no formula loses a name."""
+    """Units stand behind numbers only, so that formulas may use their names."""
     assert parse_number("2*rad + deg", {"rad": 3.0, "deg": 1.0}) == 7
     assert parse_number("rad*s deg/s", {"rad": 3.0, "s": 2.0}, RATES) == float(sp.pi / 30)
     assert names_in("2*rad + sin(x) 30 deg/s") == {"rad", "sin", "x", "deg", "s"}
@@ -65,9 +65,9 @@ angular_velocity = [{d}, 0, {e}]
 def test_a_model_with_units_is_the_one_in_radians():
     with_units = MODEL.format(a='"90 deg"', b='"10*3 deg"', c=0, d='"30 deg/s"', e='"60 rpm"')
     plain = MODEL.format(a='"pi/2"', b='"pi/6"', c=0, d='"pi/6"', e='"2*pi"')
-    one, other = (parse_model(text, "m.toml") for text in (with_units, plain))
-    assert list(one.q0) == list(other.q0)
-    assert list(one.p0) == list(other.p0)
+    in_degrees, in_radians = (parse_model(text, "m.toml") for text in (with_units, plain))
+    assert list(in_degrees.q0) == list(in_radians.q0)
+    assert list(in_degrees.p0) == list(in_radians.p0)
 
 
 def test_units_in_bodies_joints_parameters_and_coordinates():
@@ -116,7 +116,7 @@ forces = [{name = "closer", type = "joint_spring", joints = ["left"], stiffness 
 
 
 def test_units_in_the_rest_of_a_spring_and_the_offset_of_a_couple():
-    """Those of hinges are angles; those of slides, travels, have no unit."""
+    """Rests and offsets of hinges are angles; of slides they are travels and have no unit."""
     def doors(kind, offset, rest):
         return parse_model(TWO_DOORS.replace("KIND", kind).replace("OFFSET", offset).replace(
             "REST", rest), "d.toml").parameters

@@ -27,13 +27,13 @@ def values_of(lines):
 
 
 def same(model, builder):
-    wanted = builder.model()
-    assert model.system.H == wanted.system.H
-    assert model.system.constraints == wanted.system.constraints
-    assert model.system.velocity_constraints == wanted.system.velocity_constraints
-    assert np.array_equal(model.q0, wanted.q0)
-    assert np.array_equal(model.p0, wanted.p0)
-    assert wanted.system.m + len(wanted.system.velocity_constraints) > 1
+    built = builder.model()
+    assert model.system.H == built.system.H
+    assert model.system.constraints == built.system.constraints
+    assert model.system.velocity_constraints == built.system.velocity_constraints
+    assert np.array_equal(model.q0, built.q0)
+    assert np.array_equal(model.p0, built.p0)
+    assert built.system.m + len(built.system.velocity_constraints) > 1
 
 
 @pytest.mark.parametrize(("kind", "ends", "lines"), JOINTS, ids=lambda x: str(x)[:9])
@@ -49,7 +49,7 @@ def test_a_joint_is_what_the_builder_makes(kind, ends, lines):
 
 
 def test_coupled_joints_are_what_the_builder_makes():
-    """Turns of two joints: second = ratio first + offset."""
+    """A couple in a file, second = ratio first + offset, is the builder's."""
     bodies = "".join(f'[[bodies]]\nname = "{name}"\nmass = 2\ninertia = [1, 1.5, 2]\n'
                      for name in "ab")
     joints = "".join(f'[[joints]]\nname = "j{name}"\ntype = "revolute"\n'
@@ -74,7 +74,7 @@ JOINT = ("<joint name='{name}' type='revolute'><parent>{parent}</parent><child>{
 
 
 def bars(tmp_path, relative, parent, axis, model=""):
-    """Return the model of two bars, each turned in the axes of the one above."""
+    """Return the model of two bars, each turned in the axes of the bar above."""
     path = tmp_path / "bars.sdf"
     links = LINK.format(name="a", relative=relative, above="__model__") + LINK.format(
         name="b", relative=relative, above="a")
@@ -86,12 +86,12 @@ def bars(tmp_path, relative, parent, axis, model=""):
 
 
 def test_older_spellings_of_sdf_mean_the_same_and_products_of_inertia_are_kept(tmp_path):
-    found = bars(tmp_path, "frame", "__model__", "<use_parent_model_frame>true"
+    older = bars(tmp_path, "frame", "__model__", "<use_parent_model_frame>true"
                  "</use_parent_model_frame><xyz>0 1 0</xyz>", "canonical_link='a'")
-    wanted = bars(tmp_path, "relative_to", "a", "<xyz expressed_in='__model__'>0 1 0</xyz>")
-    assert np.array_equal(found.q0, wanted.q0)
-    assert found.system.constraints == wanted.system.constraints
-    assert found.system.H == wanted.system.H
+    current = bars(tmp_path, "relative_to", "a", "<xyz expressed_in='__model__'>0 1 0</xyz>")
+    assert np.array_equal(older.q0, current.q0)
+    assert older.system.constraints == current.system.constraints
+    assert older.system.H == current.system.H
     model = bars(tmp_path, "relative_to", "a", "<xyz>0 1 0</xyz>")
     for inertia in model.bodies.values():
         assert np.array_equal(inertia, [[2, 0.1, 0.2], [0.1, 2.5, -0.3], [0.2, -0.3, 3]])

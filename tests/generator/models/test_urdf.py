@@ -1,4 +1,4 @@
-"""URDF: what it describes, against Pinocchio and against bodies put together by hand; bad files."""
+"""URDF: its models against Pinocchio and bodies put together by hand; bad files."""
 
 import math
 from importlib import metadata
@@ -49,7 +49,7 @@ def changed(tmp_path, *pairs):
 
 
 def test_an_arm_has_its_masses_weight_and_damper(arm):
-    """A link that is fixed to another is one body with it; the shoulder alone has damping."""
+    """A link fixed to another makes one body with it; the shoulder alone has damping."""
     model = gs.load_model(arm, ignore="limits", gravity=(1.0, -2.0, 0.5), **START)
     motion, system = Motion(model), model.system
     assert (system.n, system.m) == (21, 18)
@@ -58,17 +58,17 @@ def test_an_arm_has_its_masses_weight_and_damper(arm):
     for name, value in (("shoulder_angle", 0.4), ("slide_1_travel", -0.15), ("wheel_angle", 2.0),
                         ("shoulder_rate", -1.1), ("slide_1_speed", 0.7), ("wheel_rate", 9.0)):
         assert abs(motion.value(name) - value) <= 64 * EPS * max(1, abs(value)), name
-    at = dict(zip((*system.q, *system.p), (*model.q0, *np.zeros(system.n)), strict=True))
-    at |= {parameter: model.parameters[str(parameter)] for parameter in system.parameters}
+    values = dict(zip((*system.q, *system.p), (*model.q0, *np.zeros(system.n)), strict=True))
+    values |= {parameter: model.parameters[str(parameter)] for parameter in system.parameters}
     mass = sum(model.parameters[f"{body.name}_m"] for body in system.bodies)
-    weight = -evaluate(system.H_q, at).reshape(-1, 7)[:, 4:].sum(axis=0)
+    weight = -evaluate(system.H_q, values).reshape(-1, 7)[:, 4:].sum(axis=0)
     assert np.abs(weight - mass * np.array([1.0, -2.0, 0.5])).max() <= 64 * EPS * 9.81 * mass
-    force = evaluate(system.forces, at | dict(zip(system.p, motion.p, strict=True)))
+    force = evaluate(system.forces, values | dict(zip(system.p, motion.p, strict=True)))
     assert force @ motion.dq == pytest.approx(-0.3 * 1.1**2, rel=1e-12)  # -c ω²
 
 
 def files_of_robots():
-    """Return name → path of the robots of PyPI's example-robot-data; none where it is not."""
+    """Return name → path of the robots of PyPI's example-robot-data, none without that package."""
     try:
         files = metadata.files("example-robot-data") or []
     except metadata.PackageNotFoundError:
@@ -78,28 +78,28 @@ def files_of_robots():
 
 @pytest.mark.parametrize("name", ["ur5_robot", "xarm7", "go2", "solo12", "allegro_right_hand"])
 def test_robots_from_pypi_move_as_pinocchio_has_it(name):
-    """An arm, legs, a hand: accelerations of all joints at random angles and rates."""
+    """All joints of arms, legs and a hand have Pinocchio's accelerations at random states."""
     pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
     path = files_of_robots().get(f"{name}.urdf")
     if path is None:
         pytest.skip("pip install example-robot-data (131 MB) to test real robots")
-    other = pin.buildModelFromUrdf(str(path))
+    reference = pin.buildModelFromUrdf(str(path))
     rng = np.random.default_rng(7)
-    q, v, tau = pin.neutral(other), rng.uniform(-1, 1, other.nv), np.zeros(other.nv)
-    damping = {joint.attrib["name"]: float(part.attrib.get("damping", 0))
+    q, v, tau = pin.neutral(reference), rng.uniform(-1, 1, reference.nv), np.zeros(reference.nv)
+    damping = {joint.attrib["name"]: float(dynamics.attrib.get("damping", 0))
                for joint in ElementTree.parse(path).getroot().iter("joint")
-               for part in joint.iter("dynamics")}
+               for dynamics in joint.iter("dynamics")}
     angles, rates = {}, {}
-    for joint, key in zip([*other.joints][1:], [*other.names][1:], strict=True):
+    for joint, key in zip([*reference.joints][1:], [*reference.names][1:], strict=True):
         angles[key], rates[key] = float(rng.uniform(-1, 1)), float(v[joint.idx_v])
         q[joint.idx_q:joint.idx_q + joint.nq] = (
             angles[key] if joint.nq == 1 else (math.cos(angles[key]), math.sin(angles[key])))
         tau[joint.idx_v] = -damping.get(key, 0) * rates[key]
     motion = Motion(gs.load_model(path, ignore="all", angles=angles, rates=rates))
-    wanted = pin.aba(other, other.createData(), q, v, tau)
-    found = np.array([motion.acceleration(f"{plain_name(key)}_rate") for key in angles])
-    order = [joint.idx_v for joint in [*other.joints][1:]]
-    assert np.abs(found - wanted[order]).max() <= 1e-12 * np.abs(wanted).max()
+    expected = pin.aba(reference, reference.createData(), q, v, tau)
+    accelerations = np.array([motion.acceleration(f"{plain_name(key)}_rate") for key in angles])
+    order = [joint.idx_v for joint in [*reference.joints][1:]]
+    assert np.abs(accelerations - expected[order]).max() <= 1e-12 * np.abs(expected).max()
 
 
 FLOATING = (('<link name="base"/>', '<link name="base"><inertial><mass value="3"/>'
@@ -109,33 +109,34 @@ FLOATING = (('<link name="base"/>', '<link name="base"><inertial><mass value="3"
 
 
 def test_quaternions_are_rotations(tmp_path):
-    """quat_xyzw of URDF 1.1, of any length: the quarter turn about x that rpy has, too."""
-    turned = [("rpy=\"0.3 0.1 -0.4\"", told) for told in (
+    """quat_xyzw of URDF 1.1, of any length, gives the same quarter turn about x as rpy."""
+    turned = [("rpy=\"0.3 0.1 -0.4\"", attribute) for attribute in (
         f'rpy="{math.pi / 2} 0 0"', 'quat_xyzw="3 0 0 3"')]
-    found = [Motion(gs.load_model(changed(
+    accelerations = [Motion(gs.load_model(changed(
         tmp_path, pair, ('<robot name="arm">', '<robot name="arm" version="1.1">')),
         ignore="limits", **START)).acceleration("wheel_rate") for pair in turned]
-    assert found[0] == pytest.approx(found[1], rel=1e-12)
+    assert accelerations[0] == pytest.approx(accelerations[1], rel=1e-12)
 
 
 def test_a_floating_base_moves_as_pinocchio_has_it(tmp_path):
     pin = pytest.importorskip("pinocchio", reason="pip install gyrospark[pinocchio]")
     path = changed(tmp_path, *FLOATING)
-    other = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
+    reference = pin.buildModelFromUrdf(str(path), pin.JointModelFreeFlyer())
     v = [0.5, 0.1, 2.0, 0.3, 1.0, -0.4]  # of the base, whose centre of mass is its origin
     model = gs.load_model(path, base="floating", ignore="limits", velocity=v[:3],
                          angular_velocity=v[3:], **START)
     a, s, w = START["angles"].values()
     q = np.array([0, 0, 0, 0, 0, 0, 1, a, s, math.cos(w), math.sin(w)])
-    wanted = pin.aba(other, other.createData(), q, np.array([*v, *START["rates"].values()]),
-                     np.zeros(9))
+    expected = pin.aba(reference, reference.createData(), q,
+                       np.array([*v, *START["rates"].values()]), np.zeros(9))
     motion = Motion(model)
-    found = [motion.acceleration(name) for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
-    assert np.abs(found - wanted[6:]).max() <= 1e-12 * np.abs(wanted).max()
+    accelerations = [motion.acceleration(name)
+                     for name in ("shoulder_rate", "slide_1_speed", "wheel_rate")]
+    assert np.abs(accelerations - expected[6:]).max() <= 1e-12 * np.abs(expected).max()
 
 
 def test_a_floating_base_carries_the_tree(arm):
-    """At rest in all joints, bodies move as one: v + ω × (x − x₀)."""
+    """With all joints at rest, bodies move as one with v + ω × (x − x₀)."""
     v, w = np.array([0.5, 0, 2]), np.array([0.3, 1, -0.4])
     path = changed(arm.parent, *FLOATING)
     model = gs.load_model(path, base="floating", ignore="limits", velocity=v, angular_velocity=w)
@@ -158,7 +159,7 @@ FOLLOWERS = """<link name="slider"><inertial><mass value="1.2"/>
 
 
 def test_followers_follow(tmp_path):
-    """<mimic>: half the angle, and a sixth of a metre, of another joint."""
+    """<mimic> makes a travel −0.2 θ + 0.05 and an angle 3 θ of the shoulder's θ."""
     path = tmp_path / "followers.urdf"
     path.write_text(HINGE.replace("</robot>", FOLLOWERS), encoding="utf-8")
     model = gs.load_model(path, ignore="limits", angles={"shoulder": 0.5}, rates={"shoulder": 2.0})
@@ -178,7 +179,7 @@ def test_followers_follow(tmp_path):
 
 
 def test_more_can_be_added(arm):
-    """A motor and a loop: the wheel's centre is held on a rod to the ground."""
+    """A motor and a loop are added: a rod to the ground holds the wheel's centre."""
     build = gs.Multibody.from_file(arm, ignore="limits", **START)
     build.motor("drive", "shoulder", torque=2.0 - build.rate("shoulder"))
     build.rod("tie", "ground", "wheel", on_a=(2, 0, 0))
@@ -189,7 +190,7 @@ def test_more_can_be_added(arm):
 
 
 def test_angles_and_rates_have_units_and_beyond_a_turn_warn(arm):
-    # In Python as in a model file; what says its unit needs no warning.
+    # Numbers have units as in a model file; a number with its unit needs no warning.
     motion = Motion(gs.load_model(
         arm, ignore="limits", angles={"shoulder": "90 deg - 0.1 rad", "wheel": "45 rad",
                                       "slide-1": "1/4"},
@@ -199,7 +200,7 @@ def test_angles_and_rates_have_units_and_beyond_a_turn_warn(arm):
                         ("shoulder_rate", math.pi / 3), ("slide_1_speed", 0.5),
                         ("wheel_rate", math.pi / 4)):
         assert motion.value(name) == pytest.approx(value, rel=1e-13), name
-    # Of hinges; a travel of 45 m is one, and a rate of 45 rad/s.
+    # Angles of hinges are warned of; a travel of 45 m and a rate of 45 rad/s are not.
     with pytest.warns(gs.errors.InputWarning, match="shoulder.*45 deg"):
         gs.load_model(arm, ignore="limits", angles={"shoulder": 45, "slide-1": 45},
                      rates={"wheel": 45})
@@ -208,19 +209,19 @@ def test_angles_and_rates_have_units_and_beyond_a_turn_warn(arm):
 
 
 def test_the_command_runs_it(arm, gyrospark):
-    """By name, with settings; what is there and not ignored is told in a sentence."""
+    """The command takes settings by name, and refuses parts that are not ignored by a sentence."""
     arm.write_text(BAR.replace('"continuous">', '"revolute"><limit lower="-1" upper="1" effort="9" '
                                'velocity="9"/>'), encoding="utf-8")
 
     def run(*settings):
-        options = [part for setting in settings for part in ("--set", setting)]
+        options = [argument for setting in settings for argument in ("--set", setting)]
         return gyrospark("run", arm, "--scheme", "IMS", "--dt", "1e-3", "--steps", "20", "--json",
                          *options)
 
     done = run("ignore=limits", "elbow=0.4", "elbow.rate=3")
     assert done.code == 0, done.stderr
     assert done.document["steps"] == 20
-    for settings, said in [
+    for settings, message in [
         ((), 'limits="stops"'), ((), "limits=1000"), (("ignore=limit",), "'limit'; choose limits"),
         (("ignore=limits", "wrist=1"), "'wrist'"), (("ignore=limits", "elbow=x"), "'elbow' is 'x'"),
         (("ignore=limits", "base=flying"), "'flying'"), (("limits=1000,2000",), "'1000,2000'"),
@@ -229,11 +230,11 @@ def test_the_command_runs_it(arm, gyrospark):
         failed = run(*settings)
         assert failed.code == 2
         assert failed.stderr.count("\n") == 1
-        assert said in failed.stderr, failed.stderr
+        assert message in failed.stderr, failed.stderr
 
 
 def test_a_run_without_times_is_refused_before_it_is_derived(arm, gyrospark, monkeypatch):
-    """Step and span are named together, whatever else the file has."""
+    """The refusal names step and span together, before any derivation."""
     monkeypatch.setattr(Derivation, "record", lambda self: pytest.fail("derived"))
     for options, words in (((), ["--dt", "--t-end"]), (("--dt", "1e-3"), ["--steps", "--t-end"])):
         refused(gyrospark("run", arm, "--set", "ignore=all", *options), *words)
@@ -328,7 +329,7 @@ MOVED = r"'crank_pin' 1\.18.*given 1\.2"
 
 
 def test_a_loop_has_the_rotation_of_its_links(tmp_path):
-    """Links a2 and b2 are turned in their bodies by 0.7 and −0.4: θ_b = θ_a + 0.7 + 0.3 + 0.4."""
+    """Links a2 and b2, turned in their bodies by 0.7 and −0.4, have θ_b = θ_a + 0.7 + 0.3 + 0.4."""
     robot, loops = tmp_path / "doors.urdf", tmp_path / "loops.toml"
     parts = "".join(f'''<link name="{x}"><inertial><mass value="1"/><inertia ixx=".3" iyy=".2"
         izz=".25" ixy="0" ixz="0" iyz="0"/></inertial></link><link name="{x}2"/>
@@ -346,19 +347,20 @@ on_a = [0, 0, 0]
 on_b = [0, 0, 0]
 rotation = [["cos(0.3)", "-sin(0.3)", 0], ["sin(0.3)", "cos(0.3)", 0], [0, 0, 1]]
 """)
-    with pytest.warns(match="left out"):  # and none that the loop moves the start
+    with pytest.warns(match="left out"):  # and no warning that the loop moves the start
         motion = Motion(gs.load_model(robot, loops=loops, angles={"a_hinge": 0.2, "b_hinge": 1.6}))
     assert motion.value("b_hinge_angle") == pytest.approx(1.6, rel=1e-14)
 
 
 @pytest.mark.slow  # two steppers of a loop
 def test_the_command_closes_loops_by_another_file(tmp_path, gyrospark):
-    """What is kept of the first belongs to the file as it was."""
+    """A changed file of loops gives another run: the cache belongs to the file as it was."""
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(CLOSING)
     run = ["run", robot, "--set", f"loops={loops}", "--dt", "5e-3", "--steps", "200", "--json",
-           *(part for name, value in ANGLES.items() for part in ("--set", f"{name}={value}"))]
+           *(argument for name, value in ANGLES.items()
+             for argument in ("--set", f"{name}={value}"))]
     answer = gyrospark(*run)
     assert answer.code == 0, answer.stderr
     loops.write_text(CLOSING.replace("1.1", "1.0"))
@@ -367,23 +369,23 @@ def test_the_command_closes_loops_by_another_file(tmp_path, gyrospark):
 
 @pytest.mark.parametrize("kind", [pytest.param("ball", marks=pytest.mark.slow), "revolute"])
 def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
-    """<constraint> of urdfdom's proposal is the same four-bar as a file of loops makes."""
+    """<constraint> of urdfdom's proposal makes the same four-bar as a file of loops."""
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(CLOSING)
-    told = f"""<constraint name="closing" type="{kind}"><parent link="rocker"/>
+    constraint = f"""<constraint name="closing" type="{kind}"><parent link="rocker"/>
       <parent_origin xyz=".7 0 0" rpy=".2 0 0"/><parent_axis xyz="0 .980066577841242
       -.198669330795061"/><child link="frame"/><child_origin xyz="1.1 0 0"/></constraint></robot>"""
     with pytest.warns(gs.errors.InputWarning, match=MOVED), pytest.warns(match="closing"):
-        wanted = Motion(gs.load_model(robot, loops=loops, angles=ANGLES))
-    robot.write_text(FOUR_BAR.replace("</robot>", told))
+        reference = Motion(gs.load_model(robot, loops=loops, angles=ANGLES))
+    robot.write_text(FOUR_BAR.replace("</robot>", constraint))
     with pytest.warns(gs.errors.InputWarning, match=MOVED), pytest.warns(match="closing"):
-        found = Motion(gs.load_model(robot, angles=ANGLES))
+        motion = Motion(gs.load_model(robot, angles=ANGLES))
     for name in ("crank", "coupler", "rocker"):
-        assert found.acceleration(f"{name}_pin_rate") == pytest.approx(
-            wanted.acceleration(f"{name}_pin_rate"), rel=1e-10)
+        assert motion.acceleration(f"{name}_pin_rate") == pytest.approx(
+            reference.acceleration(f"{name}_pin_rate"), rel=1e-10)
     for old, new in (("rocker", "rockr"), (kind, "hinge"), ("parent_axis", "axis")):
-        robot.write_text(FOUR_BAR.replace("</robot>", told.replace(old, new)))
+        robot.write_text(FOUR_BAR.replace("</robot>", constraint.replace(old, new)))
         if (old, kind) != ("parent_axis", "ball"):
             with pytest.raises(gs.InputError, match="closing.*" + new):
                 gs.load_model(robot, angles=ANGLES)
@@ -403,11 +405,11 @@ def test_bad_loops_are_refused(tmp_path, text, said):
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(text)
-    with pytest.raises(gs.InputError) as told:
+    with pytest.raises(gs.InputError) as caught:
         gs.load_model(robot, loops=loops, angles=ANGLES)
-    assert said in str(told.value)
-    assert "\n" not in str(told.value)
-    assert "loops.toml" in str(told.value)
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "loops.toml" in str(caught.value)
 
 
 def test_joints_whose_names_differ_in_a_hyphen_keep_their_quantities(arm):
@@ -433,7 +435,7 @@ def test_joints_whose_names_differ_in_a_hyphen_keep_their_quantities(arm):
      "</sdf>", "sdf", "pin", (None, 0.5)),
 ])
 def test_ranges_are_elastic_or_stops_on_wish(tmp_path, text, ending, name, ends):
-    """V = ½ k d² beyond an end; or a gap to each end, with one restitution, a parameter."""
+    """A range stores V = ½ k d² beyond an end, or has a gap to each end and one restitution."""
     if ending == "xml":
         pytest.importorskip("mujoco")
     path = tmp_path / f"arm.{ending}"
@@ -446,9 +448,9 @@ def test_ranges_are_elastic_or_stops_on_wish(tmp_path, text, ending, name, ends)
             gs.load_model(path, limits=limits)
     below = (-0.7, 0) if lower is None else (lower - 0.3, 0.3)
     for angle, beyond in ((upper + 0.4, 0.4), below):
-        free, held = (Motion(gs.load_model(path, angles={name: angle}, **told)).energy()
-                      for told in ({"ignore": "limits"}, {"limits": 40.0}))
-        assert held - free == pytest.approx(40 * beyond**2 / 2, rel=1e-12, abs=1e-12)
+        free, elastic = (Motion(gs.load_model(path, angles={name: angle}, **options)).energy()
+                         for options in ({"ignore": "limits"}, {"limits": 40.0}))
+        assert elastic - free == pytest.approx(40 * beyond**2 / 2, rel=1e-12, abs=1e-12)
     model = gs.load_model(path, **read_settings({"limits": "stops", name: "0.1"}, text, path))
     motion, both = Motion(model), lower is not None
     gaps = {"lower": 0.1 - lower} if both else {}

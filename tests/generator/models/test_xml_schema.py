@@ -13,7 +13,7 @@ from gyrospark.generator.models.sdf_schema import SDF
 from gyrospark.generator.models.urdf_schema import URDF
 from gyrospark.generator.models.xml_schema import Parts
 
-#: A file with each element of which something is read.
+#: A file with each element that is read, at least in part.
 FULL_SDF = """<sdf version="1.12"><world name="w">
 <gravity>0 0 -9.81</gravity><physics type="ode"><gravity>0 0 -9.81</gravity></physics>
 <frame name="corner" attached_to="world"><pose>1 0 0 0 0 0</pose></frame>
@@ -44,13 +44,13 @@ FULL_URDF = """<robot name="r" version="1.2"><link name="base"><origin/></link>
 <parent_origin xyz="0 0 1"/><child_origin xyz="0 0 2"/><parent_axis xyz="1 0 0"/>
 <child_axis xyz="1 0 0"/></constraint></robot>"""
 FORMATS = {"sdf": (SDF, FULL_SDF), "urdf": (URDF, FULL_URDF)}
-#: Default → a value that is another one.
+#: Default → a different value.
 OTHER = {"false": "true", "0": "0.5", "": "arm", "1": "0", "axis": "axis2", "0 0 0": "0 1 0"}
 KEYS = [(kind, key) for kind, (schema, *_) in FORMATS.items() for key in schema.parts]
 
 
 def read(tmp_path, kind, root, ignore=()):
-    """Return all that a reader makes of a file: bodies, joints, parameters and forces."""
+    """Return the values, bodies, joints and forces that a reader makes of a file."""
     path = tmp_path / f"robot.{kind}"
     path.write_text(ElementTree.tostring(root, encoding="unicode"))
     parts = gs.Multibody.from_file(path, ignore=ignore)._components
@@ -60,14 +60,14 @@ def read(tmp_path, kind, root, ignore=()):
 
 
 def places(root, key):
-    """Return the elements that a key of a schema is for, the last with a parent of that name."""
+    """Return the elements that a key of a schema describes, with a parent of the key's name."""
     above, _, name = key.rpartition("/")
     if key == root.tag:
         return [root]
-    own = {path.rpartition("/")[0] for schema in (SDF, URDF) for path in schema.parts
-           if path.endswith(f"/{name}")}
+    parents = {path.rpartition("/")[0] for schema in (SDF, URDF) for path in schema.parts
+               if path.endswith(f"/{name}")}
     return [child for parent in root.iter() for child in parent if child.tag == name
-            and (parent.tag == above if above else parent.tag not in own)]
+            and (parent.tag == above if above else parent.tag not in parents)]
 
 
 def put(element, name, text):
@@ -94,7 +94,7 @@ def test_each_part_is_in_one_class_and_the_file_has_all_that_is_read(kind):
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_what_moves_nothing_changes_nothing(tmp_path, kind):
-    """All such parts in each place where they may be."""
+    """Adding all parts that move nothing, in each place where they may be, changes nothing."""
     schema, text = FORMATS[kind]
     root = ElementTree.fromstring(text)
     everything = deepcopy(root)
@@ -107,10 +107,10 @@ def test_what_moves_nothing_changes_nothing(tmp_path, kind):
 
 @pytest.mark.parametrize(("kind", "key"), KEYS)
 def test_what_is_refused_is_named_with_its_line(tmp_path, kind, key):
-    """At its default it changes nothing; else it is refused, or ignored by the name it tells."""
+    """A refused part changes nothing at its default; else its refusal names its line and cure."""
     schema, text = FORMATS[kind]
     refused = schema.parts[key].refused
-    wanted = read(tmp_path, kind, ElementTree.fromstring(text)) if refused else None
+    unchanged = read(tmp_path, kind, ElementTree.fromstring(text)) if refused else None
     for name, (default, ignored_by, _) in refused.items():
         for value in {default, OTHER.get(default, "x")} - {None}:
             root = ElementTree.fromstring(text)
@@ -118,40 +118,40 @@ def test_what_is_refused_is_named_with_its_line(tmp_path, kind, key):
             put(element, name, value)
             if value == default:
                 if value or not name.startswith("@"):
-                    assert read(tmp_path, kind, root) == wanted, (key, name)
+                    assert read(tmp_path, kind, root) == unchanged, (key, name)
                 continue
             with pytest.raises(gs.InputError) as caught:
                 read(tmp_path, kind, root)
-            said = str(caught.value)
+            message = str(caught.value)
             if ignored_by:
-                assert f"{ignored_by} (" in said, (key, name)
-                assert read(tmp_path, kind, root, ignored_by) == wanted, (key, name)
+                assert f"{ignored_by} (" in message, (key, name)
+                assert read(tmp_path, kind, root, ignored_by) == unchanged, (key, name)
             else:
-                assert f"<{element.tag}>" in said, (key, name)
-                assert (f"{name[1:]}=" if name[0] == "@" else f"<{name}>") in said
+                assert f"<{element.tag}>" in message, (key, name)
+                assert (f"{name[1:]}=" if name[0] == "@" else f"<{name}>") in message
                 with pytest.raises(gs.InputError, match=r"line [0-9]+: "):
                     read(tmp_path, kind, root, "all")
 
 
 @pytest.mark.parametrize(("kind", "key"), KEYS)
 def test_what_is_in_no_class_is_refused(tmp_path, kind, key):
-    """Unknown elements and attributes, and what is read once and there twice, with the line."""
+    """Unknown elements and attributes, and single elements given twice, are refused with a line."""
     schema, text = FORMATS[kind]
     twice = [name for name in schema.parts[key].once.split() if not name.startswith("@")]
-    for name, said in [("nonsense", "<nonsense>"), ("@nonsense", "nonsense= is no"),
+    for name, message in [("nonsense", "<nonsense>"), ("@nonsense", "nonsense= is no"),
                        *((name, f"<{name}>.*[23] times") for name in twice)]:
         root = ElementTree.fromstring(text)
         element = places(root, key)[-1]
         for _ in range(2):
             put(element, name, "x")
-        with pytest.raises(gs.InputError, match=said) as caught:
+        with pytest.raises(gs.InputError, match=message) as caught:
             read(tmp_path, kind, root, "all")
         assert "line " in str(caught.value)
 
 
 @pytest.mark.parametrize("kind", FORMATS)
 def test_parts_of_other_programs_are_ignored_by_name(tmp_path, kind):
-    """Prefixed elements and attributes can move anything; those of XML itself move nothing."""
+    """Prefixed elements and attributes are refused unless ignored; XML's own pass."""
     _, text = FORMATS[kind]
     path = tmp_path / f"robot.{kind}"
     for added in (f'<{kind}:rotor xmlns:{kind}="http://x"/></joint>', "</joint>"):
@@ -191,8 +191,8 @@ XS = "{http://www.w3.org/2001/XMLSchema}"
 def folders(*patterns):
     """Return installed folders of schemas; SDF_PATH and URDF_PATH may name others."""
     roots = [Path(sys.prefix) / "share", Path("/usr/share"), Path("/usr/local/share")]
-    named = [Path(part) for key in ("SDF_PATH", "URDF_PATH")
-             for part in os.environ.get(key, "").split(os.pathsep) if part]
+    named = [Path(entry) for key in ("SDF_PATH", "URDF_PATH")
+             for entry in os.environ.get(key, "").split(os.pathsep) if entry]
     return [folder for folder in [*named, *(path for root in roots for pattern in patterns
                                             for path in root.glob(pattern))] if folder.is_dir()]
 
@@ -215,27 +215,28 @@ def sdf_rows(folder, name="root.sdf", above=(), files=()):
 
 
 def test_sdf_has_each_part_of_the_published_schema():
-    """Each path of the schemas that are installed is in one class, with the default it has."""
+    """Each path of the installed schemas is in one class, with the schema's default."""
     versions = [version for folder in folders("sdformat*") for version in folder.glob("1.*")
                 if (version / "root.sdf").is_file() and 3 <= int(version.name[2:]) <= 12]
     if not versions:
         pytest.skip("no schemas of sdformat are installed, nor in SDF_PATH")
     for version in versions:
         for path, default in sdf_rows(version):
-            above, (name, *rest) = "", path
-            while rest:
+            above, (name, *remaining) = "", path
+            while remaining:
                 parts = SDF.parts.get(f"{above}/{name}") or SDF.parts.get(name, Parts())
-                assert rest[0] in parts.names, (version.name, path)
-                if rest[0] in parts.refused and len(rest) == 1 and default is not None:
-                    wanted = parts.refused[rest[0]].default
-                    assert wanted is None or wanted == default or float(wanted) == float(default)
-                if rest[0] in parts.refused or rest[0] in parts.still.split():
+                assert remaining[0] in parts.names, (version.name, path)
+                if remaining[0] in parts.refused and len(remaining) == 1 and default is not None:
+                    declared = parts.refused[remaining[0]].default
+                    assert declared is None or declared == default or (
+                        float(declared) == float(default))
+                if remaining[0] in parts.refused or remaining[0] in parts.still.split():
                     break
-                above, name, rest = name, rest[0], rest[1:]
+                above, name, remaining = name, remaining[0], remaining[1:]
 
 
 def test_urdf_has_each_part_of_the_published_schema():
-    """Each element and attribute of urdf.xsd, in the type that holds it."""
+    """Each element and attribute of urdf.xsd is in a class of the type that holds it."""
     files = [file for folder in folders("urdfdom*/xsd", "urdf*") for file in
              [*folder.glob("urdf.xsd"), *folder.glob("xsd/urdf.xsd")]]
     if not files:
@@ -248,7 +249,7 @@ def test_urdf_has_each_part_of_the_published_schema():
 
 
 def check_type(kind, name, above, types):
-    """Check that the parts of a type are in a class; return how many there are."""
+    """Check the class of each part of a type; return the number of parts."""
     parts = URDF.parts.get(f"{above}/{name}") or URDF.parts.get(name, Parts())
     attributes = [f"@{e.get('name')}" for e in kind.findall(f"{XS}attribute")]
     children = [*kind.iter(f"{XS}element")]
