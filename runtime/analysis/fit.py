@@ -191,19 +191,19 @@ class Fitting:
 
     def __init__(
         self, step: Stepper, observation: Observation, run: RunArguments, sample_steps: Array,
-        data: Array, sigma: Array, free: Sequence[str], start: bool,
+        data: Array, sigma: Array, free: Sequence[str], fits_start: bool,
         clock: tuple[Any, Array] | None = None,
     ) -> None:
         """Keep the run and its measurements: ``data`` at the states after ``sample_steps`` steps.
 
         Shapes: sample_steps (samples,), data (samples, columns), sigma (1,) or (c,), c the number
-        of residuals of a sample. ``free`` names the parameters to fit; ``start``: whether the start
-        is fitted too. ``clock`` is t0 and the times of the samples, shape (samples,), in scaled
-        time.
+        of residuals of a sample. ``free`` names the parameters to fit; ``fits_start``: whether the
+        start is fitted too. ``clock`` is t0 and the times of the samples, shape (samples,), in
+        scaled time.
         """
         self.step, self.observation, self.run = step, observation, run
         self.sample_steps, self.data, self.sigma = sample_steps, data, sigma
-        self.start, self.coordinates = start, Coordinates(step, free, run.parameters)
+        self.fits_start, self.coordinates = fits_start, Coordinates(step, free, run.parameters)
         self.free = list(free)
         self.samples = len(data)
         #: In scaled time the start's t, and the times of the samples, which lie between steps.
@@ -274,7 +274,7 @@ class Fitting:
 
     def truncation(self, point: Point) -> float:
         """Return the root mean square of prediction(dt/2) − prediction(dt), in units of σ."""
-        changes = (self.residuals(point, 1) - self.residuals(point)) / self.sigma
+        changes = (self.residuals(point, halvings=1) - self.residuals(point)) / self.sigma
         return float(np.sqrt(np.mean(changes**2)))
 
     def derivatives(self, point: Point) -> tuple[Array, Array]:
@@ -287,7 +287,7 @@ class Fitting:
         """
         q, p = self.states(point)
         r, by_q, by_p, by_parameters = self._evaluate_residuals(point, q, p)
-        directions = Tangents(start="all" if self.start else None, parameters=self.free)
+        directions = Tangents(start="all" if self.fits_start else None, parameters=self.free)
         if self.clock is not None:
             tangents: Any = self._in_scaled_time(point, tangents=directions).tangents
             sample_rows = np.arange(self.samples)
@@ -302,7 +302,7 @@ class Fitting:
         point.basis = np.asarray(tangents.start[:, :starts], dtype=float)
         largest = [float(np.linalg.norm(x, axis=1).max()) or 1.0 for x in (q, p)]
         point.sizes = np.repeat(largest, self.step.n)
-        # tangents have the start first, and a fit its parameters
+        # the tangents begin with the coordinates of the start, J with the parameters
         return r, J[:, :, [*range(starts, J.shape[2]), *range(starts)]]
 
     def linearise(self, point: Point) -> Linear:
@@ -317,7 +317,8 @@ class Fitting:
         """Return residuals in standard deviations, with the units of parameters and of the start.
 
         r/σ and J/σ, with a unit for each column of J: ``units`` for the parameters; the unit
-        1/|B_k/sizes| of a coordinate y_k of the start changes the state by its size.
+        1/|B_k/sizes| of a coordinate y_k of the start, B the ``basis`` of the point, changes the
+        state by its size.
         """
         jacobian = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
         relative = point.basis / point.sizes[:, None]
@@ -336,13 +337,13 @@ class Fitting:
         count = len(self.free)
         parameters = self.coordinates.apply_step(point.parameters, y[:count])
         z = np.concatenate([point.q, point.p])
-        if self.start:
+        if self.fits_start:
             z = z + point.basis @ y[count:]
         return self.consistent(parameters, z[: self.step.n], z[self.step.n :])
 
     def consistent(self, parameters: dict[str, float], q: Array, p: Array) -> Point:
         """Return the point of parameters and of (q, p), projected onto the constraints."""
-        # inertias and other free parameters may move them
+        # the constraints may depend on the parameters, which the step has changed
         if self.step.m:
             all_parameters = self.step._parameters_with_inputs(self.run.parameters, self.run.inputs)
             t = self.run.t0 if self.clock is None else self.clock[0]
@@ -356,7 +357,7 @@ class Fitting:
         """
         self.samples = 1
         columns = int(self.residuals(point).shape[1])
-        unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.start
+        unknowns = len(self.free) + 2 * (self.step.n - self.step.m) * self.fits_start
         return max(_FIRST, math.ceil(unknowns / columns) + 1)
 
     def excess(self, point: Point, y: Array) -> float:
@@ -455,7 +456,7 @@ def fit(
     0.0008
     """
     check_stepper(stepper)
-    first_guess = merged_start(stepper, start, None, parameters)
+    first_guess = merged_start(stepper, start, p=None, parameters=parameters)
     observation = observation_of(stepper, observe)
     iteration_limit = as_positive_count("max_iterations", max_iterations, minimum=1)
     as_progress(progress)
@@ -467,7 +468,8 @@ def fit(
     times = np.array(times, dtype=float)
     _refuse_unordered(times, float(t0))
     clocked = stepper.binding.clocked
-    if clocked or dtau is not None:  # samples lie between steps, whose number is not known
+    if clocked or dtau is not None:
+        # samples lie between steps, whose number is not known: 1 stands for it
         step_size, sample_steps = step_argument(stepper.binding, dt, dtau), np.ones(1, int)
     else:
         step_size, sample_steps = _steps_at(times, float(t0), dt)
@@ -475,9 +477,10 @@ def fit(
     fits_start = "start" in names
     names = [name for name in names if name != "start"]
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
-    fitting = Fitting(stepper, observation, run, sample_steps, samples, np.ones(1), names,
-                      fits_start,
-                      (t0, times) if clocked else None)
+    # without a sigma residuals have the unit 1, and the noise is estimated from them
+    fitting = Fitting(stepper, observation, run, sample_steps, samples, sigma=np.ones(1),
+                      free=names, fits_start=fits_start,
+                      clock=(t0, times) if clocked else None)
     point = _first_point(fitting)
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
@@ -506,8 +509,8 @@ def _first_point(fitting: Fitting) -> Point:
 def _refuse_wrong_derivatives(fitting: Fitting, point: Point) -> None:
     """Refuse a user's function whose derivatives differ from differences of its values.
 
-    A step h y changes all unknowns by a part h of their units: (r(h y) − r(−h y))/2 is J h y. The
-    median of the samples counts, because an angle may jump by 2π at one of them.
+    A step y = h · units changes all unknowns by a part h of their units: (r(y) − r(−y))/2 is J y.
+    The median of the samples counts, because an angle may jump by 2π at one of them.
     """
     # above the round-off of residuals, which are doubles, and a part of a period of a long motion
     h = max(fitting.step.binding.epsilon, float(np.finfo(float).eps)) ** 0.4
@@ -543,8 +546,9 @@ def _minimise_horizons(
         linearise = fitting.linearise if report is None else partial(
             _linearise_and_report, fitting.linearise, report, horizon)
         minimum = minimise(point, fitting.scaled_residuals, linearise, fitting.apply_step,
-                           fitting.excess, _TOLERANCE if is_last else _EARLY_TOLERANCE,
-                           iteration_limit if is_last else _EARLY, fitting.truncation(point))
+                           fitting.excess, tolerance=_TOLERANCE if is_last else _EARLY_TOLERANCE,
+                           iteration_limit=iteration_limit if is_last else _EARLY,
+                           noise=fitting.truncation(point))
         point, iterations = minimum.point, iterations + minimum.iterations
     if report is not None:
         report(len(counts))
@@ -573,14 +577,14 @@ def _refuse_unordered(times: Array, t0: float) -> None:
 def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
     """Return dt and the number of steps to each time.
 
-    Without a dt, the last sample is a whole number of the smallest distance of two samples. Raises
-    InputError for a time that is no whole number of steps, to a thousandth of a step.
+    Without a dt it is about the smallest distance of two samples, so that the last sample is a
+    whole number of steps from the start. Raises InputError for a time that is no whole number of
+    steps, to a thousandth of a step.
     """
     if dt is None:
         gaps = np.diff([t0, *times])
         if not times[-1] > t0:
             raise InputError("All samples are at the start, from which no dt follows; give dt.")
-        # the smallest distance of two samples, adjusted so that the last one is on the grid
         smallest_gap = float(gaps[gaps > 0].min(initial=np.inf))
         dt = (times[-1] - t0) / max(1.0, np.rint((times[-1] - t0) / smallest_gap))
     step_size = float(as_real("dt", dt))
@@ -661,9 +665,9 @@ def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
 
 
 def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list[int]:
-    """Return increasing numbers of samples: ``fewest`` · 2^k, and at last all samples.
+    """Return increasing numbers of samples: the user's ``horizons``, and at last all samples.
 
-    ``horizons`` are the user's numbers; None for these.
+    Without the user's numbers, None, they are ``fewest`` · 2^k.
     """
     if horizons is None:
         counts = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]
@@ -686,7 +690,7 @@ def _result(
     """
     free_names, coordinates = fitting.free, fitting.coordinates
     r, J = fitting.derivatives(point)
-    basis, halved = point.basis, fitting.residuals(point, 1)
+    basis, halved = point.basis, fitting.residuals(point, halvings=1)
     rms, truncation = (float(np.sqrt(np.mean(x**2))) for x in (r, halved - r))
     estimates = np.array([point.parameters[name] for name in free_names])
     scaled = (r / fitting.sigma).ravel()

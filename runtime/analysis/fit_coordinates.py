@@ -27,8 +27,8 @@ __all__ = ["Coordinates"]
 
 #: Largest step, in units.
 _LARGEST = 0.7
-#: Least share of tr(J) in the principal values of Σ: of round-off, and of a first guess, for at 0
-#: no step leads away.
+#: Least principal values of Σ, as shares of tr(J): of any Σ, against round-off, and of that of a
+#: first guess, because no step leads away from 0.
 _FLOOR, _INSIDE = 1e-12, 1e-2
 
 
@@ -173,8 +173,8 @@ class Coordinates:
     def _size(self, name: str, parameters: Mapping[str, float]) -> float:
         """Return the unit of changes of a parameter x: |x|, or its first |x| if that is larger.
 
-        Infinite for a parameter that began at 0 and may have either sign: it has no scale of its
-        own.
+        |x| of a positive parameter. Infinite for one that began at 0 and may have either sign: it
+        has no scale of its own.
         """
         first = abs(self._first[name])
         if self.positive[self.free.index(name)]:

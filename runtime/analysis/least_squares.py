@@ -62,9 +62,9 @@ def minimise(
 ) -> Minimum[Point]:
     """Return the point where |r|² is least, by damped Gauss-Newton steps from ``point``.
 
-    With the singular values s_i of J in units u, J diag(u) = Q U diag(s) Vᵀ, and g = Uᵀ Qᵀ r, a
-    step is y = −u V diag(s/(s² + μ)) g, and decreases |r|² by Σ g_i² − (g_i − s_i² g_i/(s_i² + μ))²
-    as J says.
+    With the singular values s_i of J in units u, J diag(u) = Q U diag(s) Vᵀ with Q of a QR
+    factorisation, and g = Uᵀ Qᵀ r, a step is y = −u V diag(s/(s² + μ)) g, μ the ``damping``. In the
+    linear model it decreases |r|² by Σ g_i² − (g_i − s_i² g_i/(s_i² + μ))².
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def minimise(
             # |r|² − |r + J y|², which a linear model gains by the step
             expected = float(g @ g - np.sum((g - s * singular_step) ** 2))
             if expected <= tolerance * variance:
-                return Minimum(point, iteration, True)
+                return Minimum(point, iteration, converged=True)
             trial = _evaluate_trial(point, y, residuals, linearise, move, cost - 1e-3 * expected)
             if trial is not None:
                 break
@@ -112,7 +112,7 @@ def minimise(
         # the damping falls again only after a step that needed no second try
         if not failed:
             factor = max(1.0, factor / _GROWTH)
-    return Minimum(point, iteration_limit, False)
+    return Minimum(point, iteration_limit, converged=False)
 
 
 def _singular_system(linear: Linear) -> tuple[Array, Array, Array]:

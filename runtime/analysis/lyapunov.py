@@ -205,11 +205,13 @@ class Benettin:
     frame : UnitaryFrame
         Coordinates of the directions at the last decomposition.
     unit, V : array, shapes (2 d, k) and (2 n, k)
-        The directions after the last decomposition, orthonormal coordinates; and (dq, dp), which
-        steps advance in place.
+        The directions after the last decomposition: their orthonormal coordinates in ``frame``; and
+        as (dq, dp), which steps advance in place.
+    full : bool
+        Whether the directions span the tangent space, k = 2 d.
     ends, logs, largest : list
         At each decomposition: steps before it, log R_ii, and the logarithm of the largest singular
-        value of the product of all R.
+        value of the product of all R, which is ``product`` · e^``scale``.
     volume, defect, spread : float
         The logarithm of the change of volume, the largest change of Ω, and the largest ratio of
         growth factors so far.
@@ -271,7 +273,7 @@ class Benettin:
     def _decompose(self, step: int, q: Array, p: Array) -> None:
         """Replace the directions by an orthonormal basis of their span, and store log R_ii.
 
-        c = Q R, shape (2 n, count), are the directions in unitary coordinates of the state q, p
+        c = Q R, shape (2 d, count), are the directions in unitary coordinates of the state q, p
         after ``step`` steps, where Ω is J. Raises InputError if they are not finite.
         """
         form_before = self.unit.T @ self.frame.J @ self.unit
@@ -305,7 +307,8 @@ class Benettin:
     def _measure_symplecticity(self, c: Array, form_before: Array) -> None:
         """Update the symplectic defect, and the volume's growth, by the present directions c.
 
-        The defect is the largest |Ω(c_i, c_j) − Ω before|/(|c_i| |c_j|), 0 for a symplectic map.
+        The defect is the largest |Ω(c_i, c_j) − Ω_ij|/(|c_i| |c_j|), 0 for a symplectic map, with
+        Ω_ij of ``form_before``, of the same directions after the last decomposition.
         """
         sizes = np.linalg.norm(c, axis=0)
         change = c.T @ self.frame.J @ c - form_before
@@ -362,6 +365,7 @@ class Benettin:
 
     def _covariant(self) -> Array:
         """Return covariant vectors V_k C_k, backwards by C_k = R_{k+1}⁻¹ C_{k+1}, normalised."""
+        # backwards C converges from any triangular matrix at the end
         C: Array = np.eye(self.unit.shape[1])
         vectors = [self.units[-1].astype(float) @ C]
         for V, R in zip(reversed(self.units[:-1]), reversed(self.factors), strict=True):

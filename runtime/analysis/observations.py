@@ -200,7 +200,7 @@ def _rotation_between(d: Array, q: Array) -> tuple[Array, Array]:
 def _angular_velocity(
     body: BodyAt, q: Array, p: Array, parameters: Mapping[str, float]
 ) -> Residuals:
-    """Return Ω = K l, l = ½ L(q) p, K = J⁻¹, of one body with its derivatives; data are 0.
+    """Return Ω = K l, l = ½ L(q) p, K = J⁻¹, of one body with its derivatives: residuals of data 0.
 
     q and p have the shape (rows, 4), so that c = 3 and n = 4; the derivative by an entry of the
     inertia is dK l.
@@ -230,7 +230,7 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
     Raises InputError for an unknown name, with the nearest.
     """
     if callable(observe):
-        return Observation(step.n, [], observe, [])
+        return Observation(step.n, parts=[], function=observe, names=[])
     measurable = _measurable_parts(step)
     names = [observe] if isinstance(observe, str) else as_items("observe", observe, "names")
     system = step.manifest.system
@@ -258,11 +258,14 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
                 labels += [f"{label}_omega{axis}" for axis in (1, 2, 3)]
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
-    return Observation(step.n, parts, None, labels)
+    return Observation(step.n, parts, function=None, names=labels)
 
 
 def _measurable_parts(step: Stepper) -> dict[str, list[tuple[str, Part]]]:
-    """Return the names that ``observe`` may have, each with its parts and the bodies of these."""
+    """Return the names that ``observe`` may have, each with pairs of a body's name and a part.
+
+    The body's name labels columns of data; it is empty for columns of q and p, which have names.
+    """
     n, system, bodies = step.n, step.manifest.system, bodies_of(step.manifest)
     parts: dict[str, list[tuple[str, Part]]] = {}
     for name, body in bodies.items():

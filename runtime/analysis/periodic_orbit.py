@@ -55,7 +55,8 @@ __all__ = ["PeriodicOrbit", "periodic_orbit"]
 
 #: Singular values below this multiple of the relative residual, within bounds, are none.
 _RESIDUAL_SHARE, _LEAST, _MOST = 10.0, 1e-12, 1e-3
-#: A closed orbit is closed to so many ε of a state; an iteration may stagnate at so many a √step.
+#: An orbit is closed if its gap is below this many ε|z|; from this many ε|z|√steps on an iteration
+#: may stagnate.
 _CLOSED, _STAGNATED = 8, 64
 #: Halvings of a Newton increment that makes the residual larger.
 _HALVINGS = 6
@@ -116,6 +117,7 @@ class PeriodicOrbit:
         return self.steps * self.dt
 
     def __repr__(self) -> str:
+        # the text of a multiplier stands for its conjugate too
         multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
         return (f"<PeriodicOrbit of {self._stepper.name}: period {float(self.period):.12g} s, "
                 f"{self.steps:,} steps; multipliers {multipliers}; closed to "
@@ -394,7 +396,8 @@ class OrbitSearch:
         """Return the derivatives of z(T) = Φ^N(z) of a guess, in doubles."""
         names, start = guess.tangents.names, guess.tangents.start.astype(float)
         end = np.concatenate([guess.tangents.q[-1], guess.tangents.p[-1]]).astype(float)
-        dim, k = 2 * (self.stepper.n - self.stepper.m), names.index(self.free or "dt")
+        dim = 2 * (self.stepper.n - self.stepper.m)
+        k = names.index(self.free or "dt")  # column of by_parameter
         # the end of the gap is projected onto f = 0, and so are its tangents
         if not self.stepper.manifest.scheme.keeps_momentum_constraint:
             binding, n = self.stepper._derivative_binding(), self.stepper.n
@@ -421,8 +424,9 @@ class OrbitSearch:
             return slope
         n, scale = self.stepper.n, 1e-5 * self._scale(guess)
         # central differences: each unknown moves the state by the same length
-        sizes = scale / np.maximum(np.linalg.norm(D, axis=0), 1e-300)
-        sizes[np.linalg.norm(D, axis=0) == 0] = 0
+        norms = np.linalg.norm(D, axis=0)
+        sizes = scale / np.maximum(norms, 1e-300)
+        sizes[norms == 0] = 0
         z = self.stepper.binding.to_real((D * sizes).T)
         states = np.concatenate([guess.z + z, guess.z - z])
         H = self.stepper.energy(states[:, :n], states[:, n:], parameters=guess.parameters,

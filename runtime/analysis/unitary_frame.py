@@ -59,8 +59,9 @@ class UnitaryFrame:
         eigenvalues = np.abs(eigenvalues)
         eigenvalue_floor = max(_LEAST * eigenvalues.max(), np.finfo(float).tiny)
         eigenvalue_roots = np.sqrt(np.maximum(eigenvalues, eigenvalue_floor))
-        root, inverse = (axes * eigenvalue_roots) @ axes.T, (axes / eigenvalue_roots) @ axes.T
-        to_unit, from_unit = _blocks(inverse, root), _blocks(root, inverse)
+        H_root, H_inverse_root = ((axes * eigenvalue_roots) @ axes.T,
+                                  (axes / eigenvalue_roots) @ axes.T)
+        to_unit, from_unit = _blocks(H_inverse_root, H_root), _blocks(H_root, H_inverse_root)
         # an orthonormal basis of the tangent space in these units
         normals = (constraint_rows @ from_unit).T
         basis = np.linalg.qr(normals, mode="complete")[0][:, normals.shape[1] :]
@@ -68,11 +69,11 @@ class UnitaryFrame:
         # |W| = (WᵀW)^½ commutes with W, the symplectic form on the tangent space: so
         # J = |W|^-½ W |W|^-½ is orthogonal, and J² = −1
         _, stretches, rotations = np.linalg.svd(W)
-        root = (rotations.T * np.sqrt(stretches)) @ rotations
-        inverse = (rotations.T / np.sqrt(stretches)) @ rotations
-        self.J = inverse @ W @ inverse
-        self._to = root @ basis.T @ to_unit @ projection
-        self._from = from_unit @ basis @ inverse
+        W_root = (rotations.T * np.sqrt(stretches)) @ rotations
+        W_inverse_root = (rotations.T / np.sqrt(stretches)) @ rotations
+        self.J = W_inverse_root @ W @ W_inverse_root
+        self._to = W_root @ basis.T @ to_unit @ projection
+        self._from = from_unit @ basis @ W_inverse_root
         if not all(np.isfinite(matrix).all() for matrix in (self.J, self._to, self._from)):
             raise np.linalg.LinAlgError("The metric of the state is not finite.")
 
@@ -130,6 +131,7 @@ def isotropic_flag(J: Array) -> Array:
             for u in vectors:
                 v -= u * (u @ v) + J @ u * ((J @ u) @ v)
         vectors.append(v / np.linalg.norm(v))
+    # reshaped, because an array of no vectors has one axis
     return np.array([*vectors, *(J @ v for v in reversed(vectors))]).T.reshape(size, size)
 
 
@@ -155,7 +157,7 @@ def _inverse_mass(
     """
     p_scale = np.float64(np.abs(p.astype(float)).max(initial=0.0))
     with np.errstate(all="ignore"):  # numbers beyond the doubles are infinite, and refused later
-        p_scale = p_scale if p_scale**2 else np.float64(1.0)
+        p_scale = p_scale if p_scale**2 else np.float64(1.0)  # the differences divide by its square
         first, unit = _second_differences(binding, parameters, t, q, p, p_scale)
         inverse_mass = first
         for _ in range(_MOST_SCALES):

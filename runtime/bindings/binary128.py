@@ -92,8 +92,9 @@ def unpack(data: bytes) -> list[Any]:
 def _encode(value: Any) -> int:
     """Return the 128 bits of a number: sign, exponent and fraction, rounded to nearest.
 
-    With the exponent u of the last bit and an integer M < 2^113 the number is M · 2^u. A normal M
-    has the hidden bit 2^112, so that (u − u_min) · 2^112 + M are exponent and fraction in one sum.
+    With the exponent u (``unit``) of the last bit and an integer M < 2^113 (``significand``) the
+    number is M · 2^u. A normal M has the hidden bit 2^112, so that (u − u_min) · 2^112 + M, u_min
+    the least exponent, are exponent and fraction in one sum.
     """
     if not hasattr(value, "_mpf_"):
         value = quad(value)

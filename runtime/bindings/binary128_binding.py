@@ -200,7 +200,8 @@ class QuadBinding(Binding):
         places = np.s_[:, row : row + steps // every]
         copies = rows[places].copy()
         super().integrate_lanes(constants, steps, every,
-                                replace(batch, records=batch.records.first), copies, 0, memory)
+                                replace(batch, records=batch.records.first), copies, row=0,
+                                memory=memory)
         rows.assign(places, copies)
 
 

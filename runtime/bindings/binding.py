@@ -2,9 +2,9 @@
 
 Functions of a step and of states; those of runs are in ``compiled_module``.
 
-The constraints of a compiled stepper, with difference quotients for their derivatives.
-
-Compiled code projects on its own; this is for its failures: damped steps, and names in messages.
+``CompiledConstraints`` has the constraints of a compiled stepper, with difference quotients for
+their derivatives. Compiled code projects on its own; they are for its failures: damped steps, and
+names in messages.
 """
 
 from __future__ import annotations
@@ -61,6 +61,7 @@ class Binding(Compiled):
         work: WorkMemory,
     ) -> tuple[int, Array, Array]:
         """Try one step from (q, p), which stay; return its status and the state after it."""
+        # q, p and the multipliers after the step, which C writes; an empty array would be NULL
         outputs = self.new(self.n), self.new(self.n), self.new(max(self.multipliers, 1))
         iterations = self.ffi.new("int *")
         status = self.function("step")(parameters, options, dt, self.pointer(q), self.pointer(p),
@@ -95,7 +96,7 @@ class Binding(Compiled):
         the status, 0 for success, q1 and p1, shapes (n,), and the multipliers of the step.
         """
         q1, p1 = self.new(self.n), self.new(self.n)
-        multipliers = self.new(max(self.multipliers, 1))
+        multipliers = self.new(max(self.multipliers, 1))  # an empty array would be NULL
         status = self.function("T2")(
             parameters, dt, self.pointer(q), self.pointer(p), self.pointer(x), self.pointer(q1),
             self.pointer(p1), self.pointer(multipliers), work)
@@ -140,7 +141,7 @@ class Binding(Compiled):
     def has_finite_energy(self, parameters: ParameterStruct, q: Array, p: Array) -> bool:
         """Return whether H of a state is a finite number, at the time of ``parameters``."""
         H = self.new(1)
-        self.function("hamiltonian")(parameters, 1, *self._times(None), self.pointer(q),
+        self.function("hamiltonian")(parameters, 1, *self._times(t=None), self.pointer(q),
                                      self.pointer(p), self.pointer(H))
         return bool(abs(H[0]) < math.inf)  # in its type: a wide number may be beyond any double
 
@@ -165,7 +166,8 @@ class Binding(Compiled):
 
     def time_scales(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return σ = dt/dτ of rows of states in scaled time."""
-        scales: Array = self.quantities(parameters, self.new(len(q)), q, p)[:, self.scale_place]
+        no_times = self.new(len(q))  # the time is the last coordinate
+        scales: Array = self.quantities(parameters, no_times, q, p)[:, self.scale_place]
         return scales
 
     def start_in_scaled_time(
@@ -215,10 +217,11 @@ class Binding(Compiled):
     def defects(
         self, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
     ) -> tuple[Array, Array]:
-        """Return g(q), shape (rows, m), and (f(q, p), A H_p + a), shape (rows, conditions).
+        """Return g(q), shape (rows, m), and the conditions on momenta, shape (rows, conditions).
 
-        The times are t, or those of the parameters. An array of parameter structs has one for each
-        group of rows, and all groups are equally long.
+        These are f(q, p), and A H_p + a of velocity constraints A q̇ + a = 0. The times are t, or
+        those of the parameters. An array of parameter structs has one for each group of rows, and
+        all groups are equally long.
         """
         g, f = self.new(len(q), self.m), self.new(len(q), self.conditions)
         if not self.conditions:
@@ -232,7 +235,7 @@ class Binding(Compiled):
         widths = [rows * width for width in (self.n, self.n, self.m, self.conditions)]
         for i in range(sets):
             pointers = [array + i * width for array, width in zip(arrays, widths, strict=True)]
-            function(self.set_of(parameters, i), rows, *self._times(None), *pointers)
+            function(self.set_of(parameters, i), rows, *self._times(t=None), *pointers)
         return g, f
 
     def is_consistent(self, parameters: ParameterStruct, q: Array, p: Array) -> bool:
@@ -292,7 +295,8 @@ class CompiledConstraints:
         slopes: Array = (g[: len(q)] - g[len(q) :]).T / (2 * h[0, 0])
         return slopes
 
-    rows = G  # with velocity constraints compiled code alone projects
+    # without rows of velocity constraints: with these compiled code alone projects
+    rows = G
 
     def W(self, q: Array, p: Array, G: Array) -> Array:
         """Return W = f_p Gᵀ, shape (m, m): column j is (f(p + h G_jᵀ) − f(p − h G_jᵀ))/(2 h)."""

@@ -139,7 +139,8 @@ class Compiled:
         self.solves = manifest.scheme.kind != "splitting"
         #: Whether the unknowns are increments of the state, and residuals are rates.
         self.solves_increments = bool(manifest.scheme.unknowns_are_state)
-        #: The unknowns that are rates of momenta, or their increments.
+        #: The unknowns that are rates of momenta, or their increments: behind as many of q, n of
+        #: each stage; a scheme without a tableau has one.
         self.kicks = slice(*(self.n * k * (manifest.scheme.stages or 1) for k in (1, 2)))
 
     def _epsilon(self) -> float:
@@ -292,14 +293,15 @@ class Compiled:
 
         Every ``every``-th state is stored, from ``row`` on; without rows none is.
         """
-        pointer, n = self.pointer, self.n * row
+        pointer, start = self.pointer, self.n * row
         work = [pointer(rows.work, row)] if self.has_forces else []
         counts = (self.ffi.NULL if rows.iterations.size == 0
-                  else self._from_buffer(self._types["int[]"], rows.iterations, True) + row)
+                  else self._from_buffer(self._types["int[]"], rows.iterations,
+                                         require_writable=True) + row)
         return int(self.function("integrate")(
             constants.parameters, constants.options, *self.input_arguments(constants.inputs)[:2],
             constants.dt, steps, every, pointer(state.q), pointer(state.p),
-            pointer(rows.q, n), pointer(rows.p, n),
+            pointer(rows.q, start), pointer(rows.p, start),
             pointer(rows.multipliers, self.multipliers * row), counts, *work, state.record,
             state.work,
         ))
@@ -323,7 +325,8 @@ class Compiled:
         q_end[:], p_end[:] = q, p
         counts = self.ffi.new(self._types["int[]"], row_count)
         state = RunState(q_end, p_end, self.report(), self.works.take())
-        start = self._from_buffer(self._reals, block, True)
+        start = self._from_buffer(self._reals, block, require_writable=True)
+        # C writes from row 1 of each on: row 0 is the start
         status = self.function("integrate")(
             constants.parameters, constants.options, *self.input_arguments(constants.inputs)[:2],
             constants.dt, steps, every, start, start + n, start + 3 * n, start + (p_rows + n),

@@ -106,7 +106,7 @@ class InputRows:
         last_row = self.values.shape[1] - 1  # holds for all later steps
         run_numbers = runs[:, None] if len(self.values) > 1 else 0  # runs may share their inputs
         values = self.values[run_numbers, np.minimum(row_numbers, last_row)]
-        return InputRows(self.names, np.ascontiguousarray(values), 1)
+        return InputRows(self.names, np.ascontiguousarray(values), hold=1)
 
     @property
     def first(self) -> dict[str, Any]:
@@ -117,7 +117,7 @@ class InputRows:
 
     def of_steps(self, count: int) -> InputRows:
         """Return the inputs of run 0 for ``count`` steps, a row per step; the last row repeats."""
-        return self.rows_of(np.zeros(1, int), np.zeros(1, int), count)
+        return self.rows_of(runs=np.zeros(1, int), steps=np.zeros(1, int), count=count)
 
     def refine(self, factor: int) -> InputRows:
         """Return the inputs for steps ``factor`` times smaller: each row is held for as many more.

@@ -62,7 +62,7 @@ class ImpactStep(KeptSteps):
     ) -> int:
         """Advance ``tangents``, (2 n, k), in place: (dq₁, dp₁) = M dz; return the status 0.
 
-        The arguments are as in ``DerivativeBinding.integrate_tangent``.
+        M is ``matrix``; the arguments are as in ``DerivativeBinding.integrate_tangent``.
         """
         self._refuse_multipliers(multipliers)
         tangents[:] = self.matrix @ np.concatenate([tangents, dz[len(tangents) :]])
@@ -76,8 +76,8 @@ class ImpactStep(KeptSteps):
     ) -> int:
         """Take ``w``, (2 n,), backwards in place: (w, z̄_θ) = Mᵀ w; return the status 0.
 
-        The arguments are as in ``DerivativeBinding.integrate_adjoint``; ``columns`` are the columns
-        of M that the inputs have.
+        M is ``matrix``. The arguments are as in ``DerivativeBinding.integrate_adjoint``;
+        ``columns`` are the columns of M that the inputs have.
         """
         self._refuse_multipliers(multipliers)
         cotangent = self.matrix.T @ w
@@ -154,7 +154,8 @@ class DerivativeBinding:
 
     def energy_derivatives(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return the derivatives of H(q, p, t) in scaled time, shape (rows,)."""
-        derivatives = self.quantity_derivatives(parameters, 0.0, q, p, energy=True)
+        # in scaled time the time is a coordinate, and t is not read
+        derivatives = self.quantity_derivatives(parameters, t=0.0, q=q, p=p, energy=True)
         assert derivatives is not None
         row: Array = derivatives[0]
         return row
@@ -189,11 +190,10 @@ class DerivativeBinding:
         binding, primal, arguments = self.own, self.primal, run.run
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
             primal.lib, f"{primal.name}_integrate")))
+        input_rows_and_hold = binding.input_arguments(arguments.inputs)[:2]
         return int(binding.function("integrate_and_keep")(
-            address, run.parameters, run.constants.options,
-            *binding.input_arguments(arguments.inputs)[:2],
-            arguments.dt, count, binding.pointer(q), binding.pointer(p), binding.pointer(x),
-            run.state.record,
+            address, run.parameters, run.constants.options, *input_rows_and_hold, arguments.dt,
+            count, binding.pointer(q), binding.pointer(p), binding.pointer(x), run.state.record,
             run.state.work))
 
     def tangent(
@@ -242,8 +242,9 @@ class DerivativeBinding:
         if isinstance(steps, ImpactStep):
             return steps.take_tangents(dz, every, rows, multipliers, tangents)
         binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        input_rows_and_hold = binding.input_arguments(run.inputs)[:2]
         return int(binding.function("integrate_tangent")(
-            parameters, *binding.input_arguments(run.inputs)[:2], run.dt, steps.first, steps.count,
+            parameters, *input_rows_and_hold, run.dt, steps.first, steps.count,
             binding.pointer(steps.q), binding.pointer(steps.p), binding.pointer(steps.x),
             dz.shape[1],
             binding.pointer(dz), every, binding.pointer(rows), binding.pointer(multipliers),
@@ -329,7 +330,7 @@ class QuadDerivativeBinding(DerivativeBinding):
         primal.image(state.work)[:] = binding.image(kept_state.work)
         primal.image(state.record)[:] = binding.image(kept_state.record)
         for j in range(count):
-            status = primal.integrate(constants, 1, 1, state, no_rows)
+            status = primal.integrate(constants, steps=1, every=1, state=state, rows=no_rows)
             if status:
                 return status
             binding.image(kept_state.work)[:] = primal.image(state.work)

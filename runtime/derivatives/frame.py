@@ -38,6 +38,7 @@ class FrameMotion:
         self._rate_rows, self._lifted = [], []
         for symmetry in symmetries:
             A = derivative_module.new(n, n)
+            # an array of objects has numbers of float128, to which doubles are added
             A += np.array(symmetry.A, dtype=A.dtype if A.dtype != object else float)
             lifted = derivative_module.new(2 * n, 2 * n)
             # the flow of A lifted to the cotangent space: q' = A q, p' = −Aᵀ p
@@ -54,9 +55,9 @@ class FrameMotion:
         return self._exponential(self._generator * (k * self.dt))
 
     def refuse_rotating_multipliers(self, run: RunArguments) -> None:
-        """Refuse a frame in which constraints turn, G(S q) S ≠ G(q), and multipliers with them.
+        """Refuse derivatives of multipliers in a frame that turns constraints, G(S q) S ≠ G(q).
 
-        Raises InputError for such a frame.
+        Raises InputError for such a frame: its multipliers turn as well.
         """
         n = self.n
         parameters = self._binding.own.parameters(run.parameters, run.t0)
@@ -86,9 +87,9 @@ class FrameMotion:
     def own_derivatives(self, k: int, z: Array) -> Array:
         """Return dS z by the rows of a direction, shape (2 n, rows), of a state z of the frame.
 
-        S = exp(k Δt X) with X = Σ ω_i A_i. Its derivative by ω_i is the upper right block of
+        S = e^X with X = k Δt Σ ω_i A_i. Its derivative by ω_i is the upper right block of
 
-            exp([[k Δt X, k Δt A_i], [0, k Δt X]])       (Van Loan, IEEE Trans. Autom. Control 1978)
+            exp([[X, k Δt A_i], [0, X]])       (Van Loan, IEEE Trans. Autom. Control 1978)
         """
         derivatives: Array = self._new(2 * self.n, self._row_count)
         X, size = self._generator * (k * self.dt), 2 * self.n
@@ -97,17 +98,17 @@ class FrameMotion:
         for index, lifted in zip(self._rate_rows, self._lifted, strict=True):
             block[:size, size:] = lifted * (k * self.dt)
             derivatives[:, index] = self._exponential(block)[:size, size:] @ z
-        # by Δt: dS/dΔt = k (Σ ω_i A_i) S, which commutes
+        # by Δt: dS/dΔt = k (Σ ω_i A_i) S, as X commutes with its own multiple
         derivatives[:, -2] = k * (self._generator @ (self._exponential(X) @ z))
         return derivatives
 
     def _exponential(self, X: Array) -> Array:
-        """Return e^X = (Σ_j (X/2^k)^j/j!)^(2^k), shape of X, in any floating-point type.
+        """Return e^X = (Σ_j (X/2^k)^j/j!)^(2^k), k = ``halvings``, in any floating-point type.
 
-        SciPy's has doubles alone.
+        The exponential of SciPy is of doubles alone.
         """
         largest = max(float(np.abs(row).sum()) for row in X)
-        # |X/2^k| ≤ ¼ in the maximum norm, where _TERMS terms reach the round-off of every type
+        # |X/2^k| ≤ ¼ in the norm of row sums, where _TERMS terms reach the round-off of every type
         halvings = max(0, int(np.ceil(np.log2(largest))) + 2) if largest > 0 else 0
         X = X / 2**halvings
         unit = self._new(*X.shape)

@@ -114,7 +114,7 @@ class Gradient:
             inputs = z_bar[[2 * n + names.index(u) for u in binding.input_names]][None]
         numbers = dict(zip(names, z_bar[2 * n :].tolist(), strict=True))
         if binding.clocked:
-            numbers["t0"] = z_bar[n - 1 : n].tolist()[0]
+            numbers["t0"] = z_bar[n - 1 : n].tolist()[0]  # a number of Python, as the others
         # copies: views would keep the whole of z̄ alive
         q, p = z_bar[: binding.shown].copy(), z_bar[n : n + binding.shown].copy()
         return cls(value, q, p, space.normals, inputs, wrt, numbers, switched_steps)
@@ -239,8 +239,8 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any
               if name not in ("events", "parameters")}
     # rows of a trajectory are ends of steps first, then points within steps
     row_count = step_rows + len(kinds.points)
-    of_states, of_times = _arrays(stepper, row_count, arrays, "")
-    of_multipliers = _of_multipliers(stepper, row_count, arrays)
+    of_states, of_times = _cotangents_of_states(stepper, row_count, arrays, where="")
+    of_multipliers = _multiplier_cotangents(stepper, row_count, arrays)
     # the C stores the start and ``run.rows`` states; those that the trajectory lacks keep zeros
     stored_count = kinds.run.rows + 1
     rows, times = binding.new(stored_count, 2 * binding.n), binding.new(stored_count)
@@ -279,14 +279,14 @@ def _event_cotangents(stepper: Stepper, kinds: RunRows, cotangents: Any) -> list
                              "events; leave them out.")
         choose("event", name, event_names)
         crossings = kinds.event(name)
-        of_states, of_times = _arrays(stepper, len(crossings), event_cotangents,
-                                      f" at the event {name}")
+        of_states, of_times = _cotangents_of_states(
+            stepper, len(crossings), event_cotangents, where=f" at the event {name}")
         points += zip(crossings, of_states, of_times, [None] * len(crossings), strict=True)
     return points
 
 
-def _of_multipliers(stepper: Stepper, rows: int, cotangents: Mapping[str, Any]) -> Array:
-    """Return the cotangents of multipliers, shape (rows, multipliers of a step).
+def _multiplier_cotangents(stepper: Stepper, rows: int, cotangents: Mapping[str, Any]) -> Array:
+    """Return the checked cotangents of multipliers, shape (rows, multipliers of a step).
 
     Without "multipliers" in ``cotangents`` there are no rows.
     """
@@ -295,17 +295,18 @@ def _of_multipliers(stepper: Stepper, rows: int, cotangents: Mapping[str, Any]) 
         return binding.new(0, binding.multipliers)
     of_multipliers = binding.new(rows, *multiplier_shape(stepper))
     # the first state is the end of no step: its row stays 0
-    _fill("multipliers", cotangents["multipliers"], of_multipliers[1:], "", "step that is stored")
+    _fill("multipliers", cotangents["multipliers"], of_multipliers[1:], where="",
+          row="step that is stored")
     return of_multipliers.reshape(rows, -1)
 
 
-def _arrays(
+def _cotangents_of_states(
     stepper: Stepper, rows: int, cotangents: Mapping[str, Any], where: str
 ) -> tuple[Array, Array]:
     """Return cotangents of rows of (q, p), shape (rows, 2 n), and of their times, shape (rows,).
 
     In scaled time t is the last coordinate, and its cotangents are in that column. ``where`` is
-    " at the event x" for the crossings of an event, which has no multipliers.
+    " at the event x" for the crossings of an event, which has no multipliers, else empty.
     """
     binding = stepper.binding
     n, coordinate_count = binding.n, binding.shown
@@ -314,11 +315,11 @@ def _arrays(
     targets = {"q": w[:, :coordinate_count], "p": w[:, n : n + coordinate_count], "t": times}
     for name, array in as_mapping("cotangents", cotangents, "{'q': ...}").items():
         if not where and name == "multipliers":
-            continue
+            continue  # ``_multiplier_cotangents`` takes them
         if name not in targets:
             kinds_of_rows = () if where else ("multipliers", "events", "parameters")
             raise unknown("kind of cotangents", name, [*targets, *kinds_of_rows])
-        _fill(name, array, targets[name], where, "state")
+        _fill(name, array, targets[name], where, row="state")
     if binding.clocked:
         w[:, n - 1], times = times, 0 * times
     return w, times
@@ -606,8 +607,8 @@ def _back_from_checkpoints(
         # forwards the steps themselves are dropped: only the state after them is needed
         _, status = kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))
         if status:
-            _check(stepper, run, kept_run, status, None)
-    _check(stepper, run, kept_run, 0, end)
+            _check(stepper, run, kept_run, status, end=None)
+    _check(stepper, run, kept_run, status=0, end=end)
     for checkpoint in reversed(checkpoints):
         kept_run.state.assign(kept_run.binding.own, checkpoint)
         yield kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))[0]

@@ -85,6 +85,7 @@ def hits_of(
             parameter = 2 * stepper.binding.n + stepper.binding.parameter_names.index(
                 event.restitution)
         crossings = trajectory.impacts[impact.name]
+        # less the times at which the steps begin, counted from t0 as ``elapsed`` is
         times_in_step = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
         for i, step in enumerate(crossings.steps.tolist()):
             # at the ends of a step the part before or after the impact has the length 0, and
@@ -131,7 +132,7 @@ def impact_step(
     for hit in (run.hits or {})[step]:
         t = start + hit.since
         partial_run = replace(arguments, q=state[0], p=state[1], dt=hit.since - part_start,
-                       t0=start + part_start)
+                              t0=start + part_start)
         _, dZ, v = _linearised_part(stepper, partial_run, directions)
         # φ stays 0 at the end of this part: dh = −(φ_q dZ + φ_θ dθ + φ_t dt)/(φ_q v + φ_t)
         normal = _gap_derivatives(stepper, arguments, t, hit)[hit.gap]
@@ -145,9 +146,10 @@ def impact_step(
     partial_run = replace(arguments, q=state[0], p=state[1], dt=run.dt - part_start,
                           t0=start + part_start)
     end, dZ, v = _linearised_part(stepper, partial_run, directions)
+    # zeros for the unknowns, in place of which this step has a matrix
     return ImpactStep(step, np.array([q, end[:n]]), np.array([p, end[n:]]),
-                      binding.own.new(1, stepper.unknowns),
-                      dZ + np.outer(v, d_step - d_part_start))
+                      x=binding.own.new(1, stepper.unknowns),
+                      matrix=dZ + np.outer(v, d_step - d_part_start))
 
 
 def _linearised_part(
@@ -174,11 +176,11 @@ def _gap_derivatives(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> A
     derivatives = binding.quantity_derivatives(binding.own.parameters(run.parameters, t), t, hit.q,
                                                hit.before)
     if derivatives is None:
-        raise _too_long(stepper)
+        raise _error_of_gaps(stepper)
     return derivatives
 
 
-def _too_long(stepper: Stepper) -> InputError:
+def _error_of_gaps(stepper: Stepper) -> InputError:
     """Return the error of gaps whose derivatives were not compiled."""
     return InputError(f"The gaps of {stepper.name} are too many or too long for derivatives; use "
                       "differences of runs.")
@@ -212,7 +214,7 @@ class _JumpEquations:
         f = primal.defects(primal.parameters(run.parameters, self._t), hit.q[None],
                            hit.before[None])[1][0]
         # f is affine in p with the derivative W by −y; λ by the normal equations of Gᵀ
-        y = solve(self.W, f[: len(self.W)])
+        y = solve(self.W, f[: len(self.W)])  # behind f come conditions of velocities
         impulse = hit.after - hit.before - self.phi_q * hit.impulse
         return y, solve(self.G @ self.G.T, self.G @ impulse)
 
@@ -226,7 +228,7 @@ class _JumpEquations:
 
     def rate_derivatives(self, p: Array) -> Array:
         """Return the derivatives of the rate r(q, p) of the gap, shape (1, rows)."""
-        return self._module_derivatives(p, 0, self._allocate(len(self.G)))[1]
+        return self._module_derivatives(p, mu=0, lam=self._allocate(len(self.G)))[1]
 
     def along(self, derivatives: Array, dp: Array) -> Array:
         """Return f_q dq + f_p dp + f_θ dθ of a function f, where p is no p⁻ and moves by ``dp``.
@@ -287,7 +289,7 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     dp_fixed = jump.dp_before + jump.impulse_derivatives(hit.before, hit.impulse, lam)
     # r is taken at momenta that keep f = 0: p − Gᵀ y
     projected_before, projected_after = (p - G_T @ y for p in (hit.before, hit.after))
-    d_projection = jump.impulse_derivatives(projected_before, 0, y)
+    d_projection = jump.impulse_derivatives(projected_before, mu=0, lam=y)
     d_projection = d_projection + G_T @ solve(jump.W, along(
         jump.f_derivatives(projected_before), jump.dp_before - d_projection))
     r_before, r_after = (jump.rate_derivatives(p) for p in (projected_before, projected_after))

@@ -260,7 +260,7 @@ class StateMotion:
 
     def quantity_rates(self) -> dict[str, Any]:
         """Return the time derivative of each quantity, name → number."""
-        return self._along(self.v, self.p_rate, 1)
+        return self._along(self.v, self.p_rate, dt=1)
 
     def rate(self, name: str) -> RateRows:
         """Return the rates y = C q̇ of a joint or a body as rows of C, with ẏ = C q̈ + Ċ q̇.
@@ -278,7 +278,7 @@ class StateMotion:
             for k in range(binding.n):
                 dp = binding.new(binding.n)
                 dp[k] += 1
-                row.append(float(self._along(no_dq, dp, 0)[measure]))
+                row.append(float(self._along(no_dq, dp, dt=0)[measure]))
             return RateRows(np.array([row]), np.array([float(self.quantity_rates()[measure])]),
                             by_momentum=True)
         kinematics = self._kinematics
@@ -376,7 +376,7 @@ class Accelerations:
             raise InputError(f"{shown(name)} is a body; ask for body({name!r}).")
         if name in self._layout.measures:
             return self.quantities[self._layout.measures[name]]
-        return self._accelerations(name, "joint")[..., 0][()]
+        return self._accelerations(name, "joint")[..., 0][()]  # a number for one state
 
     def body(self, name: str) -> tuple[Array, Array]:
         """Return the acceleration of a body's origin and dω/dt, in space axes, shapes (..., 3).
@@ -389,7 +389,7 @@ class Accelerations:
             For an unknown name, with the known ones.
         """
         if name not in self._layout.bodies:
-            self._layout.is_joint(name)
+            self._layout.is_joint(name)  # raises for an unknown name
             raise InputError(f"{shown(name)} is a joint; ask for joint({name!r}).")
         rows = self._accelerations(name, "body")
         angular = rows[..., -3:]

@@ -128,9 +128,10 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
                         if name in trajectory.events}
     if origin.between:
         times = trajectory.tau if stepper.binding.clocked else trajectory.t
-        return RunRows(replace(run, every=max(step_count, 1)), _at_times(stepper, run, times), True,
-                       points_of_events, refused)
-    run_rows = RunRows(run, [], False, events, refused)
+        return RunRows(replace(run, every=max(step_count, 1)),
+                       points=_points_at_times(stepper, run, times), at_times=True,
+                       events=points_of_events, refused=refused)
+    run_rows = RunRows(run, events=events, refused=refused)
     terminal_name = first_terminal_event(origin.events, crossings, run.dt)
     if terminal_name is not None:
         return replace(run_rows, points=run_rows.event(terminal_name)[-1:], events=points_of_events)
@@ -149,7 +150,7 @@ def _points_of_events(
     refused: dict[str, str] = {}
     for event in origin.events:
         try:
-            points[event.name] = _of_event(stepper, run, event, crossings[event.name])
+            points[event.name] = _points_of_event(stepper, run, event, crossings[event.name])
         except InputError as error:
             refused[event.name] = str(error)
     return points, refused
@@ -170,7 +171,7 @@ def _hits(
     return hits
 
 
-def _at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
+def _points_at_times(stepper: Stepper, run: RunArguments, t: Array) -> list[Point]:
     """Return the points at fixed times t, each in the step that it lies in.
 
     In scaled time t is the coordinate n − 1, and a fixed time an event of it.
@@ -196,10 +197,10 @@ def _point(run: RunArguments, step: int, tau: Any) -> Point:
         return Point(step, tau)
     # a point at the end of a step is τ = Δt of the step before, so that it has a step to
     # differentiate
-    return Point(step - 1, run.dt) if step else Point(0, None)
+    return Point(step - 1, run.dt) if step else Point(0, tau=None)
 
 
-def _of_event(
+def _points_of_event(
     stepper: Stepper, run: RunArguments, event: Event, crossings: Crossings
 ) -> list[Point]:
     """Return the points of an event, each with the derivatives of the event's value.

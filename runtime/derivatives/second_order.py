@@ -87,6 +87,8 @@ class SecondBinding:
     """Calls into the module of second derivatives; ``own`` makes its structs."""
 
     def __init__(self, binding: Binding, first: DerivativeBinding) -> None:
+        """Take the module of second derivatives, and the sizes of a direction from the first ones.
+        """
         self.own, self.n, self.rows = binding, first.n, first.rows
         self._size = int(binding.function("second_size")())
 
@@ -228,15 +230,15 @@ def hessian_of(
     stored_tangents, block_tangents = stored_run.tangents(D)
     new = stored_run.first_order.own.new
     # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0
-    stored_times = (new(len(stored_tangents), len(names))
-                    + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
+    time_directions = (new(len(stored_tangents), len(names))
+                       + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
     columns: list[Array] = []
     gradient = new(len(names))
     # forward over reverse: the tangents of all directions once, then a pass back for each one
     for j in range(len(names)):
         dz = np.ascontiguousarray(D[:, j])
-        cotangent_slopes = _cotangent_slopes(stepper, stored_tangents[:, :, j], stored_times[:, j],
-                                             dz, slopes, checked)
+        cotangent_slopes = _cotangent_slopes(stepper, stored_tangents[:, :, j],
+                                             time_directions[:, j], dz, slopes, checked)
         z_bar, z_bar_slope = stored_run.adjoint(
             dz, [tangents[:, j] for tangents in block_tangents], cotangents, cotangent_slopes)
         start_slope = pulled_back_slope(stored_run.second_order, space,
@@ -292,8 +294,8 @@ class _StoredRun:
             row_count = (block.first + block.count) // run.every - block.first // run.every
             rows = new(row_count, size, count)
             status = self.first_order.integrate_tangent(
-                run, self.parameters, block, np.ascontiguousarray(D), run.every, rows, new(0),
-                tangents)
+                run, self.parameters, block, np.ascontiguousarray(D), run.every, rows,
+                multipliers=new(0), tangents=tangents)
             if status:
                 raise singular(block.first, status)
             tangent_rows.append(rows)
@@ -313,8 +315,9 @@ class _StoredRun:
         of ``cotangents`` along it.
         """
         run, second_order = self.run, self.second_order
+        # each block allocates the arrays of its own inputs
         adjoint = CotangentSlopes.at_end(second_order, cotangents.rows[-1],
-                                         cotangent_slopes.rows[-1], 0)
+                                         cotangent_slopes.rows[-1], steps=0)
         _add_explicit(self.stepper, run, cotangents, adjoint.z_bar[0])
         _add_explicit(self.stepper, run, cotangent_slopes, adjoint.z_bar[1])
         for block, tangent in zip(reversed(self.blocks), reversed(block_tangents), strict=True):
@@ -339,8 +342,10 @@ class _StoredRun:
         """
         new, advanced = self.first_order.own.new, tangent[:, None].copy()
         rows = new(block.count, len(tangent))
-        self.first_order.integrate_tangent(self.run, self.parameters, block, dz[:, None].copy(), 1,
-                                           rows, new(0), advanced)
+        # no status: ``tangents`` has linearised the same steps without failure
+        self.first_order.integrate_tangent(
+            self.run, self.parameters, block, dz[:, None].copy(), every=1, rows=rows,
+            multipliers=new(0), tangents=advanced)
         # C returns directions after each step
         rows[1:], rows[0] = rows[:-1].copy(), tangent
         return rows
@@ -394,13 +399,14 @@ def _directions(
 
 
 def _cotangent_slopes(
-    stepper: Stepper, tangents: Array, dt: Array, dz: Array,
+    stepper: Stepper, tangents: Array, time_direction: Array, dz: Array,
     slopes: Slopes | None, checked: Callable[[Mapping[str, Any]], Cotangents],
 ) -> Cotangents:
     """Return the derivatives of the cotangents along a direction dz, by the user's ``slopes``.
 
-    ``tangents``, shape (rows, 2 n), and ``dt``, (rows,), are the direction at the stored states and
-    of their times; ``dz``, of the start, has the parameters. Without ``slopes`` they are 0.
+    ``tangents``, shape (rows, 2 n), and ``time_direction``, (rows,), are the direction at the
+    stored states and of their times; ``dz``, of the start, has the parameters. ``checked`` checks
+    what ``slopes`` returns. Without ``slopes`` the derivatives are 0.
     """
     n = stepper.n
     cotangents: Mapping[str, Any] = {}
@@ -409,7 +415,7 @@ def _cotangent_slopes(
         if not callable(slopes):
             raise InputError(f"slopes = {shown(slopes)} is no function; give one of directions "
                              "{'q': ..., 'p': ...} that returns how the cotangents change.")
-        cotangents = slopes({"q": tangents[:, :n], "p": tangents[:, n:], "t": dt,
+        cotangents = slopes({"q": tangents[:, :n], "p": tangents[:, n:], "t": time_direction,
                              "parameters": dict(zip(names, dz[2 * n : -2].tolist(), strict=True))})
     return checked(cotangents)
 
@@ -455,11 +461,11 @@ def step_slope(
     parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
     # the state before the step is stored, and nothing depends on it but through the step
-    no_rows = binding.new(1, 2 * n)
-    adjoint = CotangentSlopes.at_end(second, w, binding.new(2 * n), 1)
+    zero_row = binding.new(1, 2 * n)
+    adjoint = CotangentSlopes.at_end(second, w, w_slope=binding.new(2 * n), steps=1)
     status = second.integrate_second(
-        run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz, (no_rows, no_rows), 1,
-        adjoint)
+        run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz,
+        rows=(zero_row, zero_row), every=1, cotangents=adjoint)
     if status:
         raise singular(0, status)
     z_bar, z_bar_slope = adjoint.z_bar

@@ -59,7 +59,7 @@ def tangents_of(
 
     Raises InputError for directions that are none; StepFailed as the run itself does.
     """
-    return _propagate(stepper, run, tangents, ()).rows
+    return _propagate(stepper, run, tangents, points=()).rows
 
 
 def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Trajectory:
@@ -75,13 +75,13 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
     stored_tangents, directions, times = _propagate(stepper, rows.run, tangents,
                                                     [*rows.points, *events])
     count = len(rows.points)
-    tangent_rows = stored_tangents.of_others(*_of_rows(
+    tangent_rows = stored_tangents.of_others(*_directions_of_rows(
         rows, stored_tangents, directions[:count], times[:count]))
-    at_events = _of_events(rows, stored_tangents, directions[count:], times[count:])
+    at_events = _tangents_at_events(rows, stored_tangents, directions[count:], times[count:])
     return replace_fields(trajectory, tangents=replace(tangent_rows, events=at_events))
 
 
-def _of_events(
+def _tangents_at_events(
     rows: RunRows, stored_tangents: TangentRows, directions: list[Any], times: list[Any]
 ) -> EventTangents:
     """Return the tangents at events, by their names, and the errors of events that have none.
@@ -105,7 +105,7 @@ def _of_events(
     return EventTangents(tangents, refused)
 
 
-def _of_rows(
+def _directions_of_rows(
     rows: RunRows, stored_tangents: TangentRows, directions: list[Any], times: list[Any]
 ) -> tuple[Array, Array]:
     """Return the directions (rows, 2 n, k) and times' derivatives (rows, k) of a trajectory's rows.

@@ -111,7 +111,7 @@ class TangentSpace:
                         else None)
 
     def project(self, dz: Array) -> Array:
-        """Return directions whose rows q and p are moved onto the constraints, each the nearest.
+        """Return directions whose rows q and p are moved along Gᵀ until they keep the constraints.
 
             dq ← dq − Gᵀ (G Gᵀ)⁻¹ dg,   dp ← dp − Gᵀ (f_p Gᵀ)⁻¹ df
 

@@ -73,8 +73,9 @@ class Objective:
             dt=dt, steps=0))
         self._state = run_of_start.q, run_of_start.p
         binding = stepper._derivative_binding()
-        # γ, α and rates of a frame by a rule keep their numbers at the start: a mean that followed
-        # the moments in x would have a derivative that a run does not know
+        # γ, α and rates of a frame by a rule, which may be text or left out, keep their numbers at
+        # the start: a mean that followed the moments in x would have a derivative that a run does
+        # not know
         self._start = replace(start, parameters={**start.parameters, **{
             name: number for name, number in run_of_start.parameters.items()
             if name not in stepper.binding.input_names
@@ -110,9 +111,12 @@ class Objective:
         blocks = [self._basis.T @ by_state if name == "start"
                   else np.ravel(np.asarray(gradient[name])) for name in self._wrt]
         slopes = np.concatenate(blocks)
-        if self._moves(variables[names == "start"], arguments.state, moved_state):
+        if self._needs_state_slopes(variables[names == "start"], arguments.state, moved_state):
+            # inputs and dt do not move the start
             for k in np.flatnonzero(~np.isin(names, ("inputs", "dt"))).tolist():
-                # the derivatives by parameters hold a state that is on the constraints
+                # by a parameter or t0 the run takes the derivative of a start that needed no
+                # projection; the motion of the real one is added, of which the part along Gᵀ,
+                # which both have, counts nothing in ``by_state``
                 direct = 0 if names[k] == "start" else slopes[k]
                 slopes[k] = direct + by_state @ self._state_slope(variables, k, names[k])
         return float(gradient.value), slopes.astype(float)
@@ -145,27 +149,27 @@ class Objective:
         return _VariedArguments(state, times, parameters, inputs)
 
     @property
-    def _projects(self) -> bool:
-        """Whether variables may take the start off the constraints: a parameter may, and t0."""
+    def _may_leave_constraints(self) -> bool:
+        """Whether variables may take the start off the constraints: "start", a parameter or t0."""
         return bool(self._stepper.m) and not {*self._wrt} <= {"inputs", "dt"}
 
     def _on_constraints(self, variables: Array) -> Array:
         """Return the state (q, p) at x, consistent(z₀ + B y), shape (2 n,)."""
         state, times, parameters, _ = self._varied_arguments(variables)
         stepper = self._stepper
-        if not self._projects:
+        if not self._may_leave_constraints:
             return state
         return np.concatenate(stepper.project(
             *np.split(state, 2), t=times["t0"],
             parameters=stepper._parameters_with_inputs(parameters, self._inputs)))
 
-    def _moves(self, y: Array, state: Array, moved_state: Array) -> bool:
+    def _needs_state_slopes(self, y: Array, state: Array, moved_state: Array) -> bool:
         """Whether the derivative of consistent(z₀ + B y) differs from the one that the run takes.
 
         ``state`` is z₀ + B y and ``moved_state`` its projection, shapes (2 n,). The run takes the
         derivative at a consistent state, y = 0; IMS and EMS differentiate no momenta of a start.
         """
-        if not self._projects:
+        if not self._may_leave_constraints:
             return False
         round_off = 64 * float(self._stepper.binding.epsilon)
         sizes = np.abs(state.astype(float)) + np.abs(moved_state.astype(float))
@@ -187,11 +191,11 @@ class Objective:
             epsilon = max(float(self._stepper.binding.epsilon), np.finfo(float).eps)
             h = (length or 1.0) * epsilon**0.2
 
-        def difference(times: int) -> Array:
-            """Return the difference of states 2 ``times`` h apart."""
+        def difference(factor: int) -> Array:
+            """Return the difference of states for x_k 2 ``factor`` h apart."""
             higher, lower = x.copy(), x.copy()
-            higher[k] += times * h
-            lower[k] -= times * h
+            higher[k] += factor * h
+            lower[k] -= factor * h
             change: Array = self._on_constraints(higher) - self._on_constraints(lower)
             return change
 

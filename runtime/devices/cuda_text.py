@@ -1,7 +1,7 @@
 """The control profile of a stepper and its kernels as one CUDA text.
 
-The text is C11, C++17 and CUDA at once: nvcc and NVRTC compile it for a card; with four macros for
-what CUDA adds, any C compiler compiles it for a loop over the threads.
+The text is C11, C++17 and CUDA at once: nvcc and NVRTC compile it for a card; with a few lines for
+what CUDA adds, ``host_device.SHIMS``, any C compiler compiles it for a loop over the threads.
 """
 
 from __future__ import annotations

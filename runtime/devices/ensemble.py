@@ -160,10 +160,12 @@ def shared_ensemble(
     """
     runs, device, windows = trajectories.runs, trajectories.device, list[Window]()
     step_count = trajectories.integrate(runs.first.rows + 1, windows.append, stop)
+    # one window had room for all rows
     states, (window,) = runs.first.rows_after(step_count) + 1, windows
     count, n = len(runs), stepper.n
 
     def as_array(memory: Any, shape: tuple[int, ...], strides: tuple[int, ...]) -> Any:
+        """Return memory of the card as an array of the caller's library."""
         return _of_library(device.share(memory, shape, strides), like)
 
     q, p = (as_array(memory, (count, states, n), (1, n * count, count))

@@ -1,7 +1,7 @@
 """The CUDA text compiled as C, its threads a loop: a device for tests where there is no card.
 
-What CUDA adds to C is five macros here. The bits are those of a card as far as both round as
-IEEE 754 says: sums, products, quotients, square roots, fused products and sums.
+What CUDA adds to C is three macros and three variables here. The bits are those of a card as far as
+both round as IEEE 754 says: sums, products, quotients, square roots, fused products and sums.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class HostDevice:
         self._programs: dict[str, Any] = {}
 
     def load(self, name: str, text: str) -> Any:
-        """Return the compiled text as a library; ``_index`` reaches the number of the thread."""
+        """Return the compiled text as a library, and the name before each of its functions."""
         if text not in self._programs:
             with build_folder() as folder:
                 source, library = folder / f"{name}.cu", folder / f"{name}.so"

@@ -80,7 +80,8 @@ class Trajectories:
         self.steps, self.iterations = (device.zeros((count,), np.int64) for _ in range(2))
         first_run = runs.first
         self._launch("begin_trajectories", device.put(parameters.T.astype(number)),
-                     device.put(runs.dt.astype(number)), number(first_run.tolerance or 0),
+                     device.put(runs.dt.astype(number)),
+                     number(first_run.tolerance or 0),  # 0: down to round-off
                      np.intc(min(first_run.max_iterations, 2**31 - 1)),  # an int of C
                      self.state, self.words, self.status, self.steps, self.iterations)
 
@@ -100,7 +101,7 @@ class Trajectories:
             end = min((row + window.q.shape[0] - 1) * first_run.every, first_run.steps)
             if row == 0:
                 # no step: stores the start
-                self._advance(0, 0, window)
+                self._advance(first_step=0, end_step=0, window=window)
             # launches of a fraction of a second, so that Ctrl-C is heard
             while step_count < end and not stop():
                 count = min(pace.begin(), end - step_count)
@@ -141,11 +142,12 @@ class Trajectories:
         work = np.broadcast_to(unknown if binding.has_forces else unknown.dtype.type(0),
                                (count, rows))
         state = self.device.get(self.state)
+        # no more steps are taken on the host: nothing reads ``parameters``, and there are no lanes
         return DeviceStates(
-            binding, runs, False, 1, Rows(q, p, multipliers, iterations, work),
-            np.ascontiguousarray(state[:n].T), np.ascontiguousarray(state[n:].T),
-            self.device.get(self.status), [], runs.dt, runs.dt, steps=self.steps_done,
-            iterations=self.device.get(self.iterations))
+            binding, runs, in_lanes=False, batch=1, rows=Rows(q, p, multipliers, iterations, work),
+            q=np.ascontiguousarray(state[:n].T), p=np.ascontiguousarray(state[n:].T),
+            status=self.device.get(self.status), reports=[], parameters=runs.dt, dt=runs.dt,
+            steps=self.steps_done, iterations=self.device.get(self.iterations))
 
     def _window(self, first: int, rows: int) -> Window:
         """Allocate memory for stored states, from row ``first`` on."""
@@ -156,10 +158,9 @@ class Trajectories:
     def _advance(self, first_step: int, end_step: int, window: Window) -> None:
         """Advance all trajectories from step ``first_step`` to ``end_step`` in one launch; wait."""
         run = self.runs.first
-        self._launch("advance_trajectories", *map(np.int64, (
-            first_step, end_step, run.every, run.steps, window.first)), self.state, self.words,
-                     self.status,
-            self.steps, self.iterations, window.q, window.p, window.iterations)
+        counts = map(np.int64, (first_step, end_step, run.every, run.steps, window.first))
+        self._launch("advance_trajectories", *counts, self.state, self.words, self.status,
+                     self.steps, self.iterations, window.q, window.p, window.iterations)
         self.device.wait()
 
     def _launch(self, kernel: str, *arguments: Any) -> None:

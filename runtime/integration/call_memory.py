@@ -49,7 +49,7 @@ class _Call:
     #: Names and values of each dict of the start; None for a call by (q, p).
     start: list[tuple[list[str], list[Any]] | None] | None
     #: The start's span, and its parameters that a stepper may ignore.
-    rest: tuple[Any, ...]
+    span_and_spare: tuple[Any, ...]
     plan: Integration
     limits: Limits
 
@@ -81,7 +81,7 @@ class CallMemory:
         if p is None:
             start = getattr(start, "start", None)
             if (type(start) is not Start or last_call.start is None or start._events
-                    or (start._span, start._spare) != last_call.rest
+                    or (start._span, start._spare) != last_call.span_and_spare
                     or not all(map(_are_same, _dicts_of(start), last_call.start))):
                 return None
             q, p, t0 = start.q, start.p, start.t
@@ -107,19 +107,20 @@ class CallMemory:
     ) -> None:
         """Store a call for the next one, if no check of it depends on its state.
 
-        ``arguments`` are dt, dtau, t_end, steps and others; ``state`` has all parameters; ``plan``
-        is the checked run.
+        ``arguments`` are dt, dtau, t_end, steps, every and solver; ``state`` has all parameters;
+        ``plan`` is the checked run.
         """
         run, binding = plan.run, stepper.binding
+        t_end, solver = arguments[2], arguments[-1]
         of_start = as_start(start) if has_start(start) else None
         dicts = [] if of_start is None else _dicts_of(of_start)
         limits = stepper.rotations.limits(run.parameters, run.dt)
         # not stored: runs with checks that depend on the state or on its time, and arguments or
         # parameters that may change though they stay the same object
-        if (limits is None or plan.events or arguments[2] is not None  # events has impacts, too
+        if (limits is None or plan.events or t_end is not None  # ``events`` has impacts, too
                 or depends_on_time(binding) or binding.clocked
                 or stepper.manifest.system.velocity_names
-                or not {*map(type, (*arguments, as_solver(arguments[-1]).tolerance))} <= _FIXED
+                or not {*map(type, (*arguments, as_solver(solver).tolerance))} <= _FIXED
                 or not all({*map(type, x.values())} <= _FIXED for x in (parameters or {}, *dicts))
                 or has_searches(state.parameters) or negative_parameters(run.parameters)):
             return

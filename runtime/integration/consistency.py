@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 __all__ = ["Defects", "ProjectedStart", "defects_of_starts", "project_start", "refuse_inconsistent",
            "refuse_singular_mass", "refuse_undefined_energy", "text_of_move"]
 
-#: Coordinates, of more of which moves of each by itself would take gigabytes.
+#: Most coordinates that are moved each by itself: for more of them that takes gigabytes.
 _MOST_COORDINATES = 2000
 #: Fractions by which a state is moved as a whole.
 _DRAWS = 2
@@ -98,8 +98,8 @@ def project_start(
     binding = stepper.binding
     if not binding.conditions:
         return ProjectedStart(q, p)
-    # constraints depend on no input, γ or rate of a frame: any number serves for those that a
-    # search is to find
+    # constraints depend on no input, γ or rate of a frame: any number serves for a γ that a search
+    # is to find, and rates by a rule are left out, which makes them 0
     values: dict[str, Any] = dict.fromkeys(binding.input_names, 0.0)
     for name, number_or_rule in parameters.items():
         is_search = isinstance(number_or_rule, Rule) and number_or_rule.name not in MEANS
@@ -181,7 +181,8 @@ def _cure(
     if binding.project(parameters, q, p) and binding.dtype is np.float64 and not binding.rows:
         try:
             with np.errstate(all="ignore"):
-                project(CompiledConstraints(binding, manifest, parameters, run.q[-1]),
+                # in scaled time the last coordinate is t; else t is not read
+                project(CompiledConstraints(binding, manifest, parameters, t=run.q[-1]),
                         run.q[: binding.shown], run.p[: binding.shown])
         except InputError as error:
             return str(error)
@@ -267,7 +268,7 @@ class _Moves:
 
 
 def _sum_changes(values: Array) -> Array:
-    """Return Σₖ |d(xₖ) − d(x₀)| over the moves, shape (rows, m), of d with (rows, moves, m)."""
+    """Return Σₖ |d(xₖ) − d(x₀)| over the moves k, (rows, m); ``values`` are d, (rows, moves, m)."""
     sums: Array = np.abs(values[:, 1:] - values[:, :1]).sum(axis=1)
     return sums
 
@@ -287,12 +288,12 @@ def _single_moves(n: int) -> _Moves:
     unit, zeros = np.eye(n), np.zeros((n + 1, n))
     # 2 n + 1 moves: none, each q, each p
     return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _sum_changes,
-                  1.0)
+                  euler=1.0)
 
 
 @lru_cache(maxsize=8)
 def _draws(n: int) -> _Moves:
-    """Return a few moves whose changes of g and f are below those of ``_each``, to second order.
+    """Return a few moves with changes of g and f below those of ``_single_moves``, to second order.
 
     |Σ wₖ aₖ| ≤ Σ |aₖ| if no |wₖ| exceeds 1: all q and p are moved at once, by fixed random
     fractions, forth and back. The difference has no term of second order, where moves of several
@@ -303,7 +304,7 @@ def _draws(n: int) -> _Moves:
     draws = rng.choice([-1.0, 1.0], (2, _DRAWS, n)) * rng.uniform(0.5, 0.99, (2, _DRAWS, n))
     q_moves, p_moves = (np.vstack([np.zeros((1, n)), w, -w]) for w in draws)
     # an Euler step is no small move: half of it leaves room for terms of third order
-    return _Moves(q_moves, p_moves, _forth_and_back, 0.5)
+    return _Moves(q_moves, p_moves, _forth_and_back, euler=0.5)
 
 
 def _move_scales(binding: Binding) -> tuple[float, float]:
@@ -328,6 +329,7 @@ def _defects_and_bounds(
     g, f, *changes = _sizes(binding, parameters, q, p, dq, dp, moves)
     g_bound, f_bound = (epsilons * change for change in changes)
     has_sets = binding.sets(parameters) > 1
+    change_of_f = 3  # among what ``_sizes`` returns
     for i in np.flatnonzero(f > f_bound):
         row = slice(i, i + 1)
         own_parameters = binding.set_of(parameters, int(i)) if has_sets else parameters
@@ -337,12 +339,13 @@ def _defects_and_bounds(
             kick = float(np.abs(x[binding.kicks]).max(initial=0))
             kick *= 1.0 if binding.solves_increments else abs(float(dt[i]))
             f_bound[row] = epsilons * _sizes(binding, own_parameters, q[row], p[row], dq[row],
-                                             dp[row] + nudge * kick, moves)[3]
+                                             dp[row] + nudge * kick, moves)[change_of_f]
             continue
         n = binding.n
         by_q, by_p = (moves.euler * np.array([float(np.abs(d).max())])
                       for d in (x[:n], x[n : 2 * n]))
-        f_bound[row] += _sizes(binding, own_parameters, q[row], p[row], by_q, by_p, moves)[3]
+        f_bound[row] += _sizes(binding, own_parameters, q[row], p[row], by_q, by_p,
+                               moves)[change_of_f]
     return Defects(g, f, g_bound, f_bound)
 
 

@@ -234,7 +234,7 @@ def times_reached(stepper: Stepper, trajectory: Trajectory, times: ArrayLike) ->
     """Return those of the times that are not behind the last row of a run."""
     t, end = _times(stepper, times), trajectory.t[-1]
     ahead = 1 if trajectory.dt > 0 else -1
-    reached: Array = t[ahead * (t - end) <= _rounding_of_times(stepper, end, 0)]
+    reached: Array = t[ahead * (t - end) <= _rounding_of_times(stepper, end, elapsed=0)]
     return reached
 
 
@@ -266,8 +266,9 @@ def _advance(
     steps. Their times and steps are not changed.
     """
     input_rows, step_counts = trajectory._inputs, targets.steps[group]
-    inputs = None if input_rows is None else input_rows.rows_of(0 * step_counts, step_counts,
-                                                                step_limit)
+    # all targets are of one run, number 0
+    inputs = None if input_rows is None else input_rows.rows_of(
+        runs=0 * step_counts, steps=step_counts, count=step_limit)
     columns = {name: np.full(len(group), number, stepper.binding.number_type)
                for name, number in trajectory.parameters.items()}
     ensemble = run_together(stepper, targets.q[group], targets.p[group], targets.t[group], dt,
@@ -320,9 +321,9 @@ def partial_steps(
     indices = np.flatnonzero(dt != 0)
     if len(indices):
         columns = {name: column[indices] for name, column in parameters.items()}
+        own_inputs = None if inputs is None else inputs.rows_of(runs=indices, steps=0 * indices)
         ensemble = run_together(stepper, q[indices], p[indices], t0[indices], dt[indices], columns,
-                                fill, 1,
-                                None if inputs is None else inputs.rows_of(indices, 0 * indices))
+                                fill, steps=1, inputs=own_inputs)
         q[indices], p[indices] = ensemble.q, ensemble.p
     return q, p
 

@@ -62,10 +62,11 @@ def diagnose(
     newton_status, increment = status, None
     if run.solver != "fixed-point" and binding.solves:
         newton_status, increment = _tried_by_newton(binding, run, q, p, t)
+    # otherwise Newton's method has no better reason: it converged, or had no next iteration
     if newton_status in (_NOT_CONVERGED, _STAGNATED, _DIVERGED):
         status = newton_status
-    diagnosis = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), "",
-                          increment)
+    diagnosis = Diagnosis(REASONS[status], _detail(status, increment, run.max_iterations), cure="",
+                          increment=increment)
     dependent = _dependent_constraints(binding, manifest, run, q)
     if dependent:
         return replace(
@@ -142,8 +143,9 @@ def _dependent_constraints(
     """
     if binding.m < 2:
         return ""
+    # in scaled time the last coordinate is t; else t is not read
     constraints = CompiledConstraints(binding, manifest, binding.parameters(run.parameters, run.t0),
-                                  q[-1])
+                                      t=q[-1])
     G = constraints.G(q[: binding.shown].astype(float))
     lengths = np.linalg.norm(G, axis=1, keepdims=True)
     if not np.all(np.isfinite(G)) or not np.all(lengths > 0):

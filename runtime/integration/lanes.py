@@ -57,8 +57,9 @@ class EnsembleStates:
     status: Array
     #: The running records of each batch.
     reports: list[Any]
-    #: The parameters of all as compiled code takes those of lanes, else unused; the time steps.
+    #: The parameters of all runs, as compiled code takes them in lanes; not used off lanes.
     parameters: Array
+    #: The time step of each run.
     dt: Array
     #: Event detectors, one for each trajectory; or none.
     detectors: tuple[EventDetector, ...] = ()
@@ -153,7 +154,8 @@ class EnsembleStates:
             if self.detectors:
                 visited = Rows.allocate(binding, len(state.q), count + 1)
                 visited.q[:, 0], visited.p[:, 0] = state.q, state.p
-                binding.integrate_lanes(constants, count, 1, state, visited, 1, memory)
+                binding.integrate_lanes(constants, count, every=1, batch=state, rows=visited,
+                                        row=1, memory=memory)
                 self._detect(lanes, step_count, every, visited, rows[:, row:])
             else:
                 binding.integrate_lanes(constants, count, every, state, rows, row, memory)
@@ -238,8 +240,8 @@ def _fill_on_threads(
         try:
             running = set(futures)
             while running:
-                ended, running = wait(running, None if report is None else _REPORTED,
-                                      FIRST_EXCEPTION)
+                ended, running = wait(running, timeout=None if report is None else _REPORTED,
+                                      return_when=FIRST_EXCEPTION)
                 for future in ended:
                     future.result()
                 if report is not None:

@@ -97,7 +97,7 @@ class _ShortStep:
         """Take the parameters and inputs of the first step, and full Newton iterations."""
         self._binding, self._work = binding, binding.work()
         self._parameters = binding.parameters(run.at_step(0).parameters, run.t0)
-        self._options = binding.options(None, 50, "newton")
+        self._options = binding.options(tolerance=None, max_iterations=50, solver="newton")
         self.dt = float(run.dt) * _PART
 
     def end(self, z: Array) -> Array:

@@ -44,6 +44,8 @@ class Symmetry:
         What parameters must satisfy, e.g. "I1 = I2"; empty where it holds for any.
     group : int
         Symmetries of one group do not commute: three rotations of space, which turn about one axis.
+    vanishing : tuple of Polynomial
+        The condition as polynomials of parameters that are 0 where it is satisfied.
     """
 
     name: str
@@ -84,7 +86,7 @@ class Symmetry:
         ``columns`` are parameters of all runs. False where the condition fails or is another one.
         """
         if not self.vanishing or not columns[self.name].any():
-            return True
+            return True  # without a condition, or no run moves along it
         for terms in self.vanishing:
             # terms of a x − a y
             names = [[*powers] for _, powers in terms if [*powers.values()] == [1]]

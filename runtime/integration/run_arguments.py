@@ -101,6 +101,7 @@ class RunArguments:
     @property
     def rows(self) -> int:
         """Stored states after the first; the last state is always stored."""
+        # steps/every rounded up
         return -(-self.steps // self.every) if self.stored_steps is None else len(self.stored_steps)
 
     @property
@@ -121,8 +122,10 @@ class RunArguments:
     def continue_from(self, steps: int, q: Array, p: Array) -> RunArguments:
         """Return the run that begins in the state (q, p) after ``steps`` steps of this one."""
         inputs = self.inputs
+        # hold = 0: one row is held throughout, and serves on
         if inputs is not None and inputs.hold:
-            inputs = inputs.rows_of(np.zeros(1, int), np.array([steps]), max(1, self.steps - steps))
+            inputs = inputs.rows_of(runs=np.zeros(1, int), steps=np.array([steps]),
+                                    count=max(1, self.steps - steps))
         return replace(self, q=q, p=p, t0=self.t0 + steps * self.dt, inputs=inputs)
 
     def pilot(self, steps: int) -> Self:
@@ -287,6 +290,7 @@ class EnsembleArguments:
 
     def __getitem__(self, i: int) -> RunArguments:
         """Return the arguments of run i, as if it had been checked alone."""
+        # numbers of Python, as a single run has them
         (dt,), (t0,) = (column[i : i + 1].tolist() for column in (self.dt, self.t0))
         parameters = {name: column[i : i + 1].tolist()[0]
                       for name, column in self.parameters.items()}
@@ -296,7 +300,7 @@ class EnsembleArguments:
         return run.with_inputs(inputs)
 
     def to_end(self, binding: Binding, t_end: Any, rests: Sequence[Fraction]) -> EnsembleArguments:
-        """Return the runs up to t_end, parts of a step behind their last ones."""
+        """Return the runs up to t_end, ``rests`` the parts of a step after their whole steps."""
         column = np.array([binding.number(rest) for rest in rests], binding.number_type)
         end = as_real("t_end", t_end, binding.number)
         return replace(self, first=replace(self.first, t_end=end),
@@ -312,7 +316,7 @@ class EnsembleArguments:
         """
         failed, steps = (status != 0)[:, None], self.first.steps
         parameters = dict(self.parameters)
-        if self.inputs is not None:  # constant within this step: parameters do
+        if self.inputs is not None:  # constant within this step, like its parameters
             rows = self.inputs.rows_of(np.arange(len(self)), np.full(len(self), steps)).values[:, 0]
             columns = np.broadcast_to(rows, (len(self), len(self.inputs.names))).T
             parameters |= dict(zip(self.inputs.names, columns, strict=True))
@@ -384,14 +388,14 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
     first_run, size = checked_run(0), len(arguments.q)
     # in scaled time a start has an energy of its own, which columns have not
     has_columns = size > 1 and not stepper.binding.clocked
-    runs = _plain(stepper, arguments, first_run) if has_columns else None
-    if runs is None or not _consistent(stepper, runs):
+    runs = _runs_as_columns(stepper, arguments, first_run) if has_columns else None
+    if runs is None or not _are_consistent(stepper, runs):
         number = stepper.binding.number_type
         runs = EnsembleArguments.of([first_run, *(checked_run(i) for i in range(1, size))], number)
     return runs
 
 
-def _plain(
+def _runs_as_columns(
     stepper: Stepper, arguments: RawArguments, first_run: RunArguments
 ) -> EnsembleArguments | None:
     """Return the runs as columns if all their numbers are finite and of plain types, else None.
@@ -407,7 +411,7 @@ def _plain(
         return None
     q, p = binding.to_real(arguments.q), binding.to_real(arguments.p)
     dt, t0 = _numbers(arguments.dt, number), _numbers(arguments.t0, number)
-    parameters = _parameters(stepper, arguments, first_run, size)
+    parameters = _parameter_columns(stepper, arguments, first_run, size)
     if dt is None or t0 is None or parameters is None or not dt.all():
         return None
     if not (np.isfinite(q).all() and np.isfinite(p).all()):
@@ -430,7 +434,7 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
     return converted if np.isfinite(converted).all() else None
 
 
-def _parameters(
+def _parameter_columns(
     stepper: Stepper, arguments: RawArguments, first_run: RunArguments, size: int
 ) -> dict[str, Array] | None:
     """Return a column (runs,) for each parameter; None if one must be checked run by run.
@@ -502,7 +506,7 @@ def _in_domain(column: Array, domain: str) -> bool:
     return bool(usable[domain].all()) if domain in usable else True
 
 
-def _consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
+def _are_consistent(stepper: Stepper, runs: EnsembleArguments) -> bool:
     """Whether every start is on the constraints; they are checked in blocks that fit in a cache."""
     binding = stepper.binding
     if not binding.conditions:
@@ -758,6 +762,7 @@ def step_count(steps: Any, t_end: Any, t0: Any, dt: Any) -> int:
         return count
     end, start, step = (_fraction(*named_number)
                         for named_number in (("t_end", t_end), ("t", t0), ("dt", dt)))
+    # no steps at all are no cure
     times = " and ".join(_text(start + n * step) for n in (count, count + 1) if n)
     steps_of = " or ".join(_text((end - start) / n) for n in (count + 1, count) if n)
     raise InputError(f"t_end = {_text(end)} is no whole number of steps of dt = {_text(step)} from "

@@ -239,7 +239,7 @@ def merged_starts(
     parameter_sets = {} if parameters is None else parameters
     if p is not None:
         _refuse_second_state(starts, p)
-        return StartNumbers(starts, p, parameter_sets, 0.0)
+        return StartNumbers(starts, p, parameter_sets, t=0.0)
     if has_start(starts):
         start = as_start(starts)
         if not impacts:
@@ -260,7 +260,8 @@ def merged_starts(
     if len(parameter_sets) != len(starts):
         raise InputError(f"{len(parameter_sets)} sets of parameters are given for {len(starts)} "
                          "starts.")
-    rows = [merged_start(stepper, start, None, own_parameters, frame=False, impacts=impacts)
+    rows = [merged_start(stepper, start, p=None, parameters=own_parameters, frame=False,
+                         impacts=impacts)
             for start, own_parameters in zip(starts, parameter_sets, strict=True)]
     if any(row.impacts != rows[0].impacts for row in rows):
         raise InputError("The starts have different impacts; give starts of one model.")

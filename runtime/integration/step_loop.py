@@ -150,7 +150,7 @@ def march(
     """Integrate up to the end of a run, to a step that fails, to the event that ends it, or until
     ``stop()`` is true, which is called between chunks.
     """
-    pace = pace or ChunkSize(observer is not None)
+    pace = pace or ChunkSize(has_events=observer is not None)
     constants = constants or run.constants(binding)
     if (observer is None and progress is None and run.stored_steps is None
             and 0 < run.steps <= pace.most and not run.steps % run.every
@@ -171,8 +171,8 @@ def march(
         status, rows = fill(binding, run, constants, rows, state, stop, progress, pace=pace)
     else:
         status, rows = fill(binding, run, constants, rows, state,
-                            lambda: observer.end is not None or stop(), progress, observer.advance,
-                            pace)
+                            lambda: observer.end is not None or stop(), progress,
+                            step_on=observer.advance, pace=pace)
         observer.close(state)
         if observer.end is not None:  # a step that fails after the end is none of the run's
             status = 0
@@ -192,10 +192,10 @@ def fill(
     The rows returned are new ones with more room where those given were too few. ``step_on`` is
     ``binding.integrate`` or takes its arguments, and observes each step.
     """
-    pace, status = pace or ChunkSize(step_on is not None), 0
+    pace, status = pace or ChunkSize(has_events=step_on is not None), 0
     # 0 steps initialise record and work memory, which the first steps otherwise do
     if not run.steps or step_on is not None or stop():
-        status = binding.integrate(constants, 0, 1, state, rows[:0])
+        status = binding.integrate(constants, steps=0, every=1, state=state, rows=rows[:0])
     step_on = step_on or binding.integrate
     while state.steps < run.steps and status == 0 and not stop():
         step_count = state.steps
@@ -233,7 +233,7 @@ def advance_and_detect(
     first_step, start = state.steps, (state.q.copy(), state.p.copy())
     visited = rows if every == 1 else detector.scratch_rows(steps)
     # events are sought in every state, also between two stored ones
-    status = binding.integrate(constants, steps, 1, state, visited)
+    status = binding.integrate(constants, steps, every=1, state=state, rows=visited)
     count = state.steps - first_step
     detector.detect(first_step, start[0][None], start[1][None])
     detector.detect(first_step + 1, visited.q[:count], visited.p[:count])

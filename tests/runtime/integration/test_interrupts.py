@@ -62,7 +62,7 @@ def test_run_that_is_over_is_reported_too(gl3):
 
 def test_a_search_for_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
     monkeypatch.setattr(Compiled, "integrate",
-                        lambda *arguments: (interrupt(), 0)[1])  # of the first pilot run
+                        lambda *_, **__: (interrupt(), 0)[1])  # of the first pilot run
     start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
     for call in (lambda: gl3.integrate(start, dt=1e-3, steps=20),
                  lambda: gs.tune(gl3, TOP, dt=1e-3, gamma="auto")):
