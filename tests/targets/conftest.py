@@ -1,4 +1,4 @@
-"""What artefacts are compiled with in the quick run."""
+"""Flags with which the quick run compiles artefacts."""
 
 from __future__ import annotations
 

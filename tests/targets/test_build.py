@@ -1,6 +1,6 @@
-"""What targets write where, what they refuse, and its bits; texts to the byte.
+"""Files that targets write, refusals, and the bits of artefacts; texts to the byte.
 
-``pytest tests/targets/test_build.py --update`` writes the texts again after a change: whole of a
+``pytest tests/targets/test_build.py --update`` writes the texts again after a change: in full for a
 model with inputs and quantities, hashes of others. The generated C has tests of its own.
 """
 
@@ -54,27 +54,27 @@ def test_artefacts_have_the_bits_of_c(built, target):
 
 
 def test_another_start_is_taken(built):
-    """q and p of any model, where they are on the constraints."""
-    made = built("cpp", system=gs.problems.fast_top(), dt=1e-3, parameters=None,
-                 start=([0, 0.6, 0, 0.8], [1, 0.8, 2, -0.6]))
-    assert made.options.q == (0, 0.6, 0, 0.8)
-    assert "0.6" in (made.path / f"{made.stepper.name}.hpp").read_text()
+    """A target accepts q and p of any model that are on the constraints."""
+    artefact = built("cpp", system=gs.problems.fast_top(), dt=1e-3, parameters=None,
+                     start=([0, 0.6, 0, 0.8], [1, 0.8, 2, -0.6]))
+    assert artefact.options.q == (0, 0.6, 0, 0.8)
+    assert "0.6" in (artefact.path / f"{artefact.stepper.name}.hpp").read_text()
 
 
 def test_a_bit_that_differs_is_found(built):
-    made = built("cpp")
-    right = native_bits(made.stepper, made.options, 3)
+    artefact = built("cpp")
+    right = native_bits(artefact.stepper, artefact.options, 3)
     wrong = ("1" if right[0] == "0" else "0") + right[1:]
     with pytest.raises(gs.GyrosparkError, match="other bits"):
-        refuse_difference("It", wrong, made, 3)
-    other = replace(made.options, parameters={**made.options.parameters, "u1": 0.0})
-    assert native_bits(made.stepper, other, 3) != right
+        refuse_difference("It", wrong, artefact, 3)
+    other_options = replace(artefact.options, parameters={**artefact.options.parameters, "u1": 0.0})
+    assert native_bits(artefact.stepper, other_options, 3) != right
 
 
 def test_a_step_that_fails_says_so(built):
-    made = built("cpp", dt=1e3)
+    artefact = built("cpp", dt=1e3)
     with pytest.raises(gs.GyrosparkError, match="dt = 1000"):
-        native_bits(made.stepper, made.options, 3)
+        native_bits(artefact.stepper, artefact.options, 3)
 
 
 @pytest.mark.parametrize("x", [0.1, 1e-5, 8.333333333333334, 1.17549435e-38, -3.0, 16777217.0])
@@ -84,36 +84,36 @@ def test_literals_are_read_as_the_number(x):
 
 
 def test_an_artefact_says_what_it_is(built):
-    made = built("cpp")
-    marker = json.loads((made.path / MARKER).read_text())
+    artefact = built("cpp")
+    marker = json.loads((artefact.path / MARKER).read_text())
     assert marker["target"] == "cpp"
     assert marker["dt"] == 0.1
     assert marker["parameters"]["u3"] == -0.02
-    assert {*made.files} == {*marker["files"], MARKER} == {
-        path.name for path in made.path.iterdir()}
-    assert np.linalg.norm(made.options.q) == pytest.approx(1, abs=1e-15)
+    assert {*artefact.files} == {*marker["files"], MARKER} == {
+        path.name for path in artefact.path.iterdir()}
+    assert np.linalg.norm(artefact.options.q) == pytest.approx(1, abs=1e-15)
 
 
 def test_what_a_user_has_beside_it_stays(built):
-    made = built("cpp")
-    (made.path / "notes.txt").write_text("mine")
-    (made.path / "build").mkdir()
-    again = built("cpp", dt=0.05)
-    assert again.path == made.path
-    assert (made.path / "notes.txt").read_text() == "mine"
-    assert "0.05" in (made.path / "wheeled_satellite_gl1_gamma.hpp").read_text()
-    other = built("cpp", stages=2)
-    names = {path.name for path in other.path.iterdir()}
+    artefact = built("cpp")
+    (artefact.path / "notes.txt").write_text("mine")
+    (artefact.path / "build").mkdir()
+    rebuilt = built("cpp", dt=0.05)
+    assert rebuilt.path == artefact.path
+    assert (artefact.path / "notes.txt").read_text() == "mine"
+    assert "0.05" in (artefact.path / "wheeled_satellite_gl1_gamma.hpp").read_text()
+    with_two_stages = built("cpp", stages=2)
+    names = {path.name for path in with_two_stages.path.iterdir()}
     assert "wheeled_satellite_gl1_gamma.hpp" not in names  # that of another stepper goes
     assert {"notes.txt", "wheeled_satellite_gl2_gamma.hpp"} <= names
 
 
 def test_what_somebody_else_wrote_is_not_written_over(built, tmp_path):
-    made = built("cpp")
-    (made.path / "main.cpp").write_text("int main() {}")
+    artefact = built("cpp")
+    (artefact.path / "main.cpp").write_text("int main() {}")
     with pytest.raises(gs.InputError, match=r"main\.cpp.*changed"):
         built("cpp")
-    assert (made.path / "main.cpp").read_text() == "int main() {}"
+    assert (artefact.path / "main.cpp").read_text() == "int main() {}"
     (tmp_path / "file").write_text("mine")
     (tmp_path / "folder").mkdir()
     (tmp_path / "folder" / "file").write_text("mine")
@@ -185,23 +185,23 @@ def test_a_gamma_that_runs_search_is_refused(built, tmp_path):
 
 
 def test_names_that_a_language_keeps_for_itself_are_refused(built):
-    for name, target, other in (("this", "cpp", "rust"), ("fn", "rust", "cpp"),
-                                ("B101", "arduino", "cpp")):
+    for name, target, other_target in (("this", "cpp", "rust"), ("fn", "rust", "cpp"),
+                                       ("B101", "arduino", "cpp")):
         x, y, k = *sp.symbols("x y", real=True), sp.Symbol(name, positive=True)
-        given = {"system": gs.System((x,), (y,), (k,), y**2 / 2 + k * x**2 / 2, name="spring"),
-                 "parameters": {name: 1.0}, "start": ([1.0], [0.0]), "dt": 0.1}
+        arguments = {"system": gs.System((x,), (y,), (k,), y**2 / 2 + k * x**2 / 2, name="spring"),
+                     "parameters": {name: 1.0}, "start": ([1.0], [0.0]), "dt": 0.1}
         with pytest.raises(gs.InputError, match=f"{name!r}.*spring"):
-            built(target, **given)
-        assert built(other, **given).path.is_dir()
+            built(target, **arguments)
+        assert built(other_target, **arguments).path.is_dir()
 
 
 def test_a_missing_tool_is_named_with_its_cure(built, monkeypatch):
-    made = {target: built(target) for target in TEXTS}
+    artefacts = {target: built(target) for target in TEXTS}
     monkeypatch.setenv("PATH", "")
     for name in ("CC", "CXX", "CARGO"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    for target, artefact in made.items():
+    for target, artefact in artefacts.items():
         with pytest.raises(gs.InputError, match=f"{target}.* needs .*install"):
             artefact.check()
 
@@ -303,4 +303,5 @@ def test_every_target_is_listed_with_a_module():
     for name, target in TARGETS.items():
         module = target.load()
         assert target.name == name
-        assert all(callable(getattr(module, what)) for what in ("files", "compile", "check"))
+        assert all(callable(getattr(module, function))
+                   for function in ("files", "compile", "check"))

@@ -1,7 +1,7 @@
-"""Ensembles on a card: the CUDA text as C, C++ and for a card; what a card does not have.
+"""Ensembles on a card: the CUDA text as C, C++ and for a card, and refusals of a card.
 
-No card is asked for: launches are those of ``HostDevice``, which compiles the same text as C. What
-talks to a card is called where there is one.
+No test needs a card: launches go to ``HostDevice``, which compiles the same text as C. The code
+that talks to a card is called where there is one.
 """
 
 from __future__ import annotations
@@ -50,20 +50,20 @@ SPECS = {"gl2": Spec("G-L", 2, "gamma"), "gl2_float": Spec("G-L", 2, "gamma", re
 
 @pytest.fixture(scope="module")
 def host():
-    """A device that keeps what it has compiled."""
+    """A device that caches its compiled programs."""
     return HostDevice()
 
 
 @pytest.fixture
 def card(host, monkeypatch):
-    """The same in place of every card: launches are counted, nothing is written out of bounds."""
+    """The host device in place of every card: launches are counted, no write is out of bounds."""
     counted = SimpleNamespace(launches=[], at_launch=lambda: None, bands=[])
     launch = host.launch
 
     def put(array):
-        whole = np.full(array.size + 2 * BAND, 7, array.dtype)
-        counted.bands.append(whole)
-        inner = whole[BAND:-BAND].reshape(array.shape)
+        padded = np.full(array.size + 2 * BAND, 7, array.dtype)
+        counted.bands.append(padded)
+        inner = padded[BAND:-BAND].reshape(array.shape)
         inner[...] = array
         return Memory(inner, array.shape, array.dtype)
 
@@ -76,7 +76,8 @@ def card(host, monkeypatch):
     monkeypatch.setattr(host, "launch", count)
     monkeypatch.setattr(devices, "open_card", lambda number: host)
     yield counted
-    assert all((whole[:BAND] == 7).all() and (whole[-BAND:] == 7).all() for whole in counted.bands)
+    assert all((padded[:BAND] == 7).all() and (padded[-BAND:] == 7).all()
+               for padded in counted.bands)
 
 
 @pytest.fixture(scope="module")
@@ -87,17 +88,17 @@ def step():
 @pytest.fixture(scope="module")
 def texts():
     """Manifest, files and CUDA text of some steppers, by name."""
-    made = {}
+    by_kind = {}
     for kind, spec in SPECS.items():
         files, _ = text_of(spec.with_profile("control"))
-        name = next(one for one in files if one.endswith(".h"))[:-2]
-        made[kind] = SimpleNamespace(name=name, files=files, text=cuda_text(name, files),
-                                     manifest=Manifest.from_text(files[f"{name}.json"]))
-    return made
+        name = next(file for file in files if file.endswith(".h"))[:-2]
+        by_kind[kind] = SimpleNamespace(name=name, files=files, text=cuda_text(name, files),
+                                        manifest=Manifest.from_text(files[f"{name}.json"]))
+    return by_kind
 
 
 class OnCard:
-    """An array of a library whose memory is that of a card."""
+    """An array of a library whose memory is on a card."""
 
     def __init__(self, array):
         self.array = array
@@ -110,72 +111,73 @@ class OnCard:
 
 
 def test_a_trajectory_has_the_bits_of_profile_control(card, step):
-    many = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    ensemble = step.integrate_ensemble(*MANY, **RUN, device="cuda")
     files = step._control_files()
-    written = Written(Manifest.from_text(files[f"{step.name}.json"]), files)
+    stepper_files = Written(Manifest.from_text(files[f"{step.name}.json"]), files)
     start = Options(RUN["dt"], tuple(TOP.q0), tuple(TOP.p0),
                     PARAMETERS | {"mgl": PARAMETERS["mgl"] * 1.2})
-    bits = many.q[2, -1].tobytes() + many.p[2, -1].tobytes()
-    assert bits.hex() == native_bits(written, start, STEPS)
-    assert not many.failures
-    assert np.isfinite(many.q).all()
-    assert (many.iterations > 0).all()
+    bits = ensemble.q[2, -1].tobytes() + ensemble.p[2, -1].tobytes()
+    assert bits.hex() == native_bits(stepper_files, start, STEPS)
+    assert not ensemble.failures
+    assert np.isfinite(ensemble.q).all()
+    assert (ensemble.iterations > 0).all()
 
 
 def test_bits_do_not_depend_on_how_steps_are_launched(card, step, monkeypatch):
-    whole = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
+    full_run = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
     slices = [pair for kernel, *pair in card.launches if kernel == "advance_trajectories"]
     assert [b for _, b in slices[:-1]] == [a for a, _ in slices[1:]]  # one goes on where one ended
     assert len(slices) > 2
     monkeypatch.setattr(trajectories, "_WINDOW", 1)  # each row is copied to the host by itself
-    kept = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    thinned = step.integrate_ensemble(*MANY, **RUN, device="cuda")
     rows = [*range(0, STEPS, EVERY), STEPS]
     for name in ("t", "q", "p"):
-        np.testing.assert_array_equal(getattr(kept, name), getattr(whole, name)[:, rows])
-    most = [whole.iterations[:, a:b].max(axis=1) for a, b in itertools.pairwise(rows)]
-    np.testing.assert_array_equal(kept.iterations, np.transpose(most))
+        np.testing.assert_array_equal(getattr(thinned, name), getattr(full_run, name)[:, rows])
+    iterations_max = [full_run.iterations[:, a:b].max(axis=1) for a, b in itertools.pairwise(rows)]
+    np.testing.assert_array_equal(thinned.iterations, np.transpose(iterations_max))
 
 
 def test_more_iterations_than_an_int_of_c_holds_are_the_most_it_holds(card, step):
-    many = step.integrate_ensemble(*MANY, **RUN, device="cuda",
-                                   solver=gs.Solver("auto", max_iterations=2**40))
-    assert (many.q == step.integrate_ensemble(*MANY, **RUN, device="cuda").q).all()
+    ensemble = step.integrate_ensemble(*MANY, **RUN, device="cuda",
+                                       solver=gs.Solver("auto", max_iterations=2**40))
+    assert (ensemble.q == step.integrate_ensemble(*MANY, **RUN, device="cuda").q).all()
 
 
 def test_results_are_those_of_the_cpu_but_for_rounding(card, step):
-    there = step.integrate_ensemble(*MANY, **RUN, device="cuda")
-    here = step.integrate_ensemble(*MANY, **RUN)
-    np.testing.assert_allclose(there.q, here.q, rtol=0, atol=1e-13)
-    one, other = there.members[1], here.members[1]
-    assert one.report.steps == STEPS
-    assert one.report.iterations >= one.iterations.sum()
-    np.testing.assert_allclose(one.energies, other.energies, rtol=1e-13)
-    assert one.report.energy_error_max == abs(one.energies - one.energies[0]).max()
-    assert np.isnan(one.multipliers).all()
-    assert one.multipliers.shape == other.multipliers.shape
+    on_device = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    on_cpu = step.integrate_ensemble(*MANY, **RUN)
+    np.testing.assert_allclose(on_device.q, on_cpu.q, rtol=0, atol=1e-13)
+    device_member, cpu_member = on_device.members[1], on_cpu.members[1]
+    assert device_member.report.steps == STEPS
+    assert device_member.report.iterations >= device_member.iterations.sum()
+    np.testing.assert_allclose(device_member.energies, cpu_member.energies, rtol=1e-13)
+    assert device_member.report.energy_error_max == abs(
+        device_member.energies - device_member.energies[0]).max()
+    assert np.isnan(device_member.multipliers).all()
+    assert device_member.multipliers.shape == cpu_member.multipliers.shape
 
 
 def test_trajectories_fill_more_than_a_block(card, step):
-    """Threads beyond the last trajectory do nothing, all others do the same."""
-    many = step.integrate_ensemble(
+    """Threads beyond the last trajectory are idle, all others do the same."""
+    ensemble = step.integrate_ensemble(
         np.tile(TOP.q0, (THREADS + 2, 1)), np.tile(TOP.p0, (THREADS + 2, 1)), dt=1e-3, steps=20,
         every=20, parameters=PARAMETERS, device="cuda")
-    assert (many.q == many.q[:1]).all()
-    assert not many.failures
+    assert (ensemble.q == ensemble.q[:1]).all()
+    assert not ensemble.failures
 
 
 @WARNED
 def test_a_trajectory_that_fails_stops_alone(card, step):
     dt = np.array([1e-3, LONG, 1e-3])
-    many = step.integrate_ensemble(*MANY, **RUN | {"dt": dt, "every": 1}, device="cuda")
+    ensemble = step.integrate_ensemble(*MANY, **RUN | {"dt": dt, "every": 1}, device="cuda")
     alone = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
-    assert [*many.failures] == [1]
-    failure = many.failures[1]
+    assert [*ensemble.failures] == [1]
+    failure = ensemble.failures[1]
     assert failure.reason in ("diverged", "not converged", "not finite")
-    assert np.isfinite(many.q[1, : failure.step]).all()
-    for part in (many.t, many.q, many.p):
-        assert np.isnan(part[1, failure.step :]).all()
-    np.testing.assert_array_equal(many.q[[0, 2]], alone.q[[0, 2]])
+    assert np.isfinite(ensemble.q[1, : failure.step]).all()
+    for values in (ensemble.t, ensemble.q, ensemble.p):
+        assert np.isnan(values[1, failure.step :]).all()
+    np.testing.assert_array_equal(ensemble.q[[0, 2]], alone.q[[0, 2]])
     assert len(failure.trajectory) == failure.step
 
 
@@ -187,28 +189,28 @@ def test_ctrl_c_returns_what_was_done(card, step):
     card.at_launch = interrupt
     with pytest.raises(Stopped) as stopped:
         step.integrate_ensemble(*MANY, **RUN | {"steps": 10**6, "every": 10}, device="cuda")
-    found = stopped.value.ensemble
-    done = np.isfinite(found.t[0]).sum()
+    ensemble = stopped.value.ensemble
+    done = np.isfinite(ensemble.t[0]).sum()
     assert 1 < done < 10**5
-    assert np.isfinite(found.q[:, :done]).all()
-    assert np.isnan(found.q[:, done:]).all()
-    assert not found.failures
+    assert np.isfinite(ensemble.q[:, :done]).all()
+    assert np.isnan(ensemble.q[:, done:]).all()
+    assert not ensemble.failures
 
 
 def test_arrays_on_a_card_stay_there(card, step, monkeypatch):
-    """With any strides; the result is a view of what the last launch wrote."""
-    wanted = step.integrate_ensemble(*MANY, **RUN, device="cuda")
+    """Strides are free; the result is a view of the output of the last launch."""
+    expected = step.integrate_ensemble(*MANY, **RUN, device="cuda")
     state = np.concatenate(MANY, axis=1).T.copy()  # (2 n, trajectories)
     q, p = OnCard(state[:4].T), OnCard(np.repeat(state[4:].T, 2, axis=0)[::2])
-    found = step.integrate_ensemble(q, p, **RUN)
-    assert isinstance(found, DeviceEnsemble)
+    ensemble = step.integrate_ensemble(q, p, **RUN)
+    assert isinstance(ensemble, DeviceEnsemble)
     for name in ("t", "q", "p"):
-        np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
-    np.testing.assert_array_equal(found.iterations[:, 1:], wanted.iterations)
-    assert (found.steps == STEPS).all()
-    assert not found.failures
-    assert found.q.strides[0] == found.q.itemsize
-    assert "3 trajectories of 9 states" in repr(found)
+        np.testing.assert_array_equal(getattr(ensemble, name), getattr(expected, name))
+    np.testing.assert_array_equal(ensemble.iterations[:, 1:], expected.iterations)
+    assert (ensemble.steps == STEPS).all()
+    assert not ensemble.failures
+    assert ensemble.q.strides[0] == ensemble.q.itemsize
+    assert "3 trajectories of 9 states" in repr(ensemble)
     library = SimpleNamespace(from_dlpack=lambda shared: ("its own", shared.shape))
     monkeypatch.setitem(sys.modules, "a_library", library)
     monkeypatch.setattr(OnCard, "__module__", "a_library.arrays")
@@ -218,10 +220,10 @@ def test_arrays_on_a_card_stay_there(card, step, monkeypatch):
 @WARNED
 def test_failures_on_a_card_are_named(card, step):
     dt = np.array([1e-3, LONG, 1e-3])
-    found = step.integrate_ensemble(*map(OnCard, MANY), **RUN | {"dt": dt})
-    assert [*found.failures] == [1]
-    assert np.isnan(found.q[1, -1]).all()
-    assert np.isfinite(found.q[::2]).all()
+    ensemble = step.integrate_ensemble(*map(OnCard, MANY), **RUN | {"dt": dt})
+    assert [*ensemble.failures] == [1]
+    assert np.isnan(ensemble.q[1, -1]).all()
+    assert np.isfinite(ensemble.q[::2]).all()
 
 
 @pytest.mark.parametrize(("arguments", "said"), [
@@ -257,15 +259,15 @@ def test_without_cuda_core_the_extra_is_named(step, monkeypatch):
 
 @pytest.mark.parametrize("kind", SPECS)
 def test_every_function_is_one_of_a_card(texts, kind):
-    made = texts[kind]
+    texts_of_kind = texts[kind]
     kernels = [f"GS_KERNEL NAME({name})(" for name in KERNELS]
-    assert all(made.text.count(one) == 1 for one in kernels)
-    of_host = [line for line in made.text.splitlines()
+    assert all(texts_of_kind.text.count(kernel) == 1 for kernel in kernels)
+    of_host = [line for line in texts_of_kind.text.splitlines()
                if re.match(r"[a-z_A-Z]\w*[ (].*\(.*[^;]$|static", line)
                and not line.startswith(("GS_DEVICE ", "GS_KERNEL ", "INLINE "))]
     assert not of_host
-    assert "#include \"" not in made.text
-    assert made.text.index("#include <") < made.text.index("#define GS_DEVICE")
+    assert "#include \"" not in texts_of_kind.text
+    assert texts_of_kind.text.index("#include <") < texts_of_kind.text.index("#define GS_DEVICE")
 
 
 def test_the_target_is_complete_and_its_check_compares_bits(tmp_path, monkeypatch):
@@ -283,25 +285,25 @@ def test_the_target_is_complete_and_its_check_compares_bits(tmp_path, monkeypatc
     with pytest.raises(gs.GyrosparkError):
         built.check()
     header = (built.path / f"{name}_cuda.h").read_text()
-    asked = re.findall(rf"{name}_\w+(?=\()", header)
-    assert len(asked) == 3
-    assert all(re.search(rf"\b{one}\(", text) for one in asked)
+    declared = re.findall(rf"{name}_\w+(?=\()", header)
+    assert len(declared) == 3
+    assert all(re.search(rf"\b{function}\(", text) for function in declared)
 
 
 @pytest.mark.skipif(shutil.which("g++") is None, reason="there is no g++")
 def test_the_text_is_cpp_too(texts):
-    made = texts["splitting4"]
+    splitting = texts["splitting4"]
     library, _ = HostDevice(["g++", "-std=c++17", "-Wall", "-Wextra", "-Wno-unused-function"]).load(
-        made.name, made.text)
-    assert hasattr(library, f"{made.name}_measure")
+        splitting.name, splitting.text)
+    assert hasattr(library, f"{splitting.name}_measure")
 
 
 @pytest.mark.skipif(shutil.which("nvcc") is None, reason="there is no nvcc")
 @pytest.mark.slow  # seconds each
 @pytest.mark.parametrize("kind", SPECS)
 def test_nvcc_compiles_it_for_a_card(texts, kind, tmp_path):
-    made = texts[kind]
-    (tmp_path / "text.cu").write_text(made.text)
+    texts_of_kind = texts[kind]
+    (tmp_path / "text.cu").write_text(texts_of_kind.text)
     done = call(["nvcc", "-arch=sm_90", "-fmad=false", "-std=c++17", "-cubin", "-Xptxas", "-v",
                  "text.cu", "-o", "text.cubin"], cwd=tmp_path)
     assert done.returncode == 0, done.stderr
@@ -315,9 +317,10 @@ def test_nvrtc_compiles_it_without_a_card(texts):
     pytest.importorskip("cuda.bindings.nvrtc")
     from gyrospark.runtime.devices.cuda_device import compile_cubin
 
-    made = texts["gl2"]
+    gauss_lobatto = texts["gl2"]
     for architecture in ("sm_80", "sm_90"):
-        assert len(bytes(compile_cubin(made.name, made.text, architecture).code)) > 10_000
+        assert len(bytes(compile_cubin(gauss_lobatto.name, gauss_lobatto.text,
+                                       architecture).code)) > 10_000
 
 
 def test_a_card_gives_the_bits_of_the_host(step, host, monkeypatch):
@@ -325,12 +328,12 @@ def test_a_card_gives_the_bits_of_the_host(step, host, monkeypatch):
     from gyrospark.runtime.devices.cuda_device import CudaDevice
 
     try:
-        found = CudaDevice()
+        cuda_device = CudaDevice()
     except InputError as error:
         pytest.skip(str(error))
-    made = []
-    for device in (found, host):
+    ensembles = []
+    for device in (cuda_device, host):
         monkeypatch.setattr(devices, "open_card", lambda number, device=device: device)
-        made.append(step.integrate_ensemble(*MANY, **RUN, device="cuda"))
-    np.testing.assert_array_equal(made[0].q, made[1].q)
-    np.testing.assert_array_equal(made[0].p, made[1].p)
+        ensembles.append(step.integrate_ensemble(*MANY, **RUN, device="cuda"))
+    np.testing.assert_array_equal(ensembles[0].q, ensembles[1].q)
+    np.testing.assert_array_equal(ensembles[0].p, ensembles[1].p)

@@ -1,4 +1,4 @@
-"""FMUs: bits, states that are kept, bad input, and what they say of themselves."""
+"""FMUs: bits, saved states, bad input, and descriptions of themselves."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ def torques(step):
 
 
 class Fmu:
-    """An FMU that was built, with its library for this machine."""
+    """A built FMU, with its library for this machine."""
 
     def __init__(self, built, version, folder):
         self.built, self.version = built, version
@@ -52,8 +52,8 @@ class Fmu:
             self.texts = {name: archive.read(name) for name in archive.namelist()}
         self.description = ElementTree.fromstring(self.texts["modelDescription.xml"])
         self.token = self.description.get("guid") or self.description.get("instantiationToken")
-        self.references = {one.get("name"): int(one.get("valueReference"))
-                           for one in self.description.find("ModelVariables")}
+        self.references = {variable.get("name"): int(variable.get("valueReference"))
+                           for variable in self.description.find("ModelVariables")}
 
     def instance(self, token=None):
         return Slave(self.library, token or self.token, self.version, self.references)
@@ -117,18 +117,18 @@ def go(slave, step, size=DT):
 
 def test_steps_with_inputs_have_the_bits_of_c(satellite, native):
     with satellite.started() as slave:
-        found = []
+        attitudes = []
         for step in range(200):
             go(slave, step)
-            found.append(slave.get(ATTITUDE))
-    assert found == native.rows(200)
+            attitudes.append(slave.get(ATTITUDE))
+    assert attitudes == native.rows(200)
     assert not slave.messages
 
 
 def test_rollbacks_to_random_states(satellite):
-    """From a state that was kept, the same inputs lead through the same bits, in any instance."""
+    """From a saved state the same inputs lead through the same bits, in any instance."""
     random = np.random.default_rng(8)
-    with satellite.started() as slave, satellite.started(I1=11.0) as other:
+    with satellite.started() as slave, satellite.started(I1=11.0) as second_slave:
         rows, states = [], []
         for step in range(120):
             states.append(slave.keep())
@@ -137,11 +137,11 @@ def test_rollbacks_to_random_states(satellite):
         rows.append(slave.get(OUTPUTS))
         for k in range(200):
             step = int(random.integers(len(states)))
-            target = other if k % 10 == 0 else slave
-            if target is other:
-                state = other.read(slave.write(states[step]))
-                other.restore(state)
-                other.free(state)
+            target = second_slave if k % 10 == 0 else slave
+            if target is second_slave:
+                state = second_slave.read(slave.write(states[step]))
+                second_slave.restore(state)
+                second_slave.free(state)
             else:
                 slave.restore(states[step])
             for later in range(step, min(step + int(random.integers(1, 4)), len(states))):
@@ -154,23 +154,23 @@ def test_rollbacks_to_random_states(satellite):
 
 
 def test_two_instances_in_turns_do_not_know_each_other(satellite):
-    with satellite.started() as one, satellite.started(body_omega_x=0.3) as other:
+    with satellite.started() as first_slave, satellite.started(body_omega_x=0.3) as second_slave:
         for step in range(20):
-            go(one, step)
-            assert other.step(step * DT, DT) == "OK"
+            go(first_slave, step)
+            assert second_slave.step(step * DT, DT) == "OK"
         with satellite.started() as alone:
             for step in range(20):
                 go(alone, step)
-            assert alone.get(OUTPUTS) == one.get(OUTPUTS) != other.get(OUTPUTS)
+            assert alone.get(OUTPUTS) == first_slave.get(OUTPUTS) != second_slave.get(OUTPUTS)
 
 
 def test_a_communication_step_is_split_into_equal_steps(satellite, native):
-    """0.25 with dt = 0.1 takes three steps of 0.25/3, without inputs those of the C."""
+    """A step of 0.25 with dt = 0.1 equals three steps of 0.25/3, without inputs as in C."""
     with satellite.started() as slave, satellite.started(dt=0.25 / 3) as fine:
         for k in range(40):
             assert slave.step(0.25 * k, 0.25) == "OK"
-            for part in range(3):
-                assert fine.step(0.25 * k + part * 0.25 / 3, 0.25 / 3) == "OK"
+            for third in range(3):
+                assert fine.step(0.25 * k + third * 0.25 / 3, 0.25 / 3) == "OK"
         assert slave.get(OUTPUTS) == fine.get(OUTPUTS)
         before = slave.get(["energy"])[0]
         for k, size in enumerate([0.1, 0.03, 0.5, 0.07] * 5):
@@ -213,14 +213,15 @@ def test_starts_are_an_attitude_of_any_length_and_an_angular_velocity(satellite)
 
 def test_starts_in_the_description_are_those_of_the_library(satellite):
     """Angular velocities come from H_p by complex steps there, from the C here."""
-    said = {one.get("name"): (one if satellite.version == 3 else one.find("Real")).get("start")
-            for one in satellite.description.find("ModelVariables")}
-    known = {name: float(start) for name, start in said.items() if start is not None}
-    assert {"dt", "I1", "gamma", "u1", "q0", "body_omega_x"} <= known.keys()
-    assert "energy" not in known
+    texts = {variable.get("name"): (variable if satellite.version == 3
+                                    else variable.find("Real")).get("start")
+             for variable in satellite.description.find("ModelVariables")}
+    starts = {name: float(start) for name, start in texts.items() if start is not None}
+    assert {"dt", "I1", "gamma", "u1", "q0", "body_omega_x"} <= starts.keys()
+    assert "energy" not in starts
     with satellite.started() as slave:
-        assert slave.get([*known]) == pytest.approx([*known.values()], rel=1e-14, abs=1e-16)
-    assert [known[f"body_omega_{axis}"] for axis in "xyz"] == pytest.approx([0.02, -0.03, 0.05])
+        assert slave.get([*starts]) == pytest.approx([*starts.values()], rel=1e-14, abs=1e-16)
+    assert [starts[f"body_omega_{axis}"] for axis in "xyz"] == pytest.approx([0.02, -0.03, 0.05])
 
 
 def test_reset_and_time_of_the_start(satellite):
@@ -315,8 +316,8 @@ def test_other_misuse_is_an_error(satellite):
         value = (ctypes.c_double * 1)(0)
         count = [] if satellite.version == 2 else [ctypes.c_size_t(1)]
         real = "Real" if satellite.version == 2 else "Float64"
-        for what in ("Get", "Set"):
-            assert slave.call(what + real, unknown, ctypes.c_size_t(1), value, *count) == "Error"
+        for access in ("Get", "Set"):
+            assert slave.call(access + real, unknown, ctypes.c_size_t(1), value, *count) == "Error"
             assert "10000" in slave.messages[-1]
         state = slave.keep()
         content = slave.write(state)
@@ -369,8 +370,8 @@ def test_every_function_of_the_interface_is_there(satellite):
     assert all(hasattr(library, name) for name in names)
     with satellite.started() as slave:
         absent = "GetIntegerStatus" if version == 2 else "EnterEventMode"
-        more = [0, None] if version == 2 else []
-        assert slave.call(absent, *more) == "Error"
+        status_arguments = [0, None] if version == 2 else []
+        assert slave.call(absent, *status_arguments) == "Error"
         assert absent in slave.messages[-1]
         nothing = [None, ctypes.c_size_t(0), None, ctypes.c_size_t(0)]
         kind = "GetInteger" if version == 2 else "GetInt32"
@@ -379,9 +380,11 @@ def test_every_function_of_the_interface_is_there(satellite):
 
 def test_the_description(satellite):
     root, two = satellite.description, satellite.version == 2
-    variables = {one.get("name"): {**one.attrib, **(one.find("Real").attrib if two else {})}
-                 for one in root.find("ModelVariables")}
-    units = {one.get("name"): one.find("BaseUnit").attrib for one in root.find("UnitDefinitions")}
+    variables = {variable.get("name"): {**variable.attrib,
+                                        **(variable.find("Real").attrib if two else {})}
+                 for variable in root.find("ModelVariables")}
+    units = {unit.get("name"): unit.find("BaseUnit").attrib
+             for unit in root.find("UnitDefinitions")}
     assert units["kg.m2"] == {"kg": "1", "m": "2"}
     assert units["N.m"] == {"kg": "1", "m": "2", "s": "-2"}
     assert variables["I1"]["unit"] == "kg.m2"
@@ -389,7 +392,7 @@ def test_the_description(satellite):
     assert "min" not in variables["u1"]
     assert variables["u1"]["causality"] == "input"
     assert variables["dt"]["start"] == "0.1"
-    outputs = {name for name, one in variables.items() if one["causality"] == "output"}
+    outputs = {name for name, variable in variables.items() if variable["causality"] == "output"}
     assert {*OUTPUTS} <= outputs
     structure = root.find("ModelStructure")
     rows = structure.find("Outputs") if two else structure.findall("Output")
@@ -420,21 +423,21 @@ def test_the_same_model_is_the_same_file(satellite, tmp_path):
     if satellite.version == 3:  # both are linked by the same code
         assert target.compile(tmp_path, ("own",)).read_bytes() == built.path.read_bytes()
     assert json.loads(satellite.texts[f"resources/{MARKER}"])["name"] == built.stepper.name
-    other = texts(replace(built.options, dt=0.05))["modelDescription.xml"]
-    assert satellite.token not in other
-    assert 'start="0.05"' in other
+    description = texts(replace(built.options, dt=0.05))["modelDescription.xml"]
+    assert satellite.token not in description
+    assert 'start="0.05"' in description
 
 
 def test_sources_compile_without_a_warning(satellite, tmp_path):
-    """Those of a source code FMU, as its description names them."""
+    """The sources of a source code FMU are the files that its description names."""
     for name, text in satellite.texts.items():
         if name.startswith("sources/"):
             (tmp_path / name.partition("/")[2]).write_bytes(text)
     if satellite.version == 2:
-        files = [one.get("name") for one in satellite.description.iter("File")]
+        files = [source_file.get("name") for source_file in satellite.description.iter("File")]
     else:
         build = ElementTree.fromstring(satellite.texts["sources/buildDescription.xml"])
-        files = [one.get("name") for one in build.iter("SourceFile")]
+        files = [source_file.get("name") for source_file in build.iter("SourceFile")]
     assert len(files) == 2
     run([*compiler(MAIN), *STRICT, "-fsyntax-only", *files], tmp_path)
     prefix = f"FMI{satellite.version}_FUNCTION_PREFIX=satellite_"
@@ -447,7 +450,7 @@ def test_sources_compile_without_a_warning(satellite, tmp_path):
 
 
 def test_models_without_velocities_start_from_momenta(tmp_path):
-    """H that is not quadratic in p, with time in its force and awkward text."""
+    """H is not quadratic in p, with time in its force and awkward text."""
     q, p, k, t = sp.symbols("q p k t", real=True)
     H = sp.sqrt(1 + p**2) + k * q**2 / 2
     system = gs.System((q,), (p,), (k,), H, name="relativistic", time=t, forces=(sp.sin(3 * t),),
@@ -462,8 +465,8 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
             [0.75, 1.25 + 0.25, 0.6, math.sin(6.0)])
         for step in range(100):
             assert slave.step(2 + step * 0.01, 0.01) == "OK"
-        found = slave.get(["q", "p"])
-    assert found == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
+        state = slave.get(["q", "p"])
+    assert state == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
 
 
 def test_velocities_of_a_start_are_those_of_either_representation():
@@ -478,7 +481,7 @@ def test_velocities_of_a_start_are_those_of_either_representation():
 
 
 def test_velocities_of_a_start_are_derived_from_h():
-    """q' = H_p, whatever H contains: functions and names that a formula of a file has not."""
+    """q' = H_p for any H: with functions and names that a formula of a file cannot have."""
     q, p, m, low = sp.symbols("q p m min", real=True)
     H = (p - sp.sin(q))**2 * sp.E / (2*m) * sp.acosh(2 + low**70) + sp.asinh(q)
     system = gs.System((q,), (p,), (m, low), H, name="one")
@@ -490,19 +493,19 @@ def test_velocities_of_a_start_are_derived_from_h():
         parameters={"m": "real", "min": "real"}, constraints=(), start_parameters=(),
         rigid_body=False, numbers=numbers)
     options = Options(0.1, (0.5,), (2.0,), {"m": 4.0, "min": 1.0})
-    found = {v.name: v for v in variables_of(
+    variables = {v.name: v for v in variables_of(
         SimpleNamespace(name="one", system=manifest),
         replace(options, rates=_rates(system, options)))}
-    assert found["q_dot"].start == pytest.approx(
+    assert variables["q_dot"].start == pytest.approx(
         (2 - math.sin(0.5)) * math.e * math.acosh(3) / 4, rel=1e-15)
-    assert found["q_dot"].depends == found["energy"].depends == ("m", "min")
-    assert found["q"].depends == ()
-    assert "p" not in found
+    assert variables["q_dot"].depends == variables["energy"].depends == ("m", "min")
+    assert variables["q"].depends == ()
+    assert "p" not in variables
 
 
 @pytest.mark.slow  # compiled for this
 def test_a_composition_of_exact_flows_has_no_iteration_to_keep(tmp_path):
-    """Parameters that did not change are not set again, which would round its state."""
+    """Unchanged parameters are not set again, which would round the state."""
     built = gs.build("fmu2", SATELLITE, order=2, out=tmp_path / "s.fmu")
     assert "2000 steps" in built.check()
 
@@ -561,9 +564,9 @@ def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
     times = np.arange(200) * DT
     rows = [(time, *torques(step)) for step, time in enumerate(times)]
     signal = np.array(rows, dtype=[("time", float), *((name, float) for name in INPUTS)])
-    found = fmpy.simulate_fmu(str(satellite.built.path), start_time=0, stop_time=100 * DT,
-                              step_size=DT, output_interval=DT, input=signal, output=ATTITUDE)
-    got = np.stack([found[name] for name in ATTITUDE], -1)[1:101]
+    results = fmpy.simulate_fmu(str(satellite.built.path), start_time=0, stop_time=100 * DT,
+                                step_size=DT, output_interval=DT, input=signal, output=ATTITUDE)
+    got = np.stack([results[name] for name in ATTITUDE], -1)[1:101]
     assert abs(got - native.rows(100)).max() < 1e-14, "its times are summed, so its inputs differ"
 
 
@@ -571,19 +574,20 @@ def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
 @needs_zig
 @pytest.mark.parametrize("version", [2, 3])
 def test_libraries_for_every_platform(version, tmp_path):
-    """Linked by ziglang; the jobs of each system load their own, as the tests above do."""
+    """ziglang links the libraries; the jobs of each system load their own, as the tests above
+    do."""
     names = ["linux", "windows", "mac", *(["aarch64"] if version == 3 else [])]
     chosen = {"scheme": "G-L", "stages": 2, "platforms": names}
     built = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "all.fmu")
     fmu = Fmu(built, version, tmp_path)
     assert built.path.stat().st_size <= 150_000
     assert "2000 steps" in built.check()
-    again = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "again.fmu")
-    assert again.path.read_bytes() == built.path.read_bytes()
-    found = {name: text[:4] for name, text in fmu.texts.items() if name.startswith("binaries/")}
+    rebuilt = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "again.fmu")
+    assert rebuilt.path.read_bytes() == built.path.read_bytes()
+    heads = {name: text[:4] for name, text in fmu.texts.items() if name.startswith("binaries/")}
     magic = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
-    assert len(found) == 2 * version - 1
-    for name, start in found.items():
+    assert len(heads) == 2 * version - 1
+    for name, start in heads.items():
         assert start.startswith(magic[name[name.rindex("."):]]), name
 
 

@@ -64,24 +64,24 @@ int main()
 
 
 def test_a_class_by_value(tmp_path):
-    """A copy is a state that is kept; what is not usable changes nothing and says so."""
+    """A copy is a saved state; an unusable value changes nothing and says so."""
     plusplus = compiler(MAIN, COMPILERS_OF_CPLUSPLUS)
     built = gs.build("cpp", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
     (built.path / "user.cpp").write_text(USER, encoding="utf-8")
     run([*compiler(MAIN), *C_FLAGS, "-c", f"{NAME}.c"], built.path)
     run([*plusplus, "-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "user.cpp",
          f"{NAME}.o", "-lm", "-o", "user"], built.path)
-    once, again, refused, quantities, unusable, started = run(
+    once, copied, refused, quantities, unusable, started = run(
         [built.path / "user"], built.path).splitlines()
-    assert once == again
+    assert once == copied
     assert once.endswith(" 0")
     assert refused.split() == ["6", "12", "2"]
     assert unusable.split() == ["6", "6"]
     step = gs.stepper("G-L", 2, system=gs.load_model(SATELLITE))
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=20,
                                 parameters=dict(built.options.parameters))
-    found = [float.fromhex(x) for x in once.split()[:4]]
-    np.testing.assert_allclose(found, trajectory.q[-1], rtol=0, atol=1e-13)
+    q = [float.fromhex(x) for x in once.split()[:4]]
+    np.testing.assert_allclose(q, trajectory.q[-1], rtol=0, atol=1e-13)
     np.testing.assert_allclose([float(x) for x in quantities.split()],
                                trajectory.quantity_values[-1], rtol=0, atol=1e-13)
     status, *p, energy = map(float, started.split())
@@ -117,22 +117,22 @@ def test_octave_refuses_in_sentences(tmp_path):
              "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10",
              "0.1, 5, 1, [], [], [], ones(5, 3)", "0.1, 5, 1, sparse([1 0 0 0])",
              "0.1, 5, 1, [2 0 0 0]")
-    lines = [f"try, {NAME}({given}); disp('taken'), catch e, disp(e.message), end\n"
-             for given in calls]
+    lines = [f"try, {NAME}({call_arguments}); disp('taken'), catch e, disp(e.message), end\n"
+             for call_arguments in calls]
     inputs = (f"a = {NAME}(0.1, 5, 1, [], [], struct('u2', 0.3));\n"
               f"b = {NAME}(0.1, 5, 1, [], [], [], [0 0.3 0]'*ones(1, 5));\n"
               "[q, p, iterations, energy] = "
               f"{NAME}(0.1, 4, 2); disp(isequal(a, b)), disp(size(b)), disp(size(energy))\n"
               f"printf('%.17g ', energy)\n")
     (built.path / "user.m").write_text("".join(lines) + inputs, encoding="utf-8")
-    said = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
-    *refusals, same, size, of_energy, energies = said.stdout.splitlines()
+    output = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
+    *refusals, is_equal, size, of_energy, energies = output.stdout.splitlines()
     for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs",
                                "step 2", "8 arg", "dt", "5 rows; give 3", "q0.*sparse",
                                "q0.*2 0 0 0.*length 2"), refusals, strict=True):
         assert re.search(words, refusal), refusal
         assert refusal.endswith(".")
-    assert same.strip() == "1"
+    assert is_equal.strip() == "1"
     assert (size.split(), of_energy.split()) == (["4", "6"], ["1", "3"])
     step = gs.stepper("G-L", 2, system=gs.load_model(SATELLITE))
     trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=4, every=2,
@@ -157,11 +157,11 @@ def test_octave_compiles_what_was_built_again_and_says_where_steps_are_less_exac
 
     heavy = 'struct("I1", 20)'
     built()
-    first, other = last("0.1, 500"), last(f"0.1, 500, 1, [], [], {heavy}")
+    first, heavy_run = last("0.1, 500"), last(f"0.1, 500, 1, [], [], {heavy}")
     built(I1=20.0)
-    again = last("0.1, 500")
+    rebuilt = last("0.1, 500")
     assert float(first.stdout) < 0.07
     # the start is projected again, which 500 steps amplify
-    assert float(again.stdout) == pytest.approx(float(other.stdout), rel=1e-10)
-    assert "converge" not in again.stderr
+    assert float(rebuilt.stdout) == pytest.approx(float(heavy_run.stdout), rel=1e-10)
+    assert "converge" not in rebuilt.stderr
     assert "converge" in last("40, 3").stderr

@@ -67,8 +67,8 @@ def test_a_page_is_its_files_and_the_numbers_of_a_model(text_alone, tmp_path, re
 
 @pytest.mark.slow  # derives a double pendulum
 def test_sliders_leave_out_what_the_start_depends_on(text_alone, tmp_path):
-    made = build("web", "double-pendulum", scheme="IMS", dt=5e-3, out=tmp_path / "page.html")
-    content = content_of(made.path.read_text(encoding="utf-8"))
+    artefact = build("web", "double-pendulum", scheme="IMS", dt=5e-3, out=tmp_path / "page.html")
+    content = content_of(artefact.path.read_text(encoding="utf-8"))
     names = {x["name"] for x in content["numbers"]}
     assert content["jointed"]
     assert {"a_m", "b_I3", "gravity_z"} <= names
@@ -126,27 +126,27 @@ def test_without_ziglang_the_cure_is_said(monkeypatch):
 
 @pytest.fixture(scope="module")
 def glued(tmp_path_factory):
-    """The satellite's steppers with glue.c, as one library each, by the compiler that is here."""
+    """The satellite's steppers with glue.c, as one library each, by this machine's compiler."""
     folder = tmp_path_factory.mktemp("glue")
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(build_module, "require", lambda *_: [])
         patch.setattr(webassembly, "compile", lambda folder, platforms: folder)
-        made = build("wasm", **SATELLITE, out=folder / "satellite")
+        artefact = build("wasm", **SATELLITE, out=folder / "satellite")
     libraries = []
-    for stepper in made.options.steppers:
+    for stepper in artefact.options.steppers:
         target = folder / f"{stepper.name}.so"
         subprocess.run([*TOOLS["cc"].find(), *C_FLAGS, "-O0", "-Wall", "-Wextra", "-Werror",
                         *webassembly.definitions(stepper.manifest), "-shared", "-fPIC", "glue.c",
-                        "-o", target, "-lm"], cwd=made.path / "c", check=True)
+                        "-o", target, "-lm"], cwd=artefact.path / "c", check=True)
         libraries.append(ctypes.CDLL(str(target)))
-    return made, libraries
+    return artefact, libraries
 
 
 def test_many_steps_a_call_are_the_steps(glued):
-    made, libraries = glued
-    for stepper, library in zip(made.options.steppers, libraries, strict=True):
-        q, p, work, done = _run(stepper, library, made.options, 40)
-        assert (bytes(q) + bytes(p)).hex() == native_bits(stepper, made.options, 40)
+    artefact, libraries = glued
+    for stepper, library in zip(artefact.options.steppers, libraries, strict=True):
+        q, p, work, done = _run(stepper, library, artefact.options, 40)
+        assert (bytes(q) + bytes(p)).hex() == native_bits(stepper, artefact.options, 40)
         assert done[0] == 40
         assert (done[1] >= 40) == (stepper.manifest.scheme.kind != "splitting")
         q[0], p[1] = q[0] + 1e-3, p[1] + 1e-2
@@ -176,10 +176,10 @@ def _run(stepper, library, options, steps):
 
 
 def test_functions_of_the_header_are_exported(glued):
-    made, libraries = glued
-    for stepper, library in zip(made.options.steppers, libraries, strict=True):
+    artefact, libraries = glued
+    for stepper, library in zip(artefact.options.steppers, libraries, strict=True):
         names = webassembly.exported_functions(stepper.name, stepper.sources[f"{stepper.name}.h"])
-        assert {f"{stepper.name}_{what}" for what in (
+        assert {f"{stepper.name}_{function}" for function in (
             "begin", "advance", "energy", "start", "velocity", "repeat")} <= {*names}
         assert all(hasattr(library, name) for name in names)
 
@@ -219,42 +219,42 @@ def around(stub, folder, *flags):
 
 def test_more_steps_a_call_than_a_float_counts(tmp_path):
     """2^24 + 2, of a stub that refuses any more and says one iteration of every second step."""
-    most = 2**24 + 2
+    steps = 2**24 + 2
     stub = STUB.replace("typedef double", "typedef float").replace(
-        "return !w || !q || !p;", f"return ++*w > {most} || !q || !p ? 3 : 0;").replace(
+        "return !w || !q || !p;", f"return ++*w > {steps} || !q || !p ? 3 : 0;").replace(
         "return !w;", "return *w % 2;")
     work, done = ctypes.c_int(0), (ctypes.c_float*2)()
     q, p = ctypes.c_float(0), ctypes.c_float(0)
     repeat = around(stub, tmp_path).stub_repeat
-    assert repeat(*map(ctypes.byref, (work, q, p)), most, done) == 0
-    assert work.value == most
-    assert [*done] == [most, most / 2]
+    assert repeat(*map(ctypes.byref, (work, q, p)), steps, done) == 0
+    assert work.value == steps
+    assert [*done] == [steps, steps / 2]
 
 
 def test_fused_products_without_a_fused_product_have_its_bits(tmp_path):
     differs = around(STUB, tmp_path, "-D__wasm__").differs
     differs.argtypes = [ctypes.c_double]*3
-    some = np.random.default_rng(0)
+    rng = np.random.default_rng(0)
     numbers = [0.0, -0.0, 5e-324, -1e-310, 1e-154, -1e200, 1.7e308, 3e38, 1e-45, np.inf, np.nan]
-    numbers += list(np.ldexp(some.uniform(-2, 2, 40), some.integers(-1070, 1020, 40)))
-    numbers += list(some.uniform(-2, 2, 60))
+    numbers += list(np.ldexp(rng.uniform(-2, 2, 40), rng.integers(-1070, 1020, 40)))
+    numbers += list(rng.uniform(-2, 2, 60))
     with np.errstate(all="ignore"):
         for a in numbers:
             for b in numbers:
                 assert not differs(a, b, -(a*b)), (a, b)
                 assert not differs(a, b, float(-(np.float32(a)*np.float32(b)))), (a, b)
-        assert not any(differs(*some.choice(numbers, 3)) for _ in range(2000))
+        assert not any(differs(*rng.choice(numbers, 3)) for _ in range(2000))
 
 
 @pytest.mark.slow  # Zig compiles its C library, once on a machine
 @needs_zig
 def test_bits_of_a_module_and_of_a_page_in_a_notebook(tmp_path):
-    made = gs.build("wasm", **SATELLITE, out=tmp_path / "satellite")
-    module = (made.path / f"{made.stepper.name}.wasm").read_bytes()
+    artefact = gs.build("wasm", **SATELLITE, out=tmp_path / "satellite")
+    module = (artefact.path / f"{artefact.stepper.name}.wasm").read_bytes()
     assert b"wasi" not in module  # it imports nothing
     assert len(module) < 3*12_000
     if any(TOOLS[name].find() is not None for name in ("node", "wasmtime")):
-        assert made.check().count("2000 steps") >= len(made.options.steppers)
+        assert artefact.check().count("2000 steps") >= len(artefact.options.steppers)
     view = gs.playground(SATELLITE["system"], scheme="IMS")
     assert html.escape(view.page) in view._repr_html_()
     assert view.save(tmp_path / "page.html").read_text(encoding="utf-8") == view.page
@@ -269,9 +269,9 @@ def heavy_top(tmp_path_factory):
     return build("web", **TOPS, out=tmp_path_factory.mktemp("page") / "heavy_top.html")
 
 
-def in_node(made, *arguments):
-    """Run a page in Node, with a document that counts; return what it said."""
-    done = subprocess.run(["node", DATA / "run_page.js", made.path, *arguments], check=True,
+def in_node(page, *arguments):
+    """Run a page in Node, with a document that counts; return its JSON output."""
+    done = subprocess.run(["node", DATA / "run_page.js", page.path, *arguments], check=True,
                           capture_output=True, text=True)
     return json.loads(done.stdout)
 
@@ -286,58 +286,58 @@ def test_a_page_is_small_and_asks_no_network(heavy_top):
 @needs_zig
 @needs_node
 def test_a_page_has_the_bits_of_the_run_in_c(heavy_top):
-    said = in_node(heavy_top, "#scheme=EMS&t=0.5")
+    output = in_node(heavy_top, "#scheme=EMS&t=0.5")
     _, ems = heavy_top.options.steppers
-    assert said["bits"] == native_bits(ems, heavy_top.options, 500)
-    assert said["clock"].startswith("0.500")
+    assert output["bits"] == native_bits(ems, heavy_top.options, 500)
+    assert output["clock"].startswith("0.500")
 
 
 @needs_zig
 @needs_node
 def test_settings_of_a_page_are_those_of_its_address(heavy_top):
-    said = in_node(heavy_top, "#I1=0.003&body.nutation=60&body_omega_z=90&t=0&foo=1")
-    assert "foo" in said["notice"]
-    assert said["hash"] == "#body.nutation=60&body_omega_z=90&I1=0.003"
+    output = in_node(heavy_top, "#I1=0.003&body.nutation=60&body_omega_z=90&t=0&foo=1")
+    assert "foo" in output["notice"]
+    assert output["hash"] == "#body.nutation=60&body_omega_z=90&I1=0.003"
     top = gs.problems.fast_top()
     q = [np.cos(np.pi/6), np.sin(np.pi/6), 0, 0]
-    np.testing.assert_allclose(said["q"], q, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(output["q"], q, rtol=0, atol=1e-15)
     p = gs.Start.of_body(q, (0, 0, 90), (0.003, *top.inertia[1:])).p
-    np.testing.assert_allclose(said["p"], p, rtol=1e-14, atol=1e-16)
+    np.testing.assert_allclose(output["p"], p, rtol=1e-14, atol=1e-16)
 
 
 @needs_zig
 @needs_node
 @pytest.mark.parametrize(("rate", "speed"), [(1e-17, 0.2), (120, 0.1)])
 def test_the_speed_is_that_of_what_turns(heavy_top, rate, speed):
-    """Round-off turns nothing, and a part of the 4 s that are looked at is shown in a second."""
-    said = in_node(heavy_top, f"#body_omega_z={rate}&mgl=0&t=0")
-    assert float(said["speed"]) == speed
+    """Round-off turns nothing, and a part of the 4 s of the motion takes a second on the page."""
+    output = in_node(heavy_top, f"#body_omega_z={rate}&mgl=0&t=0")
+    assert float(output["speed"]) == speed
 
 
 @needs_zig
 @needs_node
 def test_a_step_that_fails_is_said_in_a_sentence(heavy_top):
-    said = in_node(heavy_top, "#dt=0.04&t=1")
-    assert said["steps"] < 25
-    assert "step" in said["notice"]
-    assert "fails" in said["notice"]
+    output = in_node(heavy_top, "#dt=0.04&t=1")
+    assert output["steps"] < 25
+    assert "step" in output["notice"]
+    assert "fails" in output["notice"]
 
 
 @needs_zig
 @needs_node
 def test_a_top_is_drawn_as_that_of_a_run(gl3, heavy_top):
-    said = in_node(heavy_top)
-    assert said["bad"] == 0
-    assert sum(said["drawn"].values()) > 0
-    assert said["steps"] > 10
-    assert said["notice"] == ""
-    assert said["paused"] == 0
-    assert said["resumed"] > 0
-    (mine,) = said["shapes"]
+    output = in_node(heavy_top)
+    assert output["bad"] == 0
+    assert sum(output["drawn"].values()) > 0
+    assert output["steps"] > 10
+    assert output["notice"] == ""
+    assert output["paused"] == 0
+    assert output["resumed"] > 0
+    (drawn_body,) = output["shapes"]
     run = gl3.integrate(TOP.q0, TOP.p0, steps=40, **RUN)
-    (part,) = scene_of(run, 2).parts
-    np.testing.assert_allclose(mine["tip"], part.tip, atol=1e-9)
-    for shape, drawn in zip(part.shapes, mine["shapes"], strict=True):
+    (body,) = scene_of(run, 2).parts
+    np.testing.assert_allclose(drawn_body["tip"], body.tip, atol=1e-9)
+    for shape, drawn in zip(body.shapes, drawn_body["shapes"], strict=True):
         assert (shape.kind, shape.colour) == (drawn["kind"], drawn["colour"])
         np.testing.assert_allclose(drawn["size"], shape.size, rtol=1e-9)
         np.testing.assert_allclose(drawn["centre"], shape.centre, atol=1e-9)
