@@ -21,9 +21,9 @@ def test_one_step(name):
     small = subject.model.system.n <= 7
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", gs.errors.InputWarning)  # of rotations a step
-        found = measure(subject, "float128" if small else "double")
-    assert found.differences < (1e-18 if small else 1e-4)
-    assert found.transposed < 1e-14
-    assert found.tangent < 1e-13
-    assert (found.symplectic or 0) < 4e-15
-    assert (found.backwards or 0) < 1e-14
+        accuracy = measure(subject, "float128" if small else "double")
+    assert accuracy.differences < (1e-18 if small else 1e-4)
+    assert accuracy.transposed < 1e-14
+    assert accuracy.tangent < 1e-13
+    assert (accuracy.symplectic or 0) < 4e-15
+    assert (accuracy.backwards or 0) < 1e-14

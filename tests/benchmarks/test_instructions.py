@@ -42,9 +42,9 @@ def test_instructions(stepper, pytestconfig):
     if counter.missing:
         pytest.skip(counter.missing)
     name, count = count_step(counter, *stepper)
-    wanted = KNOWN["steps"][name]
-    change = count / wanted - 1
+    expected = KNOWN["steps"][name]
+    change = count / expected - 1
     assert abs(change) <= ALLOWED, (
-        f"A step of {name} takes {count:,.0f} instructions, {wanted:,} are checked in "
+        f"A step of {name} takes {count:,.0f} instructions, {expected:,} are checked in "
         f"({change:+.1%}); if that is wanted, "
         "`pytest tests/benchmarks/test_instructions.py --update`.")

@@ -22,25 +22,25 @@ from gyrospark.runtime.rigid_body.quaternion import rotation_matrix
 @pytest.mark.slow  # many bodies; mechanisms of few are benchmarked alike
 @pytest.mark.parametrize("name", ["delta_robot", "stewart_platform"])
 def test_mechanisms_start_at_rest_on_their_constraints(name):
-    """The freedoms that are left are those of the platform and of legs about themselves."""
+    """The remaining freedoms are motions of the platform and of legs about themselves."""
     model = getattr(gs.models, name)()
     assert not model.p0.any()
     rods = sum(body.name.startswith(("rod", "tube")) for body in model.system.bodies)
     assert model.system.n - model.system.m == {"delta_robot": 3 + rods,
                                                "stewart_platform": 6 + rods // 2}[name]
-    joints = {at.name: at for at in model.system.joints}
+    joints = {joint.name: joint for joint in model.system.joints}
     scene = scene_of(model)
     assert len(scene.joints) == len(joints) - len(scene.springs)
     loops = mujoco_scenes.tree_of(scene)[1]
     assert len(loops) == 5
     assert name in MECHANISMS
-    ours, others = _accelerations(model), _newton_euler(scene)
-    assert np.abs(ours - others).max() <= 1e-11 * np.abs(others).max()
+    ours, reference = _accelerations(model), _newton_euler(scene)
+    assert np.abs(ours - reference).max() <= 1e-11 * np.abs(reference).max()
 
 
 @pytest.mark.slow  # a long derivation
 def test_andrews_starts_with_the_work_of_the_torque_until_then():
-    """H is that of rest with 0.033 N m on the crank, −mom β in it, and no torque is left."""
+    """H equals H at rest with 0.033 N m on the crank, −mom β in it, and no torque remains."""
     model, problem = MECHANISMS["andrews"].scene.model, REFERENCES["andrews"]
     start = problem.make().in_type(float)
     work = start.parameters["mom"] * float(problem.truth.value("beta"))
@@ -52,8 +52,8 @@ def test_andrews_starts_with_the_work_of_the_torque_until_then():
 def _energy(model):
     values = dict.fromkeys(model.system.velocities, 0.0)  # of a Lagrangian, here at rest
     values |= {x: float(model.parameters[str(x)]) for x in model.system.parameters}
-    at = zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True)
-    return evaluate([model.system.H], values | {x: float(e) for x, e in at})[0]
+    state = zip((*model.system.q, *model.system.p), (*model.q0, *model.p0), strict=True)
+    return evaluate([model.system.H], values | {x: float(e) for x, e in state})[0]
 
 
 def _accelerations(model):
@@ -66,8 +66,8 @@ def _accelerations(model):
     G = numbers.G(model.q0)
     H_pp = np.array([numbers.H_p(model.q0, e) for e in np.eye(system.n)])
     pull = np.linalg.solve(G @ H_pp @ G.T, G @ H_pp @ V_q)
-    rates, at = H_pp @ (G.T @ pull - V_q), {x: i for i, x in enumerate(system.q)}
-    return np.array([rates[[at[x] for x in body.x]] for body in system.bodies])
+    rates, index = H_pp @ (G.T @ pull - V_q), {x: i for i, x in enumerate(system.q)}
+    return np.array([rates[[index[x] for x in body.x]] for body in system.bodies])
 
 
 def _newton_euler(scene):
@@ -80,9 +80,10 @@ def _newton_euler(scene):
         """v and ω of a body to the velocity of a point of space that moves with it."""
         row = np.zeros((3, n))
         if name:
-            at = 6 * names.index(name)
-            row[:, at : at + 3] = np.eye(3)
-            row[:, at + 3 : at + 6] = -np.cross(np.eye(3), point - scene.bodies[name].start.x).T
+            column = 6 * names.index(name)
+            row[:, column : column + 3] = np.eye(3)
+            row[:, column + 3 : column + 6] = -np.cross(
+                np.eye(3), point - scene.bodies[name].start.x).T
         return row
 
     for i, (name, body) in enumerate(scene.bodies.items()):
@@ -111,8 +112,8 @@ def _newton_euler(scene):
                                               - together))
     J = np.vstack(rows)
     K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
-    found = np.linalg.lstsq(K, np.concatenate([force, np.zeros(len(J))]))[0][:n]
-    return found.reshape(-1, 6)[:, :3]
+    accelerations = np.linalg.lstsq(K, np.concatenate([force, np.zeros(len(J))]))[0][:n]
+    return accelerations.reshape(-1, 6)[:, :3]
 
 
 FOUR_BAR = """
@@ -162,7 +163,7 @@ def test_a_file_is_held_and_loses_nothing(four_bar):
     model = four_bar.scene.model
     assert not any(model.system.forces)
     assert not model.system.inputs
-    assert [at.name for at in model.system.bodies] == ["crank_arm", "bar", "rocker"]
+    assert [body.name for body in model.system.bodies] == ["crank_arm", "bar", "rocker"]
     assert (model.system.n, model.system.m, four_bar.dt) == (22, 21, 1e-3)
     start = dict(zip(map(str, model.system.q), model.q0, strict=True))
     assert start["crank_arm_rotor_phi"] == pytest.approx(0.3, abs=0.05)  # the loop is closed
@@ -171,14 +172,13 @@ def test_a_file_is_held_and_loses_nothing(four_bar):
 
 @pytest.mark.slow  # MuJoCo beside a compiled chain
 def test_mujoco_has_the_same_robot(four_bar):
-    """Its states at the start are ours; its equality, which is soft, goes to ours in small steps.
-    """
+    """Its states at the start are ours; its soft equality approaches ours in small steps."""
     pytest.importorskip("mujoco")
     scene = four_bar.scene
     machine = MujocoFile(four_bar.mjcf, scene)
     (begin,) = machine.pieces("RK4", 1e-12, 1, 1)
-    for found, ours in zip(begin, (scene.model.q0, scene.model.p0), strict=True):
-        assert found == pytest.approx(ours, abs=1e-10)
+    for theirs, ours in zip(begin, (scene.model.q0, scene.model.p0), strict=True):
+        assert theirs == pytest.approx(ours, abs=1e-10)
     run = four_bar.stepper(2).integrate(scene.model.q0, scene.model.p0, dt=5e-4, steps=200,
                                         parameters=scene.model.parameters, every=200)
     errors = []

@@ -1,8 +1,8 @@
-"""What a user has: the source archive, the wheel, and what README and docs say, typed elsewhere.
+"""A user has the source archive, the wheel, README and docs; commands are typed elsewhere.
 
-A fresh environment holds the wheel and what it asks for: no extra, no other package of the tests.
-There every command and every block of Python is typed in an empty folder. What needs an extra must
-say so in one sentence, and the section of the document as well; it is typed again in the
+A fresh environment holds the wheel and its dependencies: no extra, no other package of the tests.
+There every command and every block of Python is typed in an empty folder. A command that needs an
+extra must say so in one sentence, and so must the section of the document; it is typed again in the
 environment of the tests, where it must work. ``documents.py`` says how long ones are shortened.
 """
 
@@ -71,7 +71,7 @@ assert q0.shape == p0.shape == (4,) and step.order == 6
 
 
 def copy(folder: Path) -> Path:
-    """Copy the project without what is made in it."""
+    """Copy the project without its build products."""
     anywhere = shutil.ignore_patterns(".*_cache", "__pycache__", "*.egg-info")
     at_the_root = {".git", ".venv", ".hypothesis", "build", "dist"}
     return shutil.copytree(ROOT, folder, ignore=lambda where, names: anywhere(where, names) | (
@@ -79,20 +79,20 @@ def copy(folder: Path) -> Path:
 
 
 def megabytes(folder: Path) -> float:
-    """Return what a folder takes on a disk."""
+    """Return the size of a folder on a disk."""
     return sum(path.lstat().st_blocks * 512 for path in folder.rglob("*")) / 1e6
 
 
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory):
-    """The source archive, and the wheel that is made of it alone."""
+    """The source archive, and the wheel that is built from it alone."""
     pytest.importorskip("build")
     folder = tmp_path_factory.mktemp("archives")
     source = copy(folder / "source")
     # Isolation downloads setuptools; one that makes wheels by itself may be here.
-    whole = find_spec("setuptools") and find_spec("setuptools.command.bdist_wheel")
-    here = ["--no-isolation", "--skip-dependency-check"] * bool(whole)
-    done = call([sys.executable, "-m", "build", *here, "--outdir", folder, source],
+    has_setuptools = find_spec("setuptools") and find_spec("setuptools.command.bdist_wheel")
+    build_options = ["--no-isolation", "--skip-dependency-check"] * bool(has_setuptools)
+    done = call([sys.executable, "-m", "build", *build_options, "--outdir", folder, source],
                 PYTHONWARNINGS=None, PYTHONDONTWRITEBYTECODE=None)
     assert done.returncode == 0, done.stderr
     printed = done.stdout + done.stderr
@@ -124,7 +124,7 @@ def test_wheel_has_the_package_and_its_examples(archives):
 
 @pytest.mark.slow  # builds both archives
 def test_wheel_has_every_stepper_of_the_paper(archives):
-    """Those that the repository lacks are derived while the wheel is built."""
+    """Steppers that the repository lacks are derived while the wheel is built."""
     with zipfile.ZipFile(archives[1]) as archive:
         packed = [name for name in archive.namelist() if name.startswith("gyrospark/generated/")]
         assert {*packed} == {f"gyrospark/generated/{spec.name}.{end}"
@@ -142,18 +142,18 @@ def test_an_index_shows_the_readme_without_what_it_has_not(archives):
     assert about["License-Expression"] == "BSD-3-Clause"
     assert about["Description-Content-Type"] == "text/markdown"
     assert set(about.get_all("Provides-Extra")) == set(PROJECT["optional-dependencies"])
-    shown = about.get_payload()
-    links = re.findall(r"\]\(([^)]*)\)", shown)
-    assert "![" not in shown
+    description = about.get_payload()
+    links = re.findall(r"\]\(([^)]*)\)", description)
+    assert "![" not in description
     assert all(link.startswith(("https://", "#")) for link in links), links
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     for heading in re.findall(r"^##+ .*$", readme, flags=re.MULTILINE):
-        assert heading in shown
+        assert heading in description
 
 
 @pytest.mark.slow
 def test_tests_of_the_source_archive_find_what_they_read(archives, tmp_path):
-    """Taken out elsewhere, under the package's name: all are collected, those of the house pass."""
+    """Unpacked elsewhere, under the package's name, all are collected, and the project's pass."""
     with tarfile.open(archives[0]) as archive:
         archive.extractall(tmp_path, filter="data")
     (folder,) = tmp_path.iterdir()
@@ -181,9 +181,9 @@ class Machine:
 
     def type(self, command: str) -> subprocess.CompletedProcess[str]:
         """Type a command into a shell."""
-        program, *rest = shlex.split(command)
+        program, *arguments = shlex.split(command)
         if program in self.typed and not re.search("[&|;<>$*]", command):
-            return self.warm.call([*PROGRAMS[program], *rest], self.environment(),
+            return self.warm.call([*PROGRAMS[program], *arguments], self.environment(),
                                   cwd=self.folder)
         self.typed.update({program} & set(PROGRAMS))
         return subprocess.run(command, shell=True, cwd=self.folder, env=self.environment(),
@@ -191,17 +191,17 @@ class Machine:
                               timeout=PATIENCE, check=False, encoding="utf-8")
 
     def read(self, blocks: list[documents.Typed]) -> list[list[str]]:
-        """Type blocks of Python into one interpreter; return what stopped which."""
+        """Type blocks of Python into one interpreter; return the blocks that stopped, and why."""
         done = self.warm.call(["-c", READER], self.environment(), cwd=self.folder,
                               text=json.dumps([[block.where, documents.quick(block.text)]
                                                for block in blocks]))
         assert done.returncode == 0, done.stderr
-        found: list[list[str]] = json.loads((self.folder / "stopped.json").read_text("utf-8"))
-        return found
+        failures: list[list[str]] = json.loads((self.folder / "stopped.json").read_text("utf-8"))
+        return failures
 
 
 def furnish(folder: Path) -> Path:
-    """Write what a reader has: files of the pages, and main.c where its program is built."""
+    """Write the files of a reader: files of the pages, and main.c where its program is built."""
     for block in (b for path in documents.DOCUMENTS for b in documents.blocks(path, "toml")):
         few = re.sub(r"\bcount = 1000\b", "count = 2", block.text)
         name = tomllib.loads(block.text).get("name", "loops")  # beside a URDF
@@ -214,14 +214,14 @@ def furnish(folder: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def bare(archives, tmp_path_factory):
-    """An environment with the wheel and what it asks for."""
+    """An environment with the wheel and its dependencies."""
     folder = tmp_path_factory.mktemp("bare")
-    made = call([sys.executable, "-m", "venv", "--without-pip", folder / "venv"])
-    assert made.returncode == 0, made.stderr
-    made = call([sys.executable, "-m", "pip", "--python", folder / "venv" / "bin" / "python",
+    done = call([sys.executable, "-m", "venv", "--without-pip", folder / "venv"])
+    assert done.returncode == 0, done.stderr
+    done = call([sys.executable, "-m", "pip", "--python", folder / "venv" / "bin" / "python",
                  "install", "--quiet", "--no-compile", "--disable-pip-version-check",
                  archives[1]], PYTHONWARNINGS=None, PYTHONPATH=None)
-    assert made.returncode == 0, made.stderr
+    assert done.returncode == 0, done.stderr
     return Machine(folder / "venv" / "bin", furnish(tmp_path_factory.mktemp("typed")))
 
 
@@ -239,10 +239,10 @@ def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
     assert megabytes(bare.bin.parent) < 250  # SciPy, NumPy and SymPy 200 of them
     code = "from importlib.metadata import distributions\nfor d in distributions(): print(d.name)"
     listed = call([bare.bin / "python", "-c", code], PYTHONPATH=None)
-    there = set(listed.stdout.lower().split())
-    assert "gyrospark" in there
-    wanted = {re.split(r"[>=\[<;]", line)[0].lower() for lines in EXTRAS.values() for line in lines}
-    assert not (wanted | {"pytest"}) & there - {"gyrospark"}
+    present = set(listed.stdout.lower().split())
+    assert "gyrospark" in present
+    extras = {re.split(r"[>=\[<;]", line)[0].lower() for lines in EXTRAS.values() for line in lines}
+    assert not (extras | {"pytest"}) & present - {"gyrospark"}
 
 
 @pytest.mark.slow
@@ -259,9 +259,9 @@ def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
     assert (megabytes(folder / ".venv") < 400) == (target == "demo")
 
 
-def extra_told(said: str, section: str) -> str:
+def extra_told(message: str, section: str) -> str:
     """Return the extra that a sentence names, if the section names it or one it is a part of."""
-    return _told([name for name in EXTRAS if install(name) in said], section)
+    return _told([name for name in EXTRAS if install(name) in message], section)
 
 
 def extra_with(package: str, section: str) -> str:
@@ -316,21 +316,21 @@ def test_every_rule_is_used():
 @pytest.mark.parametrize("path", [p for p in documents.DOCUMENTS if documents.blocks(p, "python")],
                          ids=lambda p: p.name)
 def test_python_of_the_documents(path, bare, full):
-    """Where nothing lacks an extra, once is enough."""
+    """Where no block lacks an extra, the blocks are typed once."""
     blocks = documents.blocks(path, "python")
     check = documents.Typed("what they made", CHECKS.get(path.name, ""), "")
     sections = {block.where: block.section for block in blocks}
     stopped = bare.read([*blocks, check])
-    lacking = [found for found in stopped if found[0] != check.where]
-    for where, kind, package, said in lacking:
+    lacking = [failure for failure in stopped if failure[0] != check.where]
+    for where, kind, package, message in lacking:
         extra = (extra_with(package, sections[where]) if kind == "ModuleNotFoundError"
-                 else extra_told(said, sections[where]))
-        assert extra, (where, kind, said)
+                 else extra_told(message, sections[where]))
+        assert extra, (where, kind, message)
     if lacking:
         stopped = full.read([*blocks, check])
     assert stopped == []
-    made = {p.name for p in (full if lacking else bare).folder.iterdir()}
-    assert MADE.get(path.name, set()) <= made
+    created = {p.name for p in (full if lacking else bare).folder.iterdir()}
+    assert MADE.get(path.name, set()) <= created
 
 
 def test_files_of_the_documents(tmp_path):

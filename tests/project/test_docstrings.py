@@ -1,4 +1,4 @@
-"""Examples in public docstrings do what they show; those of runs that are too long say so."""
+"""Examples in public docstrings have the output they show; examples of long runs say so."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ def public():
     """Yield the name of everything public with a docstring of ours: names, methods, functions."""
     yield "gyrospark", gs
     for name in gs.__all__:
-        thing = getattr(gs, name)
-        yield name, thing
-        if isinstance(thing, type):
-            yield from ((f"{name}.{key}", one) for key, one in inspect.getmembers(
-                thing, inspect.isfunction) if not key.startswith("_"))
-        elif inspect.ismodule(thing):
-            yield from ((f"{name}.{key}", getattr(thing, key)) for key in thing.__all__
-                        if callable(getattr(thing, key)))
+        value = getattr(gs, name)
+        yield name, value
+        if isinstance(value, type):
+            yield from ((f"{name}.{key}", member) for key, member in inspect.getmembers(
+                value, inspect.isfunction) if not key.startswith("_"))
+        elif inspect.ismodule(value):
+            yield from ((f"{name}.{key}", getattr(value, key)) for key in value.__all__
+                        if callable(getattr(value, key)))
 
 
 EXAMPLES = {name: test for name, thing in public()

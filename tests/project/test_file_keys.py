@@ -1,6 +1,6 @@
 """Each key that a reader of files asks for stands in a file that some test gives to it.
 
-The keys are those of the readers' own closed lists, so that a new one needs a test.
+The keys are the readers' own closed lists, so that a new one needs a test.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def names_before(end: str) -> set[str]:
 
 
 def allowed_keys() -> set[str]:
-    """Return what ``TomlTable.allow`` is called with in the readers of model files."""
+    """Return the arguments of ``TomlTable.allow`` in the readers of model files."""
     keys = {key for of_kind in multibody_file.FORCES.values() for key in of_kind} | {
         key for of_kind in multibody_file.JOINTS.values() for key, parameter in of_kind.items()
         if parameter.kind is parameter.KEYWORD_ONLY}

@@ -1,6 +1,7 @@
-"""What works with few packages: nothing needs one that happens to be installed.
+"""The package works with few packages: no part needs one that happens to be installed.
 
-Optional ones are hidden from processes of their own; what needs one says so before it computes.
+Optional ones are hidden from processes of their own; a call that needs one says so before it
+computes.
 """
 
 from __future__ import annotations
@@ -39,16 +40,16 @@ def without(packages):
 
 @pytest.mark.slow  # ten commands with their stores
 def test_commands(tmp_path):
-    """Each ends well, or names what is missing; no folder has anything hidden afterwards."""
+    """Each ends well, or names the missing package; no folder has a hidden file afterwards."""
     study_file(tmp_path, STUDY.replace("count = 40", "count = 4").replace("count = 32",
                                                                          "count = 3"))
-    said = json.loads(python(without(OPTIONAL) + COMMANDS + """
+    answers = json.loads(python(without(OPTIONAL) + COMMANDS + """
 print(json.dumps({text: command(text) for text in (
     RUN, RUN + "--out a.csv", RUN + "--out a.npz", RUN + "--out a.zarr",
     "export a.zarr b.csv", "export a.zarr b.npz", "sweep study.toml", "verify --scheme EMS",
     "reproduce table-2", "cache list")}))
 """, cwd=tmp_path))
-    for text, (code, _, stderr) in said.items():
+    for text, (code, _, stderr) in answers.items():
         assert (code, stderr) == (0, ""), text
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
     assert {path.name for path in tmp_path.iterdir()} == {
@@ -57,11 +58,11 @@ print(json.dumps({text: command(text) for text in (
 
 
 def test_csv_needs_no_store(tmp_path, gyrospark):
-    """Where none can be written it is made of what is in memory, and is the same.
+    """Where no store can be written, CSV comes from memory, and is the same.
 
     To look at names of the extra is no error; to call them, and the command, is one.
     """
-    said = python(without([*OPTIONAL, *STORES]) + COMMANDS + """
+    lines = python(without([*OPTIONAL, *STORES]) + COMMANDS + """
 answer = command(RUN + "--every 3 --out a.csv")
 assert answer[0] == 0 and not answer[2], answer
 from gyrospark import *
@@ -74,19 +75,19 @@ for name, arguments in (("resume", ("x",)), ("load", ("x.zarr",)), ("load_sweep"
         print(error)
 print(command("export a.zarr a.csv")[2].strip())
 """, cwd=tmp_path).splitlines()
-    assert said == [*said[:1] * 4, f"gyrospark: {said[0]}"]
-    assert install("storage") in said[0]
+    assert lines == [*lines[:1] * 4, f"gyrospark: {lines[0]}"]
+    assert install("storage") in lines[0]
     assert [path.name for path in tmp_path.iterdir()] == ["a.csv"]
-    whole = gyrospark("run", "fast-top", "--scheme", "EMS", "--dt", "1e-3", "--steps", "20",
-                      "--every", "3", "--out", "b.csv")
-    assert whole.code == 0, whole.stderr
+    answer = gyrospark("run", "fast-top", "--scheme", "EMS", "--dt", "1e-3", "--steps", "20",
+                       "--every", "3", "--out", "b.csv")
+    assert answer.code == 0, answer.stderr
     assert (tmp_path / "a.csv").read_bytes() == (tmp_path / "b.csv").read_bytes()
 
 
 def test_what_needs_an_extra_says_so_before_it_computes(tmp_path):
-    """What needs none works: stores are read by xarray, which without Dask has no chunks."""
+    """Calls without an extra work: stores are read by xarray, which without Dask has no chunks."""
     study_file(tmp_path)
-    said = json.loads(python(without(OPTIONAL) + FAST_TOP + COMMANDS + """
+    answers = json.loads(python(without(OPTIONAL) + FAST_TOP + COMMANDS + """
 step = gs.stepper("EMS")
 stored = step.integrate(top.q0, top.p0, dt=1e-3, steps=20, parameters=parameters, out="a.zarr")
 assert (stored.dataset().q == stored[:].q).all()
@@ -102,7 +103,7 @@ from gyrospark.commands.reproduce import _report_folder
 assert _report_folder("all", None, as_json=False)[0] is None
 assert 'pip install "matplotlib' in _report_folder("all", None, as_json=False)[1]
 """, cwd=tmp_path))
-    for text, (code, stdout, stderr) in said.items():
+    for text, (code, stdout, stderr) in answers.items():
         assert (code, stdout, stderr.count("\n")) == (2, "", 1), text
         assert "pip install" in stderr, text
     assert {path.name for path in tmp_path.iterdir() if path.name[0] != "."} == {

@@ -65,7 +65,7 @@ def test_version_is_the_same_everywhere():
 
 
 def test_nothing_generated_is_checked_in_elsewhere():
-    """What somebody tried out at the root does not stay there."""
+    """Files of experiments at the root do not stay there."""
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("this is no git checkout")
     listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
@@ -94,17 +94,17 @@ def test_public_names_resolve():
 
 
 def test_hints_name_the_packages_of_an_extra(monkeypatch):
-    """Those of pyproject.toml in a checkout, and the same ones where it is installed."""
+    """A checkout takes them from pyproject.toml, an installed package from its metadata."""
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"][
         "optional-dependencies"]
     checkout = {extra: packages_of(extra) for extra in extras}
     assert checkout["storage"] == extras["storage"]
     assert checkout["netcdf"] == [*extras["storage"], *extras["netcdf"][1:]]
-    assert all("gyrospark" not in one for found in checkout.values() for one in found)
+    assert all("gyrospark" not in package for packages in checkout.values() for package in packages)
     assert "ziglang" in checkout["compiler"][0]  # which the message on compilers says
     monkeypatch.setattr(Path, "is_file", lambda self: False)
-    listed = [f'{one}{" and" if ";" in one else ";"} extra == "{extra}"'
-              for extra, found in extras.items() for one in found]
+    listed = [f'{package}{" and" if ";" in package else ";"} extra == "{extra}"'
+              for extra, packages in extras.items() for package in packages]
     monkeypatch.setattr("importlib.metadata.requires", lambda name: listed)
     assert {extra: packages_of(extra) for extra in extras} == checkout
 
@@ -112,8 +112,8 @@ def test_hints_name_the_packages_of_an_extra(monkeypatch):
 def commands_of(text: str) -> list[list[str]]:
     """Return the gyrospark command lines in a text, continuation lines joined."""
     lines = re.sub(r"\\\n\s*", " ", text).splitlines()
-    found = [line.strip("`$ ").split() for line in lines]
-    return [words for words in found if words and words[0] in ("generate", "gyrospark")]
+    words_of_lines = [line.strip("`$ ").split() for line in lines]
+    return [words for words in words_of_lines if words and words[0] in ("generate", "gyrospark")]
 
 
 def help_pages() -> list[tuple[str, str]]:
@@ -136,22 +136,22 @@ def told_commands() -> list[list[str]]:
 
 
 def check_command(words: list[str]) -> None:
-    """Check that a command and every option it is given exist."""
+    """Check that a command and every option in it exist."""
     command: click.Command = generate if words[0] == "generate" else command_line
-    rest = words[1:]
-    while isinstance(command, click.Group) and rest and not rest[0].startswith("-"):
+    arguments = words[1:]
+    while isinstance(command, click.Group) and arguments and not arguments[0].startswith("-"):
         context = click.Context(command)
-        assert rest[0] in command.list_commands(context), words
-        command, rest = command.get_command(context, rest[0]), rest[1:]
-    known = {opt for parameter in command.params for opt in parameter.opts}
-    for word in rest:
-        assert not word.startswith("--") or word in known, (word, words)
+        assert arguments[0] in command.list_commands(context), words
+        command, arguments = command.get_command(context, arguments[0]), arguments[1:]
+    options = {opt for parameter in command.params for opt in parameter.opts}
+    for word in arguments:
+        assert not word.startswith("--") or word in options, (word, words)
 
 
 def test_commands_of_the_documents_exist():
-    told = told_commands()
-    assert len(told) >= 40
-    for words in told:
+    commands = told_commands()
+    assert len(commands) >= 40
+    for words in commands:
         check_command(words)
 
 
@@ -186,8 +186,8 @@ def test_a_readme_is_read_in_two_minutes():
 
 def test_extras_are_documented():
     extras = PROJECT["project"]["optional-dependencies"]
-    told = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
-    table = re.search(r"^\| extra \|.*?\n\n", told, flags=re.MULTILINE | re.DOTALL)
+    page = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
+    table = re.search(r"^\| extra \|.*?\n\n", page, flags=re.MULTILINE | re.DOTALL)
     assert table
     rows = re.findall(r"^\| `(\w+)` \|.*\| (.*) \|$", table[0], flags=re.MULTILINE)
     assert {name for name, _ in rows} == set(extras) - {"test", "docs", "release"}
@@ -218,7 +218,7 @@ def test_generated_files_hold_what_was_derived():
 
 
 def test_the_engine_has_few_headers_none_of_them_long():
-    """That each compiles alone is tested with the engine."""
+    """A test of the engine checks that each compiles alone."""
     assert 40 <= len(HEADERS) <= 110
     assert max(map(lines, HEADERS)) <= 600
 

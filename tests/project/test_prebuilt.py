@@ -30,7 +30,7 @@ def wheel_folder(tmp_path_factory):
 
 @pytest.fixture
 def no_compiler(wheel_folder, monkeypatch):
-    """A machine that has the wheel and nothing else."""
+    """A machine that has the wheel and no compiler."""
     def none():
         raise CompilerError("No C compiler was found.")
 
@@ -70,8 +70,8 @@ def test_a_damaged_module_is_not_loaded(no_compiler, wheel_folder, tmp_path, mon
     files = checked_in_files(NAME)
     (path,) = damaged.glob("*_runs*")
     assert prebuilt.prebuilt_module(files, "runs") == path
-    whole = path.read_bytes()
-    path.write_bytes(whole[:5000] + b"x" + whole[5001:])
+    content = path.read_bytes()
+    path.write_bytes(content[:5000] + b"x" + content[5001:])
     assert prebuilt.prebuilt_module(files, "runs") is None
 
 
@@ -91,7 +91,7 @@ def test_wheel_of_a_platform(tmp_path):
     (wheel,) = tmp_path.glob("*-cp311-abi3-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         about = json.loads(archive.read("gyrospark/prebuilt/modules.json"))
-    assert set(about) == {f"{NAME}_{part}.abi3.so" for part in ("runs", "lanes")}
+    assert set(about) == {f"{NAME}_{kind}.abi3.so" for kind in ("runs", "lanes")}
     python = tmp_path / "venv" / "bin" / "python"
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-compile", wheel], check=True,

@@ -1,4 +1,4 @@
-"""What forges and tools read of the project: hosted CI, pre-commit, citation."""
+"""Files of the project for forges and tools: hosted CI, pre-commit, citation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def read(name: str):
 
 
 def recipe(target: str) -> list[str]:
-    """Return what make runs for a target, as words, without the folder of programs."""
+    """Return the commands of make for a target, as words, without the folder of programs."""
     lines = re.search(rf"^{target}:.*\n((?:\t.*\n)+)", MAKEFILE, flags=re.MULTILINE)[1]
     lines = re.sub(r"#.*", "", lines).replace("\\\n", " ").replace("$(BIN)/", "")
     return [" ".join(line.split()) for line in lines.splitlines()]
@@ -94,23 +94,24 @@ def test_pre_commit_calls_what_is_there():
 
 
 def test_citation_is_of_this_version():
-    found = read("CITATION.cff")
-    assert str(found["version"]) == gs.__version__
-    assert found["license"] == PROJECT["license"]
-    assert found["title"] == PROJECT["name"]
-    assert {"cff-version", "message", "authors"} <= found.keys()
-    assert found["keywords"] == PROJECT["keywords"]
+    citation = read("CITATION.cff")
+    assert str(citation["version"]) == gs.__version__
+    assert citation["license"] == PROJECT["license"]
+    assert citation["title"] == PROJECT["name"]
+    assert {"cff-version", "message", "authors"} <= citation.keys()
+    assert citation["keywords"] == PROJECT["keywords"]
 
 
 def test_the_archive_with_a_doi_has_the_same_description():
-    citation, found = read("CITATION.cff"), read(".zenodo.json")
-    for one, other in (("title", "title"), ("abstract", "description"), ("license", "license"),
-                       ("keywords", "keywords")):
-        assert citation[one].strip() == found[other].strip() if one == "abstract" else (
-            citation[one] == found[other])
-    assert found["upload_type"] == "software"
-    assert [one["name"] for one in citation["authors"]] == [
-        one["name"] for one in found["creators"]] == [one["name"] for one in PROJECT["authors"]]
+    citation, archive = read("CITATION.cff"), read(".zenodo.json")
+    for key, archive_key in (("title", "title"), ("abstract", "description"),
+                             ("license", "license"), ("keywords", "keywords")):
+        assert citation[key].strip() == archive[archive_key].strip() if key == "abstract" else (
+            citation[key] == archive[archive_key])
+    assert archive["upload_type"] == "software"
+    assert [author["name"] for author in citation["authors"]] == [
+        author["name"] for author in archive["creators"]] == [
+            author["name"] for author in PROJECT["authors"]]
 
 
 def test_classifiers_are_the_pythons_of_ci(jobs):
@@ -133,16 +134,17 @@ def test_a_release_is_published_without_a_password_and_after_all_was_built():
 
 
 def test_the_conda_recipe_is_that_of_the_project():
-    made = read("conda/meta.yaml")
-    assert made["package"] == {"name": PROJECT["name"], "version": PROJECT["version"]}
-    assert made["about"]["license"] == PROJECT["license"]
-    assert made["about"]["summary"] == PROJECT["description"]
-    wanted = {line.partition(";")[0].replace(" ", "") for line in PROJECT["dependencies"]}
-    given = {line.replace(" ", "") for line in made["requirements"]["run"]}
-    assert {*made["requirements"]["host"]} - {*made["requirements"]["run"]} == {
+    recipe_file = read("conda/meta.yaml")
+    assert recipe_file["package"] == {"name": PROJECT["name"], "version": PROJECT["version"]}
+    assert recipe_file["about"]["license"] == PROJECT["license"]
+    assert recipe_file["about"]["summary"] == PROJECT["description"]
+    in_project = {line.partition(";")[0].replace(" ", "") for line in PROJECT["dependencies"]}
+    in_recipe = {line.replace(" ", "") for line in recipe_file["requirements"]["run"]}
+    assert {*recipe_file["requirements"]["host"]} - {*recipe_file["requirements"]["run"]} == {
         "pip", "setuptools >=77"}
-    assert given == wanted | {f"python{PROJECT['requires-python']}", "c-compiler"}
-    assert dict(line.split(" = ") for line in made["build"]["entry_points"]) == PROJECT["scripts"]
+    assert in_recipe == in_project | {f"python{PROJECT['requires-python']}", "c-compiler"}
+    assert dict(line.split(" = ")
+                for line in recipe_file["build"]["entry_points"]) == PROJECT["scripts"]
 
 
 def test_every_file_is_of_the_project():

@@ -25,20 +25,20 @@ from result_classes import RESULT_CLASSES, result_class
 STORED = ROOT / "tests" / "data" / "public_api.txt"
 
 
-def signature(thing: object) -> str:
+def signature(value: object) -> str:
     """Return the public parameters with their kinds and defaults; types are mypy's."""
-    given = inspect.signature(thing)
+    full = inspect.signature(value)
     bare = []
-    for one in given.parameters.values():
-        default = ... if inspect.isfunction(one.default) else one.default
-        if not one.name.startswith("_"):
-            bare.append(one.replace(annotation=one.empty, default=default))
-    return str(given.replace(parameters=bare, return_annotation=given.empty))
+    for parameter in full.parameters.values():
+        default = ... if inspect.isfunction(parameter.default) else parameter.default
+        if not parameter.name.startswith("_"):
+            bare.append(parameter.replace(annotation=parameter.empty, default=default))
+    return str(full.replace(parameters=bare, return_annotation=full.empty))
 
 
-def members(thing: type) -> Iterator[tuple[str, str]]:
+def members(cls: type) -> Iterator[tuple[str, str]]:
     """Yield each public member of a class, with its parameters."""
-    owners = {name: owner for owner in reversed(thing.__mro__) for name in vars(owner)
+    owners = {name: owner for owner in reversed(cls.__mro__) for name in vars(owner)
               if owner.__module__.startswith("gyrospark")}
     for name, owner in sorted(owners.items()):
         member = vars(owner)[name]
@@ -48,19 +48,19 @@ def members(thing: type) -> Iterator[tuple[str, str]]:
         yield name, signature(bound) if inspect.isfunction(bound) else ""
 
 
-def listed(name: str, thing: object) -> Iterator[str]:
+def listed(name: str, value: object) -> Iterator[str]:
     """Yield the lines of a public name."""
-    if inspect.ismodule(thing):
+    if inspect.ismodule(value):
         yield name
-        for inner in sorted(thing.__all__):
-            yield from listed(f"{name}.{inner}", getattr(thing, inner))
-    elif isinstance(thing, type):
-        bases = ", ".join(base.__name__ for base in thing.__bases__ if base is not object)
-        own = "__init__" in vars(thing) and not issubclass(thing, Exception)
-        yield f"class {name}{f' of {bases}' if bases else ''}{signature(thing) if own else ''}"
-        yield from (f"{name}.{inner}{given}" for inner, given in members(thing))
+        for inner in sorted(value.__all__):
+            yield from listed(f"{name}.{inner}", getattr(value, inner))
+    elif isinstance(value, type):
+        bases = ", ".join(base.__name__ for base in value.__bases__ if base is not object)
+        has_init = "__init__" in vars(value) and not issubclass(value, Exception)
+        yield f"class {name}{f' of {bases}' if bases else ''}{signature(value) if has_init else ''}"
+        yield from (f"{name}.{inner}{parameters}" for inner, parameters in members(value))
     else:
-        yield f"{name}{signature(thing)}" if callable(thing) else name
+        yield f"{name}{signature(value)}" if callable(value) else name
 
 
 def options(words: str, command: click.Command) -> Iterator[str]:
@@ -70,10 +70,10 @@ def options(words: str, command: click.Command) -> Iterator[str]:
         context = click.Context(command)
         for name in sorted(command.list_commands(context)):
             yield from options(f"{words} {name}", command.get_command(context, name))
-    for one in command.params:
-        choices = one.type.choices if isinstance(one.type, click.Choice) else ()
-        yield " ".join([words, *(one.opts if isinstance(one, click.Option) else
-                                 [(one.name or "").upper()]), *map(str, choices)])
+    for parameter in command.params:
+        choices = parameter.type.choices if isinstance(parameter.type, click.Choice) else ()
+        yield " ".join([words, *(parameter.opts if isinstance(parameter, click.Option) else
+                                 [(parameter.name or "").upper()]), *map(str, choices)])
 
 
 def public() -> list[str]:
@@ -103,12 +103,12 @@ def test_what_is_stored_depends_on_no_machine():
 
 
 def test_a_stepper_has_few_public_attributes():
-    """What integrates by public name; the rest of the package uses private ones."""
+    """Public names integrate; the rest of the package uses private ones."""
     assert len(dict(members(gs.Stepper))) <= 23
 
 
 def test_integrate_has_few_arguments():
-    """Those of the call with a start: p is the other part of an array q."""
+    """The arguments of the call with a start are few: p is the other part of an array q."""
     assert len({*inspect.signature(gs.Stepper.integrate).parameters} - {"self", "p"}) <= 14
 
 

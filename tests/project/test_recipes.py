@@ -29,7 +29,7 @@ MOST_FILES, MOST_LINES = 2, 20
 
 @dataclass(frozen=True)
 class Change:
-    """What a recipe does to a file: at each place, lines that become others."""
+    """The change of a file in a recipe: at each place, lines that become others."""
 
     path: str
     places: list[list[str]]
@@ -37,15 +37,15 @@ class Change:
     @property
     def written(self) -> int:
         """How many lines a person writes, blank ones aside."""
-        return sum(line.startswith("+") and line != "+" for place in self.places for line in place)
+        return sum(line.startswith("+") and line != "+" for lines in self.places for line in lines)
 
     def apply(self, root: Path) -> None:
-        """Change the file, or make it; every place must be there, and only once."""
+        """Change the file, or create it; every place must be there, and only once."""
         target = root / self.path
         text = target.read_text(encoding="utf-8") if target.is_file() else None
-        for place in self.places:
-            old = "".join(f"{line[1:]}\n" for line in place if line[:1] != "+")
-            new = "".join(f"{line[1:]}\n" for line in place if line[:1] != "-")
+        for lines in self.places:
+            old = "".join(f"{line[1:]}\n" for line in lines if line[:1] != "+")
+            new = "".join(f"{line[1:]}\n" for line in lines if line[:1] != "-")
             if text is None:
                 assert not old, f"{self.path} is not there"
                 text = new
@@ -71,7 +71,7 @@ class Recipe:
         """Its ``diff`` block, file by file."""
         (diff,) = re.findall(r"^```diff\n(.*?)^```", self.text, flags=re.MULTILINE | re.DOTALL)
         files = re.split(r"^--- (.+)\n", diff, flags=re.MULTILINE)[1:]
-        return [Change(path, [part.splitlines() for part in re.split(r"^@@\n", body,
+        return [Change(path, [hunk.splitlines() for hunk in re.split(r"^@@\n", body,
                                                                     flags=re.MULTILINE)])
                 for path, body in zip(files[::2], files[1::2], strict=True)]
 
@@ -84,9 +84,9 @@ class Recipe:
     @property
     def commands(self) -> list[list[str]]:
         """Its ``sh`` or ``python`` block, as arguments of Python."""
-        (found,) = re.findall(r"^```(sh|python)\n(.*?)^```", self.text,
+        (match,) = re.findall(r"^```(sh|python)\n(.*?)^```", self.text,
                               flags=re.MULTILINE | re.DOTALL)
-        language, block = found
+        language, block = match
         if language == "python":
             return [["-c", block]]
         return [["-m", *shlex.split(line)] for line in block.splitlines()]
@@ -137,23 +137,23 @@ def warm() -> WarmPython:
 
 
 def followed(title: str, folder: Path) -> list[str]:
-    """Follow a recipe and run its commands; return what each printed."""
+    """Follow a recipe and run its commands; return the output of each."""
     applied(title, folder)
-    said = []
+    outputs = []
     for words in RECIPES[title].commands:
         done = warm().call(words, environment(), cwd=folder)
         assert done.returncode == 0, done.stderr
-        said.append(done.stdout)
-    return said
+        outputs.append(done.stdout)
+    return outputs
 
 
 @pytest.fixture(scope="module")
 def checkout(tmp_path_factory):
-    """A copy of the whole project in which all recipes were followed."""
+    """A copy of the project in which all recipes were followed."""
     copy = tmp_path_factory.mktemp("recipes") / "gyrospark"
-    made = shutil.ignore_patterns(".git", ".venv", ".*_cache", ".hypothesis", "__pycache__",
-                                  "build", "dist", "*.egg-info")
-    shutil.copytree(ROOT, copy, ignore=made)
+    ignored = shutil.ignore_patterns(".git", ".venv", ".*_cache", ".hypothesis", "__pycache__",
+                                     "build", "dist", "*.egg-info")
+    shutil.copytree(ROOT, copy, ignore=ignored)
     for recipe in RECIPES.values():
         for change in recipe.changes:
             change.apply(copy)
@@ -181,7 +181,7 @@ def test_what_recipes_write_passes_the_lint(tool, checkout):
 
 @pytest.mark.slow  # a run of pytest in a copy
 def test_what_recipes_write_passes_the_tests_of_the_project(checkout):
-    """Those of processes and of single runs are not of what is written."""
+    """Tests of processes and of single runs are left out, for recipes do not change these."""
     files = [f"tests/project/test_{name}.py" for name in ("architecture", "docstrings",
                                                           "packaging")]
     done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",
@@ -201,15 +201,15 @@ RESULTS = {
 @pytest.mark.parametrize("title", [  # most derive and compile in a copy of the package
     pytest.param(title, marks=[pytest.mark.slow] * (title != "command")) for title in PARTS])
 def test_a_recipe_does_what_it_says(title, tmp_path):
-    said = followed(title, tmp_path)
-    assert RESULTS[title] in said[0] or (tmp_path / RESULTS[title]).is_file()
+    outputs = followed(title, tmp_path)
+    assert RESULTS[title] in outputs[0] or (tmp_path / RESULTS[title]).is_file()
     if title == "scheme":  # RATTLE is 2-LIIIA-B, to the bit
         top = gs.problems.fast_top()
         run = gs.stepper("LIIIA-B", 2).integrate(top, dt=1e-3, steps=100)
-        assert json.loads(said[0])["energy_error_max"] == run.report.energy_error_max
+        assert json.loads(outputs[0])["energy_error_max"] == run.report.energy_error_max
     if title == "output":  # the same in each file; gravity leaves the vertical part as it is
         with np.load(tmp_path / "run.npz") as file:
-            kept = file["angular_momenta"]
+            momenta = file["angular_momenta"]
         stored = gs.load(tmp_path / "run.zarr")._group["angular_momentum"][:]
-        assert np.array_equal(stored, kept)
-        assert np.ptp(kept[:, 0, 2]) < 1e-14 * np.abs(kept).max() < np.ptp(kept[:, 0, 0])
+        assert np.array_equal(stored, momenta)
+        assert np.ptp(momenta[:, 0, 2]) < 1e-14 * np.abs(momenta).max() < np.ptp(momenta[:, 0, 0])

@@ -574,8 +574,7 @@ def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
 @needs_zig
 @pytest.mark.parametrize("version", [2, 3])
 def test_libraries_for_every_platform(version, tmp_path):
-    """ziglang links the libraries; the jobs of each system load their own, as the tests above
-    do."""
+    """ziglang links the libraries; the jobs of each system load their own, as tests above do."""
     names = ["linux", "windows", "mac", *(["aarch64"] if version == 3 else [])]
     chosen = {"scheme": "G-L", "stages": 2, "platforms": names}
     built = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "all.fmu")
