@@ -1,4 +1,4 @@
-"""Events: where a quantity of a run crosses a level, found while stepping, solved by real steps."""
+"""Events: times at which a quantity of a run crosses a level, solved for by real steps."""
 
 from __future__ import annotations
 
@@ -27,29 +27,29 @@ EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 @pytest.mark.parametrize("ahead", [1, -1])
 @pytest.mark.parametrize("steps", [2000, pytest.param(700_000, marks=pytest.mark.slow)])
 def test_a_pendulum_through_the_bottom(steps: int, ahead: int) -> None:
-    """At T/4 + k T/2, to twelve digits; and as often as that: 30 times, slowly 10,448 times."""
+    """The 30, slowly 10,448 crossings are at T/4 + k T/2, to twelve digits."""
     run = pendulum().integrate(*start(), dt=ahead * 0.05, steps=steps, every=steps,
                                parameters={"g": 1.0}, events=gs.Event("side"))
-    found = run.events["side"]
-    times = ahead * float(period()) * (0.25 + 0.5 * np.arange(len(found)))
-    assert len(found) == int(np.floor(0.05 * steps / float(period()) * 2 + 0.5))
-    assert np.abs(found.t / times - 1).max() < 1e-12
-    assert np.array_equal(found.rising, np.arange(len(found)) % 2 == 1)
-    late = np.abs(found.t).max()  # a unit in the last place of t is that far at a speed below 1
-    assert np.abs(found.q[:, 0]).max() < EPS["double"] * max(4, late)
-    assert np.abs((found.q**2).sum(axis=1) - 1).max() <= 4 * EPS["double"]
+    crossings = run.events["side"]
+    times = ahead * float(period()) * (0.25 + 0.5 * np.arange(len(crossings)))
+    assert len(crossings) == int(np.floor(0.05 * steps / float(period()) * 2 + 0.5))
+    assert np.abs(crossings.t / times - 1).max() < 1e-12
+    assert np.array_equal(crossings.rising, np.arange(len(crossings)) % 2 == 1)
+    late = np.abs(crossings.t).max()  # a unit in the last place of t is that far at a speed below 1
+    assert np.abs(crossings.q[:, 0]).max() < EPS["double"] * max(4, late)
+    assert np.abs((crossings.q**2).sum(axis=1) - 1).max() <= 4 * EPS["double"]
 
 
 @pytest.mark.parametrize("names", [("q", "p"), ("p", "q")])
 def test_each_of_two_events_has_the_times_it_has_alone(names):
-    """Of both, some crossings lie between those of the other in one block of states."""
+    """Some crossings of each event lie between two of the other one in one block of states."""
     step, numbers = systems.stepper("oscillator"), systems.case("oscillator").parameters
 
     def times_of(*events):
         run = step.integrate([1.0], [0.2], dt=0.06, steps=600, parameters=numbers, events=[
             gs.Event(str(getattr(step.manifest.system, {
                 "q": "coordinates", "p": "momenta"}[name])[0]), name=name) for name in events])
-        return {name: one.t.tolist() for name, one in run.events.items()}
+        return {name: crossings.t.tolist() for name, crossings in run.events.items()}
 
     both = times_of(*names)
     assert both == times_of("q") | times_of("p")
@@ -59,9 +59,9 @@ def test_each_of_two_events_has_the_times_it_has_alone(names):
 @pytest.mark.parametrize(("real", "dt"), [
     ("float", 0.02), pytest.param("float128", 0.01, marks=pytest.mark.slow)])  # two seconds
 def test_in_every_type_and_backwards(real: str, dt: float) -> None:
-    """Times are found to the last places of the type; backwards they are the same ones.
+    """Times are exact to the last places of the type; backwards they are the same ones.
 
-    A dip is as deep as numbers tell: about the bottom, where the bob goes √(2 (1 − cos θ₀)) fast.
+    The depth of a dip gives its times: at the bottom the bob has the speed √(2 (1 − cos θ₀)).
     """
     step = pendulum(real, stages=8 if real == "float128" else 2)
     with mpmath.workdps(34):
@@ -75,8 +75,8 @@ def test_in_every_type_and_backwards(real: str, dt: float) -> None:
         q0, p0 = step.project(q0, [0, 0], parameters={"g": 1})
     else:
         q0, p0 = step.project(*start(), parameters={"g": 1})
-    found = step.integrate(q0, p0, dt=dt, steps=round(6 / dt), **run).events
-    ahead = found["side"]
+    events = step.integrate(q0, p0, dt=dt, steps=round(6 / dt), **run).events
+    ahead = events["side"]
     back = step.integrate(q0, p0, dt=-dt, steps=round(6 / dt), **run).events["side"]
     assert len(ahead) == len(back) == 2
     bound = {"float": 64 * EPS[real], "float128": 1e-27}[real]  # 16th order, 0.01: 1e-28
@@ -85,54 +85,55 @@ def test_in_every_type_and_backwards(real: str, dt: float) -> None:
             assert abs(time - period() * (2 * k + 1) / 4) < bound * 6
             assert abs(time + back.t[k]) < bound * 6
             half = mpmath.sqrt(2 * depth / (2 - 2 * mpmath.cos(1)))
-            assert abs((time - found["height"].t[2 * k]) / half - 1) < 1e-2
-            assert abs((found["height"].t[2 * k + 1] - time) / half - 1) < 1e-2
+            assert abs((time - events["height"].t[2 * k]) / half - 1) < 1e-2
+            assert abs((events["height"].t[2 * k + 1] - time) / half - 1) < 1e-2
     assert not ahead.rising[0]
     assert not back.rising[0]
 
 
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_the_discrete_gradient_and_its_solvers(solver: str) -> None:
-    """What is found lies between the states about it, on the level."""
+    """Crossings lie between the states about them, on the level."""
     step = systems.stepper("pendulum", "EMS")
     run = {"dt": 0.02, "steps": 200, "solver": solver,
            "parameters": systems.case("pendulum").parameters}
-    found = step.integrate(*start(), **run, events=[gs.Event("angle"), gs.Event("py", level=0.1)])
+    watched = step.integrate(*start(), **run, events=[gs.Event("angle"), gs.Event("py", level=0.1)])
     plain = step.integrate(*start(), **run)
-    assert np.array_equal(found.q, plain.q)
-    assert found.report == plain.report
+    assert np.array_equal(watched.q, plain.q)
+    assert watched.report == plain.report
     for name, values, level in (("angle", plain.q[:, 0], 0.0), ("py", plain.p[:, 1], 0.1)):
-        crossings = found.events[name]
+        crossings = watched.events[name]
         changes = np.flatnonzero(np.diff(np.sign(values - level)) != 0)
         assert np.array_equal(crossings.steps, changes)
         assert np.all((plain.t[changes] <= crossings.t) & (crossings.t <= plain.t[changes + 1]))
-    assert np.abs(found.events["py"].p[:, 1] - 0.1).max() < 16 * EPS["double"]
+    assert np.abs(watched.events["py"].p[:, 1] - 0.1).max() < 16 * EPS["double"]
 
 
 def test_a_terminal_event_ends_the_run() -> None:
     step = pendulum()
     run = {"dt": 0.05, "steps": 1000, "parameters": {"g": 1.0}}
     stop = gs.Event("side", direction=1, terminal=True, name="stop")
-    found = step.integrate(*start(), **run, every=7, events=[stop, gs.Event("side")])
+    ended = step.integrate(*start(), **run, every=7, events=[stop, gs.Event("side")])
     end = 0.75 * float(period())
-    assert abs(found.t[-1] - end) < 1e-12
-    assert found.t[-1] == found.events["stop"].t[0]
-    assert np.array_equal(found.q[-1], found.events["stop"].q[0])
-    assert found.report.steps == int(end / 0.05)
-    assert len(found.events["side"]) == 2
-    assert len(found.t) == len(found.q) == len(found.multipliers) + 1 == found.report.steps // 7 + 2
-    same = step.integrate(*start(), **(run | {"steps": found.report.steps}), every=7)
-    assert found.report == same.report
-    rows = found.report.steps // 7 + 1
-    assert np.array_equal(found.q[:rows], same.q[:rows])
-    at = step.integrate(*start(), **run, t_eval=[1.0, end - 1e-3, end + 1e-3, 40.0], events=[stop])
-    assert np.array_equal(at.t, [1.0, end - 1e-3])
-    assert np.allclose(at.q, found.at([1.0, end - 1e-3]).q, rtol=0, atol=1e-14)
+    assert abs(ended.t[-1] - end) < 1e-12
+    assert ended.t[-1] == ended.events["stop"].t[0]
+    assert np.array_equal(ended.q[-1], ended.events["stop"].q[0])
+    assert ended.report.steps == int(end / 0.05)
+    assert len(ended.events["side"]) == 2
+    assert len(ended.t) == len(ended.q) == len(ended.multipliers) + 1 == ended.report.steps // 7 + 2
+    plain = step.integrate(*start(), **(run | {"steps": ended.report.steps}), every=7)
+    assert ended.report == plain.report
+    rows = ended.report.steps // 7 + 1
+    assert np.array_equal(ended.q[:rows], plain.q[:rows])
+    sampled = step.integrate(*start(), **run, t_eval=[1.0, end - 1e-3, end + 1e-3, 40.0],
+                             events=[stop])
+    assert np.array_equal(sampled.t, [1.0, end - 1e-3])
+    assert np.allclose(sampled.q, ended.at([1.0, end - 1e-3]).q, rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize("terminal", [False, True])
 def test_a_dip_is_found_near_the_end(terminal: bool) -> None:
-    """In the last step of a run, and in the piece of steps in which a run ends."""
+    """The dip is in the last step of a run, or in the piece of steps in which a run ends."""
     step, quarter = pendulum(), 0.25 * float(period())
     low = gs.Event("height", level=-1 + 1e-7)
     dip = step.integrate(*start(), dt=0.05, steps=400, parameters={"g": 1.0}, events=low
@@ -150,13 +151,14 @@ def test_a_dip_is_found_near_the_end(terminal: bool) -> None:
 def test_an_ensemble_has_the_first_and_the_number_of_its_members() -> None:
     step, lengths = pendulum(), np.linspace(0.5, 2.0, 9)
     q0, p0 = start()
-    many = step.integrate_ensemble([q0] * 9, [p0] * 9, dt=0.05, steps=400, every=400, events=[
+    ensemble = step.integrate_ensemble([q0] * 9, [p0] * 9, dt=0.05, steps=400, every=400, events=[
         gs.Event("side"), gs.Event("side", level=3, name="never")], parameters={"g": lengths})
-    assert many.events["side"].count.tolist() == [len(one.events["side"]) for one in many.members]
+    assert ensemble.events["side"].count.tolist() == [
+        len(member.events["side"]) for member in ensemble.members]
     first = float(period()) / 4 / np.sqrt(lengths)
-    assert np.abs(many.events["side"].first / first - 1).max() < 1e-13
-    assert np.isnan(many.events["never"].first).all()
-    assert many.events["never"].count.tolist() == [0] * 9
+    assert np.abs(ensemble.events["side"].first / first - 1).max() < 1e-13
+    assert np.isnan(ensemble.events["never"].first).all()
+    assert ensemble.events["never"].count.tolist() == [0] * 9
 
 
 def ensemble_with_an_end():
@@ -193,7 +195,7 @@ def test_events_in_words() -> None:
 @given(st.floats(0.01, 0.99), st.integers(1, 9),
        st.sampled_from(["power", "exp", "tan", "step", "mix"]))
 def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kind: str) -> None:
-    """Within the tolerance, whatever the function is; powers of 9 are flat, steps jump."""
+    """Zeros are exact to the tolerance for any function; powers of 9 are flat, steps jump."""
     function = {"power": lambda x: np.sign(x - root) * np.abs(x - root) ** power,
                 "exp": lambda x: np.expm1(power * (x - root)),
                 "tan": lambda x: np.tan(1.5 * (x - root)),
@@ -201,7 +203,7 @@ def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kin
                 "step": lambda x: np.where(x < root, -1.0, 2.0)}[kind]
     last: list[float] = []
 
-    def evaluate(x, which):
+    def evaluate(x, indices):
         last.append(float(x[0]))
         return function(x)
 
@@ -213,13 +215,13 @@ def test_zeros_of_smooth_flat_and_jumping_functions(root: float, power: int, kin
 
 
 def test_a_smooth_value_takes_three_steps_of_a_part(monkeypatch) -> None:
-    """The cubic through the states before starts it, and the secant of a simple zero ends it."""
+    """The cubic through the states before starts the search, and a secant ends it."""
     shares = []
-    made = location.partial_steps
+    partial_steps = location.partial_steps
 
-    def counted(stepper, q, p, t0, dt, *rest):
+    def counted(stepper, q, p, t0, dt, *options):
         shares.append(len(dt))
-        return made(stepper, q, p, t0, dt, *rest)
+        return partial_steps(stepper, q, p, t0, dt, *options)
 
     monkeypatch.setattr(location, "partial_steps", counted)
     run = pendulum().integrate([1, 0], [0, 0], dt=0.05, steps=2000, parameters={"g": 1.0},
@@ -235,45 +237,45 @@ def test_a_section_of_many_starts(tmp_path) -> None:
     step = pendulum()
     angles = np.linspace(0.2, 2.0, 7)
     q0 = np.column_stack([np.sin(angles), -np.cos(angles)])
-    found = gs.section(step, q0, np.zeros((7, 2)), event=gs.Event("side", direction=1), dt=0.05,
-                       steps=1000, parameters={"g": 1.0})
+    section = gs.section(step, q0, np.zeros((7, 2)), event=gs.Event("side", direction=1), dt=0.05,
+                         steps=1000, parameters={"g": 1.0})
     times = [0.75 * float(period(angle)) for angle in angles]
-    first = [found.t[found.trajectory == i][0] for i in range(7)]
+    first = [section.t[section.trajectory == i][0] for i in range(7)]
     assert np.abs(np.array(first) / times - 1).max() < 1e-12
-    assert np.abs(found.values("side")).max() < 1e-14
-    assert np.array_equal(found.values("height"), found.q[:, 1])
-    assert np.array_equal(found.values("u"), found.p[:, 0])
+    assert np.abs(section.values("side")).max() < 1e-14
+    assert np.array_equal(section.values("height"), section.q[:, 1])
+    assert np.array_equal(section.values("u"), section.p[:, 0])
     speed = np.sqrt(2 * (1 - np.cos(angles)))  # at the bottom, by the energy
-    assert np.abs(found.values("u") - speed[found.trajectory]).max() < 1e-12
-    found.plot("height", "u", tmp_path / "section.png")
+    assert np.abs(section.values("u") - speed[section.trajectory]).max() < 1e-12
+    section.plot("height", "u", tmp_path / "section.png")
     assert (tmp_path / "section.png").stat().st_size > 5000
     with pytest.raises(gs.InputError, match=r"quantity.*'w'"):
-        found.values("w")
+        section.values("w")
     with pytest.raises(gs.InputError, match=r"event = .side.*gs\.Event"):
         gs.section(step, q0, np.zeros((7, 2)), event="side", dt=0.05, steps=10,
                    parameters={"g": 1.0})
 
 
 def test_a_model_file_has_events(tmp_path) -> None:
-    """They are the model's; runs of the command look for them, beside what --event says."""
+    """A run of the command has the events of the model and of --event."""
     path = tmp_path / "ball.toml"
     path.write_text(BALL, encoding="utf-8")
     model = gs.load_model(path)
-    assert [(one.name, one.quantity, float(one.level), one.direction, one.terminal)
-            for one in model.events] == [("half", "height", 2.5, -1, False),
-                                         ("landing", "y", 0.0, 0, True)]
+    assert [(event.name, event.quantity, float(event.level), event.direction, event.terminal)
+            for event in model.events] == [("half", "height", 2.5, -1, False),
+                                           ("landing", "y", 0.0, 0, True)]
     step = gs.stepper("G-L", 2, system=model)
     run = step.integrate(model.q0, model.p0, dt=model.dt, steps=model.steps,
                          parameters=model.parameters, events=model.events)
     assert abs(run.t[-1] - 1) < 1e-14  # h = g t²/2
     assert abs(run.events["half"].t[0] - np.sqrt(0.5)) < 1e-14
     command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--json"]
-    for _ in range(2):  # the second time from what is kept of the file
+    for _ in range(2):  # the second time from the cache
         done = CliRunner().invoke(gyrospark, [*command, "--event", "x=3/4", "--event",
                                               "second: x = 1.125 up"], standalone_mode=False)
         assert done.exception is None, done.output
-        found = json.loads(done.output)["events"]
-        assert {name: one["t"] for name, one in found.items()} == {
+        events = json.loads(done.output)["events"]
+        assert {name: crossing["t"] for name, crossing in events.items()} == {
             "half": run.events["half"].t.tolist(), "landing": run.events["landing"].t.tolist(),
             "x": [0.5], "second": [0.75]}
     plain = CliRunner().invoke(gyrospark, command[:-1], standalone_mode=False)
@@ -290,15 +292,15 @@ def test_a_model_file_has_events(tmp_path) -> None:
 
 
 def test_a_list_of_models_has_their_events(tmp_path) -> None:
-    """As one model has: terminal ones are refused, and so are those that differ."""
+    """Models have equal events, none of them terminal; other lists are refused."""
     path = tmp_path / "ball.toml"
     path.write_text(BALL, encoding="utf-8")
     model = gs.load_model(path)
     half, landing = model.events
     step, options = gs.stepper("G-L", 2, system=model), {"dt": model.dt, "steps": model.steps}
     with_half, with_landing = (replace(model, events=(event,)) for event in (half, landing))
-    many = step.integrate_ensemble([with_half, with_half], **options)
-    assert abs(many.events["half"].first - np.sqrt(0.5)).max() < 1e-14  # h = g t²/2
+    ensemble = step.integrate_ensemble([with_half, with_half], **options)
+    assert abs(ensemble.events["half"].first - np.sqrt(0.5)).max() < 1e-14  # h = g t²/2
     assert step.integrate_ensemble([with_half, with_half], events=(), **options).events == {}
     for starts, word in (([with_landing, with_landing], "'landing'"),
                          ([with_half, with_landing], "different events")):
@@ -308,7 +310,7 @@ def test_a_list_of_models_has_their_events(tmp_path) -> None:
 
 @pytest.mark.parametrize("end", [".zarr", ".csv"])
 def test_a_files_events_are_written(tmp_path, end: str) -> None:
-    """Whatever its states are written to; a run that has ended says so when it is gone on with."""
+    """Every format has the events; a run that was ended by one says so when it is resumed."""
     path, out = tmp_path / "ball.toml", tmp_path / f"run{end}"
     path.write_text(BALL, encoding="utf-8")
     model = gs.load_model(path)
@@ -318,10 +320,10 @@ def test_a_files_events_are_written(tmp_path, end: str) -> None:
     command = ["run", str(path), "--scheme", "G-L", "--stages", "2", "--out", str(out)]
     done = CliRunner().invoke(gyrospark, [*command, "--json"], standalone_mode=False)
     assert done.exception is None, done.output
-    said = json.loads(done.output)
-    times = {name: one.t.tolist() for name, one in run.events.items()}
-    assert {name: one["t"] for name, one in said["events"].items()} == times
-    assert said["ended"] == {"event": "landing", "t": run.t[-1]}
+    document = json.loads(done.output)
+    times = {name: crossings.t.tolist() for name, crossings in run.events.items()}
+    assert {name: crossings["t"] for name, crossings in document["events"].items()} == times
+    assert document["ended"] == {"event": "landing", "t": run.t[-1]}
     if end == ".csv":
         lines = (tmp_path / "run.events.csv").read_text().splitlines()
         assert lines[0] == "event,time,x,y,u,v,steps,rising,elapsed"

@@ -42,10 +42,10 @@ def stepper(name: str, scheme: str = "G-L", stages: int | None = 2,
             real: str = "double") -> gs.Stepper:
     """Return a stepper of the catalogue or of a system of this file, its impacts compiled."""
     with budget.shared():
-        made = (gs.stepper(scheme, stages, system=OWN[name](), real=real) if name in OWN else
+        step = (gs.stepper(scheme, stages, system=OWN[name](), real=real) if name in OWN else
                 systems.stepper(name, scheme, stages, real))
-        made._impact_binding()
-    return made
+        step._impact_binding()
+    return step
 
 
 def _hoisted() -> gs.System:
@@ -119,18 +119,18 @@ def test_rows_stay_on_the_grid_and_the_first_have_the_bits_of_a_run_without():
 
 
 def test_an_end_between_two_steps_and_one_at_an_impact():
-    whole, part = dropped(124), dropped(None, t_end=1.234567)
-    assert part.t[-1] == 1.234567
-    assert np.array_equal(part.q[:-1], whole.q[:-1])
-    assert np.array_equal(part.impacts["floor"].t, whole.impacts["floor"].t)
-    last = dropped(None, t_end=float(whole.impacts["floor"].t[1]) + 1e-5)
+    full_run, cut_run = dropped(124), dropped(None, t_end=1.234567)
+    assert cut_run.t[-1] == 1.234567
+    assert np.array_equal(cut_run.q[:-1], full_run.q[:-1])
+    assert np.array_equal(cut_run.impacts["floor"].t, full_run.impacts["floor"].t)
+    last = dropped(None, t_end=float(full_run.impacts["floor"].t[1]) + 1e-5)
     assert len(last.impacts["floor"]) == 2
-    assert last.impacts["floor"].steps[-1] == whole.impacts["floor"].steps[1]
-    assert abs(last.impacts["floor"].elapsed[1] - whole.impacts["floor"].elapsed[1]) < 8 * EPS
+    assert last.impacts["floor"].steps[-1] == full_run.impacts["floor"].steps[1]
+    assert abs(last.impacts["floor"].elapsed[1] - full_run.impacts["floor"].elapsed[1]) < 8 * EPS
 
 
 def test_the_round_off_of_a_gap_may_be_larger_than_that_of_its_coordinates():
-    """Of a difference of kilometres: 1e-12 is left of the gap where it is located."""
+    """The gap is a difference of kilometres: impacts are located to 1e-12 of it."""
     run = stepper("ball").integrate([1.0], [0.0], dt=0.01, steps=100,
                                     parameters=BALL, events=gs.Impact("far"))
     height = np.sqrt((5000 + np.log(1.25))**2 - 4000**2) - 3000
@@ -139,18 +139,18 @@ def test_the_round_off_of_a_gap_may_be_larger_than_that_of_its_coordinates():
 
 
 def test_many_impacts_within_a_step():
-    """Between two walls with a speed of 3001: 3001 times in a second, in two steps."""
+    """A ball between two walls, at a speed of 3001, has 3001 impacts in a second, in two steps."""
     run = stepper("ball").integrate(
         [0.25], [3001.0], dt=0.5, steps=2, parameters=BALL | {"g": 1e-9},
         events=[gs.Impact("floor"), gs.Impact("roof")])
-    times = np.sort(np.concatenate([one.t for one in run.impacts.values()]))
+    times = np.sort(np.concatenate([hits.t for hits in run.impacts.values()]))
     assert np.abs(times - (0.75 + np.arange(3001)) / 3001).max() < 1e-10
     assert abs(len(run.impacts["roof"]) - len(run.impacts["floor"])) == 1
     assert np.abs(np.abs(run.p[-1]) - 3001).max() < 1e-9
 
 
 def test_an_impact_changes_the_energy_by_its_loss_to_the_rounding_of_momenta():
-    """Of 1/m: without a second look at H, the loss is off by up to four eps."""
+    """Without a second look at H, the rounding of 1/m would move the loss by up to four eps."""
     run, mass = stepper("ball").integrate(
         [0.25], [3.3], dt=0.5, steps=200, parameters=BALL | {"m": 1.3, "g": 0.7}, events=[
             gs.Impact(name, restitution=0.9999) for name in ("floor", "roof")]), 1.3
@@ -173,16 +173,16 @@ def lowest_gap(run, amplitude: float, rate: float) -> float:
     order = np.argsort(times, kind="stable")
     times, x, v = times[order], x[order], v[order]
     end, turn = np.append(times[1:], run.t[-1]), 2 * np.pi / rate
-    least = (x + v * (end - times) - amplitude * np.sin(rate * end)).min()
+    lowest = (x + v * (end - times) - amplitude * np.sin(rate * end)).min()
     for sign in (1, -1):
         slow = np.abs(v) < amplitude * rate
         first = sign * np.arccos(v[slow] / (amplitude * rate)) / rate
         first += turn * np.ceil((times[slow] - first) / turn)
         for k in range(int(np.ceil((end - times)[slow].max(initial=0) / turn))):
-            at = np.minimum(first + k * turn, end[slow])
-            gap = x[slow] + v[slow] * (at - times[slow]) - amplitude * np.sin(rate * at)
-            least = min(least, gap.min(initial=np.inf))
-    return least
+            turns = np.minimum(first + k * turn, end[slow])
+            gap = x[slow] + v[slow] * (turns - times[slow]) - amplitude * np.sin(rate * turns)
+            lowest = min(lowest, gap.min(initial=np.inf))
+    return lowest
 
 
 @pytest.mark.parametrize("count", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
@@ -194,7 +194,7 @@ def test_no_impact_on_a_moving_wall_is_lost(count):
             [0.5], [-(10**rng.uniform(-1.3, 1.3))], dt=1 / (2 * np.pi), t_end=400 + rng.uniform(),
             every=1000, parameters=BALL | {"g": 1e-300, "a": 0.05, "omega": 2 * np.pi},
             events=[gs.Impact("wall"), gs.Impact("roof")])
-        steps = np.sort(np.concatenate([one.steps for one in run.impacts.values()]))
+        steps = np.sort(np.concatenate([impacts.steps for impacts in run.impacts.values()]))
         hits += len(steps)
         several += np.count_nonzero(np.diff(steps) == 0)
         worst = min(worst, lowest_gap(run, 0.05, 2 * np.pi))
@@ -221,7 +221,7 @@ def test_two_crossings_within_a_step(excess, count, dt, steps):
 @pytest.mark.parametrize("restitution", [1, 0.5])
 @pytest.mark.parametrize(("scheme", "stages", "steps", "order"), [
     ("G-L", 2, 100, 4),
-    *(pytest.param(*given, marks=pytest.mark.slow) for given in (  # compiled for this
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (  # compiled for this
         ("EMS", None, 100, 2), *(("G-L", s, n, 2 * s) for s, n in ((1, 200), (3, 50), (4, 50)))))])
 def test_the_order_of_the_scheme_through_impacts(scheme, stages, steps, order, restitution):
     errors = [np.abs(angles(run.q[-1], run.p[-1]) - REFERENCES[restitution]).max()
@@ -255,9 +255,9 @@ def test_the_way_back(scheme, stages, backwards):
 
 
 def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
-    """To the bits of one run, wherever it is interrupted; then again from a shorter run."""
+    """The store has the bits of one run, wherever it is interrupted or continued."""
     with pytest.warns(gs.errors.InputWarning, match="floor"):
-        whole = dropped(out=tmp_path / "whole.zarr", every=3)
+        full_run = dropped(out=tmp_path / "whole.zarr", every=3)
     small_blocks(monkeypatch, 8)
     ball, out = stepper("ball"), tmp_path / "parts.zarr"
     arguments = {"dt": 0.01, "steps": 200, "every": 3, "parameters": BALL,
@@ -270,25 +270,25 @@ def test_a_store_is_resumed_in_the_middle_of_a_cascade(tmp_path, monkeypatch):
             gs.resume(out, progress=ends_after(calls))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        parts = gs.resume(out)
-    assert whole.status == parts.status == "ended: floor"
-    assert_same(parts, whole)
-    assert_same_impacts(parts.impacts, whole.impacts)
+        resumed = gs.resume(out)
+    assert full_run.status == resumed.status == "ended: floor"
+    assert_same(resumed, full_run)
+    assert_same_impacts(resumed.impacts, full_run.impacts)
     with pytest.warns(gs.errors.InputWarning, match="floor"):
         computed = dropped(every=3)
-    assert_same(parts, computed)
-    assert_same_impacts(parts.impacts, computed.impacts)
+    assert_same(resumed, computed)
+    assert_same_impacts(resumed.impacts, computed.impacts)
     begun = tmp_path / "begun.zarr"
     ball.integrate([1.0], [0.0], **arguments | {"steps": 129, "out": begun})
     assert len(gs.load(begun).impacts["floor"]) == 4
     with pytest.warns(gs.errors.InputWarning, match="floor"):
         longer = gs.resume(begun, steps=200)
-    assert_same(longer, whole)
-    assert_same_impacts(longer.impacts, whole.impacts)
+    assert_same(longer, full_run)
+    assert_same_impacts(longer.impacts, full_run.impacts)
 
 
 def test_a_store_ends_at_a_terminal_impact(tmp_path):
-    """Begun before it, resumed beyond."""
+    """The store begins before the impact and is resumed to a time beyond it."""
     arguments = {"dt": 0.01, "parameters": BALL, "events": gs.Impact(
         "floor", terminal=True)}
     run = stepper("ball").integrate([1.0], [0.0], steps=100, **arguments)
@@ -303,7 +303,7 @@ def test_a_store_ends_at_a_terminal_impact(tmp_path):
 
 
 def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):
-    """Some thousand in each step: whole steps are stored."""
+    """Each step has some thousand impacts; the store has only complete steps."""
     small_blocks(monkeypatch, 2)
     arguments = {"dt": 0.5, "steps": 4, "every": 2, "parameters": BALL | {"g": 1e-9},
                  "events": [gs.Impact("floor"), gs.Impact("roof")]}
@@ -315,23 +315,23 @@ def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):
 
 
 def test_an_ensemble_has_the_bits_of_each_run():
-    """Of starts and parameters, with one that comes to rest."""
+    """Members differ in their parameters; one of them comes to rest."""
     ball, gravities = stepper("ball"), np.array([9.81, 3.0, 50.0])
     arguments = {"dt": 0.01, "steps": 100, "every": 4, "events": gs.Impact(
         "floor", restitution=0.5)}
     with pytest.warns(gs.errors.InputWarning, match="1 of 3"):
-        many = ball.integrate_ensemble(np.ones((3, 1)), np.zeros((3, 1)), **arguments,
-                                       parameters=BALL | {"g": gravities})
-    assert len(many.events["floor"].count) == 3
+        ensemble = ball.integrate_ensemble(np.ones((3, 1)), np.zeros((3, 1)), **arguments,
+                                           parameters=BALL | {"g": gravities})
+    assert len(ensemble.events["floor"].count) == 3
     for i, gravity in enumerate(gravities[:2]):
         alone = ball.integrate([1.0], [0.0], **arguments, parameters=BALL | {"g": gravity})
-        assert np.array_equal(many.q[i], alone.q)
-        assert np.array_equal(many.p[i], alone.p)
-        assert_same(many.members[i], alone)
-        assert_same_impacts(many.members[i].impacts, alone.impacts)
-    assert np.isnan(many.q[2, -1])
-    assert many.t[2, 0] == 0
-    assert many.members[2].t[-1] == pytest.approx(3 * np.sqrt(2 / 50))
+        assert np.array_equal(ensemble.q[i], alone.q)
+        assert np.array_equal(ensemble.p[i], alone.p)
+        assert_same(ensemble.members[i], alone)
+        assert_same_impacts(ensemble.members[i].impacts, alone.impacts)
+    assert np.isnan(ensemble.q[2, -1])
+    assert ensemble.t[2, 0] == 0
+    assert ensemble.members[2].t[-1] == pytest.approx(3 * np.sqrt(2 / 50))
     with pytest.raises(InputError, match="Trajectory 1"):
         ball.integrate_ensemble([[1.0], [-1.0]], [[0.0], [0.0]], **arguments,
                                 parameters=BALL | {"g": 1})
@@ -340,7 +340,7 @@ def test_an_ensemble_has_the_bits_of_each_run():
 @pytest.mark.parametrize("every", [1, 7])
 @pytest.mark.parametrize("ahead", [1, -1])
 def test_states_between_steps_on_both_sides_of_impacts(every, ahead):
-    """Parabolas of the ball, which G-L steps follow exactly; at an impact the state after."""
+    """Steps of G-L follow the parabolas exactly; at an impact the state is the one after it."""
     run = stepper("ball").integrate([1.0], [0.0], dt=ahead * 0.07, steps=30, every=every,
                                     parameters=BALL, events=gs.Impact("floor"))
     hits, fall = run.impacts["floor"], np.sqrt(2 / 9.81)
@@ -354,19 +354,19 @@ def test_states_between_steps_on_both_sides_of_impacts(every, ahead):
     assert np.array_equal(run.at(run.t).p, run.p)
     assert np.abs(between.energy_error()).max() < 1e-13
     if every == 1:
-        given = stepper("ball").integrate(
+        sampled = stepper("ball").integrate(
             [1.0], [0.0], dt=ahead * 0.07, steps=30, t_eval=t, parameters=BALL,
             events=gs.Impact("floor"))
-        assert np.abs(given.q - between.q).max() < 1e-14
+        assert np.abs(sampled.q - between.q).max() < 1e-14
 
 
 def test_states_between_steps_after_many_impacts_at_once(tmp_path):
-    """Of a cradle, and of a file, with a gap that is crossed at the same time as others."""
+    """Gaps of a cradle, run or read from a file, are crossed at the same time as others."""
     run = stepper("cradle", "EMS", None).integrate(
         [-0.5, 1, 2, 3, 4], [1, 0, 0, 0, 0], dt=0.3, steps=4, parameters={"m": 1},
         events=[gs.Impact(f"gap{i}") for i in range(4)])
-    for one in (run, gs.load(run.save(tmp_path / "cradle.npz"))):
-        late = one.at([0.4, 0.55, 0.85], stepper=stepper("cradle", "EMS", None))
+    for trajectory in (run, gs.load(run.save(tmp_path / "cradle.npz"))):
+        late = trajectory.at([0.4, 0.55, 0.85], stepper=stepper("cradle", "EMS", None))
         assert np.abs(late.q[0] - [-0.1, 1, 2, 3, 4]).max() < 8 * EPS
         assert np.abs(late.q[1:] - [[0, 1, 2, 3, 4.05], [0, 1, 2, 3, 4.35]]).max() < 8 * EPS
         assert np.abs(late.p[1:] - [0, 0, 0, 0, 1]).max() < 8 * EPS
@@ -389,42 +389,42 @@ def test_work_at_impacts_and_between_steps():
 @cache
 def differentiable(name: str, *args: object, **options) -> gs.Stepper:
     """Return the same stepper, its modules of derivatives compiled."""
-    made = stepper(name, *args, **options)
+    step = stepper(name, *args, **options)
     with budget.shared():
-        made._derivative_binding()
-        made._jump_binding()
-    return made
+        step._derivative_binding()
+        step._jump_binding()
+    return step
 
 
 @pytest.mark.parametrize(("scheme", "stages", "accuracy"), [
     ("G-L", 2, 1e-10),  # the round-off of differences
     pytest.param("EMS", None, 1e-8, marks=pytest.mark.slow)])  # two modules more
 def test_tangents_and_adjoint_through_impacts(scheme, stages, accuracy):
-    """Three impacts of the double pendulum, off the grid: by the start, parameters and dt."""
+    """Three impacts off the grid have derivatives by the start, parameters and dt."""
     pendulum = differentiable("two_rods", scheme, stages)
     run = swung(200, scheme=scheme, stages=stages, restitution=0.7, end=4.0,
                 tangents=gs.Tangents(parameters=["g", "width"], dt=True))
-    made, start, steps = run.tangents, np.concatenate([run.q[0], run.p[0]]), 200
+    tangents, start, steps = run.tangents, np.concatenate([run.q[0], run.p[0]]), 200
     assert len(run.impacts["gap"]) == 3
-    for k, name in enumerate(made.names):
+    for k, name in enumerate(tangents.names):
         def end(h, k=k, name=name):
             values = {**RODS, "dt": 0.02, "": start}
             values["" if name.startswith("start") else name] = (
-                start + h * made.start[:, k] if name.startswith("start") else values[name] + h)
+                start + h * tangents.start[:, k] if name.startswith("start") else values[name] + h)
             dt, z0 = values.pop("dt"), values.pop("")
             moved = pendulum.integrate(
                 *pendulum.project(z0[:4], z0[4:], parameters=values), dt=dt, steps=steps,
                 parameters=values, events=gs.Impact("gap", restitution=0.7))
             return np.concatenate([moved.q[-1], moved.p[-1]])
 
-        exact = made[name][-1]
+        exact = tangents[name][-1]
         step = {"dt": 1e-6, "width": 1e-4}.get(name, 3e-4)  # no impact crosses the grid
         error = np.abs(difference(end, step) - exact).max()
         assert error < accuracy * np.abs(exact).max(), name
     rng = np.random.default_rng(0)
     w = {name: rng.normal(size=(201, 4)) for name in "qp"}
     gradient = run.gradient(w, wrt=["start", "g", "width", "dt"]).vector()
-    along = np.einsum("ij,ijk", w["q"], made.q) + np.einsum("ij,ijk", w["p"], made.p)
+    along = np.einsum("ij,ijk", w["q"], tangents.q) + np.einsum("ij,ijk", w["p"], tangents.p)
     assert np.abs(gradient - along).max() < 1e-12 * np.abs(along).max()
     ensemble = pendulum.integrate_ensemble(
         run.q[:1], run.p[:1], dt=0.02, steps=200, parameters=RODS,
@@ -451,9 +451,9 @@ def test_derivatives_with_a_moving_wall_inputs_and_a_parameter_as_restitution():
         moved_run = moved(**changes)
         return (w["q"] * moved_run.q).sum() + (w["p"] * moved_run.p).sum()
 
-    for name, at, step in (("m", 1.3, 1e-4), ("g", 9.81, 1e-3), ("c", 0.9, 1e-4),
-                           ("dt", 0.07, 1e-6), ("t0", 0.3, 1e-4)):
-        assert difference(lambda h, name=name, at=at: value(**{name: at + h}), step) == (
+    for name, x, step in (("m", 1.3, 1e-4), ("g", 9.81, 1e-3), ("c", 0.9, 1e-4),
+                          ("dt", 0.07, 1e-6), ("t0", 0.3, 1e-4)):
+        assert difference(lambda h, name=name, x=x: value(**{name: x + h}), step) == (
             pytest.approx(gradient[name], rel=1e-8)), name
     for k in range(2):
         direction = gradient.basis[:, k]
@@ -537,17 +537,17 @@ def test_a_moving_wall():
 
 
 def test_a_cradle_hits_one_ball_after_another():
-    """Balls that touch: the last one leaves, in as many impacts as there are gaps."""
+    """Balls touch: the last one leaves, in as many impacts as there are gaps."""
     run = stepper("cradle", "EMS", None).integrate(
         [-0.5, 1, 2, 3, 4], [1, 0, 0, 0, 0], dt=0.1, steps=20, parameters={"m": 1},
         events=[gs.Impact(f"gap{i}") for i in range(4)])
     assert np.abs(run.p[-1] - [0, 0, 0, 0, 1]).max() < 8 * EPS
-    assert [len(one) for one in run.impacts.values()] == [1] * 4
-    assert all(abs(one.t[0] - 0.5) < 4 * EPS for one in run.impacts.values())
+    assert [len(hits) for hits in run.impacts.values()] == [1] * 4
+    assert all(abs(hits.t[0] - 0.5) < 4 * EPS for hits in run.impacts.values())
 
 
 def test_a_start_on_the_floor():
-    """Falling, it is an impact at once; at rest, the run ends at once."""
+    """A falling ball has an impact at once; at rest, its run ends at once."""
     ball = stepper("ball")
     run = ball.integrate([0.0], [-1.0], dt=0.01, steps=5, parameters=BALL,
                          events=gs.Impact("floor"))
@@ -560,15 +560,15 @@ def test_a_start_on_the_floor():
     assert abs(run.t[-1]) < 1e-7
 
 
-def assert_same_impacts(some, others):
-    assert some.keys() == others.keys()
-    for name, one in some.items():
-        for column, array in one.columns.items():
-            assert np.array_equal(array, others[name].columns[column]), (name, column)
+def assert_same_impacts(impacts, expected):
+    assert impacts.keys() == expected.keys()
+    for name, hits in impacts.items():
+        for column, array in hits.columns.items():
+            assert np.array_equal(array, expected[name].columns[column]), (name, column)
 
 
 def test_impacts_on_grid_points_count_once():
-    """Heights and times in binary: all is exact, rows have the momenta after, and losses count."""
+    """Heights and times are exact in binary; rows have the momenta after, and losses count."""
     run = stepper("ball").integrate([0.5], [0.0], dt=0.25, steps=7, parameters=BALL | {"g": 1.0},
                                     events=gs.Impact("floor", restitution=0.5))
     assert run.impacts["floor"].t.tolist() == [1.0]
@@ -582,7 +582,7 @@ def test_impacts_on_grid_points_count_once():
 
 
 def test_multipliers_at_steps_with_impacts():
-    """Those of the last part of the step: near those of the rows beside it."""
+    """A step with an impact has the multipliers of its last part, near the next row's."""
     run = swung(200)
     (step,) = run.impacts["gap"].steps
     smooth = np.abs(np.diff(run.multipliers[:, 0], axis=0))[step + 1 : step + 20].max()
@@ -627,10 +627,10 @@ def test_runs_from_every_kind_of_state_keep_the_impacts(tmp_path):
     for state in states:
         (law,) = state[-1]._events
         assert (law.quantity, float(law.restitution), law.terminal) == ("floor", 0.8, False)
-    whole = step.integrate(start, events=impact, dt=0.01, steps=120)
+    full_run = step.integrate(start, events=impact, dt=0.01, steps=120)
     later = step.integrate(states[-1][-1], **fall)
-    assert len(later.impacts["floor"]) == len(whole.impacts["floor"]) - len(run.impacts["floor"])
-    assert np.abs(later.q[-1] - whole.q[-1]).max() < 1e-14
+    assert len(later.impacts["floor"]) == len(full_run.impacts["floor"]) - len(run.impacts["floor"])
+    assert np.abs(later.q[-1] - full_run.q[-1]).max() < 1e-14
 
 
 def begun(q, p, events, **options):

@@ -19,7 +19,7 @@ LEAST = 1e-12
 
 
 def oscillator(real: str = "double", stages: int = 8):
-    """x² − e touches its level from above twice a period, x − 1 + e from below once."""
+    """Return a stepper: x² − e is crossed from above twice a period, x − 1 + e from below once."""
     x, u, e = sp.symbols("x u e", real=True)
     system = gs.System((x,), (u,), (e,), (u**2 + x**2) / 2, name="dips",
                        quantities={"square": x**2 - e, "sine": x - 1 + e})
@@ -27,7 +27,7 @@ def oscillator(real: str = "double", stages: int = 8):
 
 
 def crossings(quantity: str, phase: float, e: float, span: float) -> np.ndarray:
-    """The times of x = sin(phase + t), where x² = e or x = 1 − e, from 0 to span."""
+    """Return the times at which x = sin(phase + t) has x² = e or x = 1 − e, from 0 to span."""
     k = np.arange(-int(abs(span)) - 3, int(abs(span)) + 3)
     middle, half = ((np.pi * k, np.arcsin(np.sqrt(e))) if quantity == "square" else
                     (np.pi / 2 + 2 * np.pi * k, np.arccos(1 - e)))
@@ -36,40 +36,40 @@ def crossings(quantity: str, phase: float, e: float, span: float) -> np.ndarray:
 
 
 def starts(count: int, seed: int = 0):
-    """Phases, and depths of dips from 1e-12 to 0.1."""
+    """Return phases, and depths of dips from 1e-12 to 0.1."""
     random = np.random.default_rng(seed)
     return random.uniform(0, 2 * np.pi, count), 10 ** random.uniform(np.log10(LEAST), -1, count)
 
 
 @pytest.mark.parametrize(("quantity", "dt", "slow"), [
-    ("sine", -2.7, 1200), *(pytest.param(*given, marks=pytest.mark.slow) for given in (
+    ("sine", -2.7, 1200), *(pytest.param(*case, marks=pytest.mark.slow) for case in (
         ("square", 1.3, 1200), ("square", -0.1, 20_000), ("sine", 0.5, 8000)))])  # many starts
-@pytest.mark.parametrize("many", [False, pytest.param(True, marks=pytest.mark.slow)])
-def test_random_dips_of_an_oscillator(quantity: str, dt: float, slow: int, many: bool) -> None:
-    """Each is found once, wherever in its step it turns, at up to 2.7 rad a step.
+@pytest.mark.parametrize("in_full", [False, pytest.param(True, marks=pytest.mark.slow)])
+def test_random_dips_of_an_oscillator(quantity: str, dt: float, slow: int, in_full: bool) -> None:
+    """Each dip is detected once, wherever in its step it turns, at up to 2.7 rad a step.
 
     Some fifty dips a case, slowly some ten thousand. Times are worth the rounding of the value
     over its rate, which is the root of the depth.
     """
-    steps, count = 24, slow if many else max(slow // 80, 40)
+    steps, count = 24, slow if in_full else max(slow // 80, 40)
     phase, depth = starts(count)
-    found = oscillator().integrate_ensemble(
+    events = oscillator().integrate_ensemble(
         np.sin(phase)[:, None], np.cos(phase)[:, None], dt=dt, steps=steps, every=steps,
         parameters={"e": depth}, events=gs.Event(quantity)).events[quantity]
     dips = 0
     for i in range(count):
         times = crossings(quantity, phase[i], depth[i], steps * dt)[::1 if dt > 0 else -1]
-        assert len(found[i]) == len(times), (phase[i], depth[i])
-        assert np.abs(found[i].t - times).max(initial=0) < 1e-9 / np.sqrt(depth[i])
+        assert len(events[i]) == len(times), (phase[i], depth[i])
+        assert np.abs(events[i].t - times).max(initial=0) < 1e-9 / np.sqrt(depth[i])
         angle = phase[i] + times
         rate = np.sin(2 * angle) if quantity == "square" else np.cos(angle)
-        assert np.array_equal(found[i].rising, rate * dt > 0)
+        assert np.array_equal(events[i].rising, rate * dt > 0)
         dips += int((np.diff((times / dt).astype(int)) == 0).sum())
-    assert dips > (10_000 if many else 50)
+    assert dips > (10_000 if in_full else 50)
 
 
 def test_a_terminal_dip_ends_the_run() -> None:
-    """At its first crossing, in any part of a step, whatever else happens in that step."""
+    """The run ends at the first crossing, in any part of a step, whatever else the step has."""
     step = oscillator()
     phase, depth = starts(15, seed=1)
     for i, dt in enumerate(np.resize([0.1, -0.1, 0.7, 1.3, -1.3], 15)):
@@ -94,18 +94,18 @@ def test_the_bob_of_a_pendulum(dt: float) -> None:
     with mpmath.workdps(30):
         quarter = float(mpmath.ellipk(m))
         bottoms = quarter * np.arange(1, int(end / quarter) + 2, 2)
-        for i, one in enumerate(events):
-            below = (1 + mpmath.mpf(one.level)) / 2  # sin²(θ/2) there, of the level as it is
+        for i, event in enumerate(events):
+            below = (1 + mpmath.mpf(event.level)) / 2  # sin²(θ/2) there, of the level as it is
             before = float(mpmath.ellipf(mpmath.asin(mpmath.sqrt(below / m)), m))
             times = np.sort(np.concatenate([bottoms - before, bottoms + before]))
             times = times[times < end]
-            found = np.abs(run.events[one.name].t)
-            assert len(found) == len(times), depth[i]
-            assert np.abs(found - times).max() < 1e-12 / np.sqrt(depth[i])
+            event_times = np.abs(run.events[event.name].t)
+            assert len(event_times) == len(times), depth[i]
+            assert np.abs(event_times - times).max() < 1e-12 / np.sqrt(depth[i])
 
 
 def ball(real: str = "double"):
-    """x'' = −g + push: parabolas, which the scheme follows to rounding."""
+    """Return the stepper of x'' = −g + push, whose parabolas it follows to rounding."""
     return systems.stepper("ball", real=real)
 
 
@@ -129,10 +129,10 @@ def falls(real: str, level: float, count: int, seed: int):
 @pytest.mark.parametrize("count", [
     200, pytest.param(250_000, marks=pytest.mark.slow(reason="a million starts"))])
 def test_random_starts_on_the_level(real: str, level: float, dt: float, count: int) -> None:
-    """Thrown upwards (backwards in time: from above) each comes back once, the others never."""
+    """Balls thrown upwards (backwards in time: from above) come back once, the others never."""
     u, back = falls(real, level, count, seed=1)
     steps = 3
-    many = ball(real=real).integrate_ensemble(
+    events = ball(real=real).integrate_ensemble(
         np.full((count, 1), level), u[:, None], dt=dt, steps=steps, every=steps,
         parameters=accelerated(-10.0), events=[
             gs.Event("x", level=level), gs.Event("x", level=level, direction=1, name="rising"),
@@ -140,50 +140,50 @@ def test_random_starts_on_the_level(real: str, level: float, dt: float, count: i
     times = back * np.sign(dt)
     ends = (times > 0) & (times < steps * abs(dt))
     assert np.count_nonzero(ends & (times < abs(dt))) > count / 8
-    assert np.array_equal(many["x"].count, ends)
-    assert np.array_equal(many["falling"].count, ends)
-    assert not many["rising"].count.any()
+    assert np.array_equal(events["x"].count, ends)
+    assert np.array_equal(events["falling"].count, ends)
+    assert not events["rising"].count.any()
     size = 2.0**-23 if real == "float" else 2.0**-52
     off = 64 * size * (abs(dt) + level / abs(u[ends]))
-    assert np.all(abs(many["x"].first[ends] - back[ends]) <= off)
+    assert np.all(abs(events["x"].first[ends] - back[ends]) <= off)
 
 
 def quadratic(first: float, second: float, ahead: int = 1):
-    """A run of x = (t − first)(t − second) in steps of 1/4, which are exact, and its events."""
+    """Return the event times of a run of x = (t − first)(t − second), exact in steps of 1/4."""
     start, end = (0.0, 2.0)[::ahead]
     begin = gs.Start([(start - first) * (start - second)], [2 * start - first - second], t=start)
-    found = ball().integrate(begin, dt=ahead / 4, steps=8, parameters=accelerated(2.0), events=[
+    run = ball().integrate(begin, dt=ahead / 4, steps=8, parameters=accelerated(2.0), events=[
             gs.Event("x"), gs.Event("x", direction=1, name="rising"),
             gs.Event("x", direction=-1, name="falling")])
-    assert found.t[-1] == end
-    assert np.array_equal(found.q[:, 0], (found.t - first) * (found.t - second))
-    return {name: one.t.tolist() for name, one in found.events.items()}
+    assert run.t[-1] == end
+    assert np.array_equal(run.q[:, 0], (run.t - first) * (run.t - second))
+    return {name: event.t.tolist() for name, event in run.events.items()}
 
 
 @pytest.mark.parametrize("ahead", [1, -1])
 @pytest.mark.parametrize(("first", "second"), [
     (1.0, 1.125), (0.875, 1.0), (0.5, 1.5), (1.0, 1.25), (0.0, 1.0), (0.0, 0.25), (1.0, 9.0)])
 def test_states_on_the_level_within_a_run(first: float, second: float, ahead: int) -> None:
-    """A zero at the end of a step, with or without another one in the steps beside it."""
+    """A zero is at the end of a step, with or without another one in the steps beside it."""
     inside = [t for t in (first, second) if t < 2 and t != (0.0, 2.0)[::ahead][0]][::ahead]
-    found = quadratic(first, second, ahead)
-    assert found["x"] == pytest.approx(inside, abs=1e-15)
+    times = quadratic(first, second, ahead)
+    assert times["x"] == pytest.approx(inside, abs=1e-15)
     for name, sign in (("falling", -1), ("rising", 1)):
-        own = [t for t in inside if (2 * t - first - second) * ahead * sign > 0]
-        assert found[name] == pytest.approx(own, abs=1e-15)
+        expected = [t for t in inside if (2 * t - first - second) * ahead * sign > 0]
+        assert times[name] == pytest.approx(expected, abs=1e-15)
 
 
 @pytest.mark.parametrize("ahead", [1, -1])
 def test_a_touch_is_no_crossing(ahead: int) -> None:
-    """Of the second order, at the end of a step and at the start of a run."""
+    """A zero of second order is at the end of a step, or at the start of a run."""
     assert quadratic(1.0, 1.0, ahead) == {"x": [], "rising": [], "falling": []}
     assert quadratic(0.0, 0.0, ahead)["x"] == []
 
 
 def test_a_value_that_rests_on_its_level_does_not_cross_it() -> None:
-    found = ball().integrate([0.0], [0.0], dt=0.1, steps=5, parameters=accelerated(0.0),
-                             events=gs.Event("x"))
-    assert len(found.events["x"]) == 0
+    run = ball().integrate([0.0], [0.0], dt=0.1, steps=5, parameters=accelerated(0.0),
+                           events=gs.Event("x"))
+    assert len(run.events["x"]) == 0
 
 
 @pytest.mark.parametrize("direction", [0, -1])

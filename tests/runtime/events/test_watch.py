@@ -1,4 +1,4 @@
-"""What a watch sees of a run does not depend on how the run is cut into pieces."""
+"""Brackets of events do not depend on how a run is cut into pieces."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ ROWS = st.lists(st.tuples(*[st.integers(-6, 6)] * 2), min_size=1, max_size=24)
 
 
 def watch_of(terminal: bool) -> EventDetector:
-    """A watch at coordinates: the first goes either way, the second falls, and may end the run."""
+    """Return a watch: one event goes either way, the other falls and may end the run."""
     levels = SimpleNamespace(
         binding=SimpleNamespace(times=lambda t0, dt, steps: t0 + steps * dt),
         events=(gs.Event("x"), gs.Event("y", direction=-1, terminal=terminal)),
@@ -32,7 +32,7 @@ def watch_of(terminal: bool) -> EventDetector:
 
 
 def seen(rows: np.ndarray, cuts: list[int], terminal: bool, peeks: set[int]) -> list:
-    """What is seen of rows that are cut after so many steps; some cuts look a row ahead, or not."""
+    """Return the brackets of rows cut after so many steps; some cuts look a row ahead, or not."""
     detector = watch_of(terminal)
     ends = sorted({min(cut, len(rows) - 1) for cut in cuts} | {len(rows) - 1})
     for begin, end in zip([0, *ends], ends, strict=False):
@@ -45,40 +45,40 @@ def seen(rows: np.ndarray, cuts: list[int], terminal: bool, peeks: set[int]) -> 
             detector.bracket_last_step()
     detector.bracket_last_step()
     detector.bracket_last_step()  # sees nothing twice
-    found = detector.brackets
-    return [] if found is None else sorted(zip(
-        found.step.tolist(), found.event.tolist(), found.turning.tolist(), found.before.tolist(),
-        found.after.tolist(), found.q.tolist(), strict=True))
+    brackets = detector.brackets
+    return [] if brackets is None else sorted(zip(
+        brackets.step.tolist(), brackets.event.tolist(), brackets.turning.tolist(),
+        brackets.before.tolist(), brackets.after.tolist(), brackets.q.tolist(), strict=True))
 
 
 @given(ROWS, st.lists(st.integers(0, 24), max_size=8), st.booleans(),
        st.sets(st.integers(-24, 24)))
 def test_pieces_are_no_part_of_the_result(rows, cuts, terminal, peeks) -> None:
-    """However it is cut, and wherever one looks into the last step before it goes on.
+    """Brackets are the same however the run is cut, wherever a cut looks into the last step.
 
-    Looked into without the state behind it, it is kept where the value still falls: one more step
-    that is looked into, and none twice.
+    Without the state behind it, such a look leaves a bracket where the value still falls: one more
+    step to look into, and none twice.
     """
     values = np.array(rows, dtype=float)
-    whole = seen(values, [], terminal, set())
-    assert seen(values, cuts, terminal, {end for end in peeks if end > 0}) == whole
-    found = seen(values, cuts, terminal, peeks | {-cut for cut in cuts})
-    assert [one for one in found if one in whole] == whole
-    more = [one for one in found if one not in whole]
-    assert all(turning and abs(after) < abs(before) for _, _, turning, before, after, _ in more)
-    assert len({(step, event) for step, event, *_ in found}) == len(found)
-    assert seen(values, list(range(len(rows))), terminal, set()) == whole
+    uncut = seen(values, [], terminal, set())
+    assert seen(values, cuts, terminal, {end for end in peeks if end > 0}) == uncut
+    brackets = seen(values, cuts, terminal, peeks | {-cut for cut in cuts})
+    assert [bracket for bracket in brackets if bracket in uncut] == uncut
+    extra = [bracket for bracket in brackets if bracket not in uncut]
+    assert all(turning and abs(after) < abs(before) for _, _, turning, before, after, _ in extra)
+    assert len({(step, event) for step, event, *_ in brackets}) == len(brackets)
+    assert seen(values, list(range(len(rows))), terminal, set()) == uncut
 
 
 def come_near(parameters, t, q, p, last):
-    """Do what the compiled function does: rows behind a value no further off than it moves."""
-    found = []
+    """Return first and last row behind a value no further off than it moves, as compiled."""
+    near = []
     for i, now in enumerate(q):
         moves = abs(now - last[0])
         if not (abs(last[0]) > last[1] + moves).all():
-            found.append(i)
+            near.append(i)
         last[:] = now, moves
-    return (found[0], found[-1]) if found else None
+    return (near[0], near[-1]) if near else None
 
 
 def sparse_of(make):
@@ -94,23 +94,23 @@ def sparse_of(make):
 @example([(5, 5)] + [(1, 1)] * 6, [2])
 @example([(-5, -5)] + [(-1, -1)] * 6, [2, 3])
 def test_pieces_that_are_looked_at_where_something_is_near(rows, cuts) -> None:
-    """What is near at the end of a piece is looked at with the first states of the next.
+    """Values near at the end of a piece are looked at with the first states of the next.
 
     So is the last step where the parabola through the state before turns, and nothing moves behind.
     """
     values = np.array(rows, dtype=float)
 
     with pytest.MonkeyPatch.context() as patch:
-        whole = seen(values, [], False, set())
+        uncut = seen(values, [], False, set())
         patch.setitem(globals(), "watch_of", sparse_of(watch_of))
-        assert seen(values, [], False, set()) == whole
-        assert seen(values, cuts, False, set()) == whole
+        assert seen(values, [], False, set()) == uncut
+        assert seen(values, cuts, False, set()) == uncut
         for cut in range(len(rows)):
-            assert seen(values, [cut], False, set()) == whole
+            assert seen(values, [cut], False, set()) == uncut
 
 
 def test_a_value_that_stays_far_is_not_looked_at() -> None:
-    """And one that a parabola may lead to its level is, in one piece with others or by itself."""
+    """Values are looked at if a parabola may lead to their level, in one piece or by themselves."""
     far = np.array([[9.0], [8.0], [9.0]] * 4).repeat(2, axis=1)
     assert seen(far, [], False, set()) == []
     near = np.array([[2.6], [1.3], [2.6], [4.0], [5.4]]).repeat(2, axis=1)
@@ -118,7 +118,7 @@ def test_a_value_that_stays_far_is_not_looked_at() -> None:
 
 
 def dips(dt: float) -> dict[str, object]:
-    """Arguments of a run that dips, at a quarter of its period and on, below a level."""
+    """Return arguments of a run that dips, at a quarter of its period and on, below a level."""
     return {"dt": dt, "parameters": {"g": 1.0}, "events": [
         gs.Event("height", level=-1 + 1e-7, terminal=True), gs.Event("side", level=0.1)]}
 
@@ -126,7 +126,7 @@ def dips(dt: float) -> dict[str, object]:
 def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
     """A dip ends the run at once, whatever the steps behind it would do."""
     step = pendulum()
-    whole = step.integrate(*start(), **dips(0.05), steps=100)
+    sound = step.integrate(*start(), **dips(0.05), steps=100)
     real, last = Compiled.integrate, [40]
 
     def failing(binding, constants, steps, every, state, rows):
@@ -135,18 +135,18 @@ def test_a_step_that_fails_behind_the_end_is_none_of_the_run() -> None:
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Compiled, "integrate", failing)
-        found = step.integrate(*start(), **dips(0.05), steps=100)
-        assert found.t.tolist() == whole.t.tolist()
-        assert found.report == whole.report
+        run = step.integrate(*start(), **dips(0.05), steps=100)
+        assert run.t.tolist() == sound.t.tolist()
+        assert run.report == sound.report
         last[0] = 10
         with pytest.raises(gs.StepFailed) as failed:
             step.integrate(*start(), **dips(0.05), steps=10)
     assert len(failed.value.trajectory) == 11
-    assert [*failed.value.trajectory.events] == [*whole.events]
+    assert [*failed.value.trajectory.events] == [*sound.events]
 
 
 def test_a_dip_within_the_step_of_the_end_is_told() -> None:
-    """The step before the end is looked into, though no state behind it is one of the run's."""
+    """The step before the end is looked into, though no state behind it belongs to the run."""
     below = gs.Event("height", level=-1 + 1e-7)
     end = gs.Event("side", level=-0.02, terminal=True)
     run = pendulum().integrate(*start(), dt=0.25, steps=20, parameters={"g": 1.0},
@@ -160,7 +160,7 @@ def test_a_dip_within_the_step_of_the_end_is_told() -> None:
 @pytest.mark.parametrize("t0", [-100.0, 100.0])
 @pytest.mark.parametrize("dt", [0.25, -0.25])
 def test_of_two_ends_in_one_step_the_first_is_the_end(t0: float, dt: float) -> None:
-    """Whatever the sign of the times is, and whichever way the run goes."""
+    """The order of ends holds for times of either sign, and for either direction of the run."""
     events = [gs.Event("side", level=0.02, terminal=True, name="late"),
               gs.Event("side", level=0.1, terminal=True, name="early")]
     for order in (events, events[::-1]):
@@ -172,7 +172,7 @@ def test_of_two_ends_in_one_step_the_first_is_the_end(t0: float, dt: float) -> N
 
 
 def test_ctrl_c_where_events_are_solved_for(monkeypatch) -> None:
-    """What was not solved is not told: the states come without events."""
+    """The states come without events, for these were not solved for."""
     real = observer.crossings_of
 
     def interrupted(*arguments):
@@ -188,14 +188,14 @@ def test_ctrl_c_where_events_are_solved_for(monkeypatch) -> None:
 
 
 def test_times_to_store_and_a_dip_that_ends_the_run() -> None:
-    """The run that is made again to its end stores no state behind it."""
+    """The run is repeated up to its end, and stores no state behind it."""
     run = pendulum().integrate(*start(), **dips(0.05), steps=100, t_eval=[0.3])
     assert run.t.tolist() == [0.3]
     assert run.report.steps == int(period() / 4 / 0.05)
 
 
 def nearest(rows: list[float], level: float) -> tuple[int, int] | None:
-    """What the compiled function says of the first coordinate of such states."""
+    """Return the rows that compiled code calls near, for states with this first coordinate."""
     step = pendulum()
     q = np.zeros((len(rows), 2))
     q[:, 0] = rows
@@ -204,16 +204,16 @@ def nearest(rows: list[float], level: float) -> tuple[int, int] | None:
                         np.array([level]), np.full(2, np.nan))
 
 
-@pytest.mark.parametrize(("units", "found"), [(1, (0, 5)), (2, (0, 5)), (-2, (0, 5)), (3, (0, 1)),
-                                              (-3, (0, 1))])
-def test_what_is_off_its_level_by_rounding_is_near(units: int, found: tuple[int, int]) -> None:
-    """Two units of the level, though nothing moves; the first rows have no past and are near."""
+@pytest.mark.parametrize(("units", "expected"), [
+    (1, (0, 5)), (2, (0, 5)), (-2, (0, 5)), (3, (0, 1)), (-3, (0, 1))])
+def test_what_is_off_its_level_by_rounding_is_near(units: int, expected: tuple[int, int]) -> None:
+    """Two units off the level are near, though nothing moves; so are first rows, without a past."""
     level = 2.0**30
-    assert nearest([level + units * 2.0**-22] * 6, level) == found
+    assert nearest([level + units * 2.0**-22] * 6, level) == expected
 
 
 def test_near_is_no_further_than_the_steps_on_either_side_move() -> None:
-    """|y_i| <= |y_i - y_(i-1)| + |y_(i+1) - y_i|, in exact numbers; the row behind it is told."""
+    """|y_i| <= |y_i - y_(i-1)| + |y_(i+1) - y_i|, in exact numbers; the row behind counts too."""
     assert nearest([40, 39, 30, 25, 16, 7, 7, 7, 7], 0) == (0, 6)  # 7 <= 9 + 0
     assert nearest([40, 39, 30, 25, 20, 15, 15, 15], 0) == (0, 1)
     assert nearest([40, 39, 30, 25, 15, 15, 10, 5.5, 5.5], 0) == (0, 1)  # 10 > 5 + 4.5
