@@ -1,4 +1,4 @@
-"""Which starts are on the constraints: the same as by every single coordinate, for O(n) numbers."""
+"""The check of starts agrees with a sum over every single coordinate, for O(n) numbers."""
 
 from __future__ import annotations
 
@@ -18,38 +18,38 @@ from gyrospark.sweeps.results import BAD_START
 
 
 def by_each_coordinate(binding, keeps_f, parameters, q, p, dt):
-    """Return which rows are starts: Σₖ |g(q + h eₖ) − g(q)| and so on, a state at a time."""
-    def defects(q, p, own):
-        return [x[0] for x in binding.defects(own, *(np.ascontiguousarray(x[None])
-                                                     for x in (q, p)))]
+    """Return whether each row is a start: Σₖ |g(q + h eₖ) − g(q)| and so on, a state at a time."""
+    def defects(q, p, values):
+        return [x[0] for x in binding.defects(values, *(np.ascontiguousarray(x[None])
+                                                        for x in (q, p)))]
 
-    def added(q, p, own, dq, dp):
-        start, sums = defects(q, p, own), np.zeros((2, binding.m))
+    def added(q, p, values, dq, dp):
+        start, sums = defects(q, p, values), np.zeros((2, binding.m))
         for k in range(binding.n):
             unit = np.eye(binding.n)[k]
-            for moved in (defects(q + dq * unit, p, own), defects(q, p + dp * unit, own)):
+            for moved in (defects(q + dq * unit, p, values), defects(q, p + dp * unit, values)):
                 sums += [np.abs(new - old) for new, old in zip(moved, start, strict=True)]
         return sums.max(axis=1)
 
-    h, found = 2.0**-10 * binding.epsilon**0.25, []
+    h, verdicts = 2.0**-10 * binding.epsilon**0.25, []
     for i in range(len(q)):
-        own = parameters + i if binding.sets(parameters) > 1 else parameters
-        g, f = (np.abs(x).max() for x in defects(q[i], p[i], own))
+        values = parameters + i if binding.sets(parameters) > 1 else parameters
+        g, f = (np.abs(x).max() for x in defects(q[i], p[i], values))
         g_bound, f_bound = 64 * binding.epsilon / h * added(
-            q[i], p[i], own, h * np.linalg.norm(q[i]), h * np.linalg.norm(p[i]))
+            q[i], p[i], values, h * np.linalg.norm(q[i]), h * np.linalg.norm(p[i]))
         if f > f_bound:
-            x = binding.guess(own, dt[i], q[i].copy(), p[i].copy(), binding.work())
+            x = binding.guess(values, dt[i], q[i].copy(), p[i].copy(), binding.work())
             n = binding.n
             if keeps_f:  # 64 ε of what forces add to p in a step
                 kick = dt[i] * np.abs(x[binding.kicks]).max()
                 f_bound = 64 * binding.epsilon / h * added(
-                    q[i], p[i], own, h * np.linalg.norm(q[i]),
+                    q[i], p[i], values, h * np.linalg.norm(q[i]),
                     h * (np.linalg.norm(p[i]) + kick))[1]
-                found.append(g <= g_bound and f <= f_bound)
+                verdicts.append(g <= g_bound and f <= f_bound)
                 continue
-            f_bound += added(q[i], p[i], own, np.abs(x[:n]).max(), np.abs(x[n : 2 * n]).max())[1]
-        found.append(g <= g_bound and f <= f_bound)
-    return found
+            f_bound += added(q[i], p[i], values, np.abs(x[:n]).max(), np.abs(x[n : 2 * n]).max())[1]
+        verdicts.append(g <= g_bound and f <= f_bound)
+    return verdicts
 
 
 SYSTEMS = {
@@ -65,7 +65,7 @@ SYSTEMS = {
 def test_starts_are_those_of_the_sum_over_all_coordinates(
     name, seed, keeps_f, varied, size, count
 ):
-    """Rows off by less and more than round-off, some of them with parameters of their own."""
+    """Rows are off by less and more than round-off; some have parameters of their own."""
     step, parameters, q0, p0 = SYSTEMS[name]()
     rng, binding = np.random.default_rng(seed), step.binding
     rows = []
@@ -79,16 +79,16 @@ def test_starts_are_those_of_the_sum_over_all_coordinates(
     changed = ("I3", "g")
     columns = {key: np.full(count, value) * (rng.uniform(0.9, 1.1, count) if key in changed else 1)
                for key, value in parameters.items()}
-    own = binding.parameter_sets(columns, np.zeros(count)) if varied else binding.parameters(
+    sets = binding.parameter_sets(columns, np.zeros(count)) if varied else binding.parameters(
         {key: float(value) for key, value in parameters.items()}, 0.0)
     dt = rng.uniform(1e-4, 1e-2, count)
-    found = defects_of_starts(binding, keeps_f, own, q, p, dt).consistent
-    wanted = by_each_coordinate(binding, keeps_f, own, q, p, dt)
-    # Rows are as they are by themselves or, if another one is off, by the exact sum.
-    assert found.tolist() == wanted
-    for i in range(count):  # what a run looks at first passes no other rows
-        one = binding.set_of(own, i) if varied else own
-        assert not binding.is_consistent(one, q[i], p[i]) or wanted[i]
+    verdicts = defects_of_starts(binding, keeps_f, sets, q, p, dt).consistent
+    expected = by_each_coordinate(binding, keeps_f, sets, q, p, dt)
+    # A row is checked by itself or, if another one is off, by the exact sum.
+    assert verdicts.tolist() == expected
+    for i in range(count):  # the first check of a run passes no other rows
+        row_set = binding.set_of(sets, i) if varied else sets
+        assert not binding.is_consistent(row_set, q[i], p[i]) or expected[i]
 
 
 def test_what_a_scheme_lets_oscillate_is_allowed_by_few_states(monkeypatch):
@@ -139,7 +139,7 @@ def test_a_run_goes_on_from_its_end_near_rest():
 
 
 def test_messages_of_starts_name_their_cause():
-    """Numbers of single precision; and a start that cannot be projected is not told to."""
+    """Single precision is named; a start that cannot be projected has no hint to project it."""
     step = systems.stepper("heavy_top")
     q = np.array(TOP.q0, dtype=np.float32) + np.float32(0.1)
     q /= np.linalg.norm(q)

@@ -36,9 +36,9 @@ def test_the_step_that_it_proposes_does(run, gl3):
     assert 0 < failure.dt < run["dt"]
     assert f"dt = {failure.dt:.9g} does" in str(failure)
     state = failure.trajectory
-    made = gl3.integrate(state.q[-1], state.p[-1], steps=1, parameters=PARAMETERS,
-                         **run | {"dt": failure.dt})
-    assert len(made) == 2
+    retried = gl3.integrate(state.q[-1], state.p[-1], steps=1, parameters=PARAMETERS,
+                            **run | {"dt": failure.dt})
+    assert len(retried) == 2
 
 
 def test_too_few_iterations_are_distinguished_from_divergence(gl3):
@@ -70,16 +70,16 @@ def test_stagnation_is_reported():
 
 
 def test_ensembles_tell_the_reason_without_looking_for_a_cure(gl3):
-    made = gl3.integrate_ensemble(np.array([TOP.q0] * 2), np.array([TOP.p0] * 2),
-                                  dt=np.array([1e-3, 0.08]), steps=3, parameters=PARAMETERS,
-                                  solver="fixed-point")
-    assert list(made.failures) == [1]
-    assert made.failures[1].reason == "diverged"
-    assert made.failures[1].dt is None
+    ensemble = gl3.integrate_ensemble(np.array([TOP.q0] * 2), np.array([TOP.p0] * 2),
+                                      dt=np.array([1e-3, 0.08]), steps=3, parameters=PARAMETERS,
+                                      solver="fixed-point")
+    assert list(ensemble.failures) == [1]
+    assert ensemble.failures[1].reason == "diverged"
+    assert ensemble.failures[1].dt is None
 
 
 def test_newton_that_leaves_the_range_of_numbers_has_diverged():
-    """The state is finite, and so are its forces: "not finite" would be said of these."""
+    """The state is finite, and so are its forces: the reason is not that numbers are not finite."""
     with pytest.raises(gs.StepFailed) as caught:
         damped().integrate([0.0], [3.0], dt=1.0, steps=1,
                            parameters={"k": 1, "g": 0, "c": 0, "a": 0, "b": 50})
@@ -108,17 +108,17 @@ def test_failed_step_carries_everything_before_it(failures):
 
 @pytest.mark.parametrize("every", [3, 1000])
 def test_failed_step_between_stored_ones(every, failures):
-    """The rows that were complete are there; the report knows the last good state."""
+    """The complete rows are there; the report has the last good state."""
     for step, options, failure in failures:
         with pytest.raises(gs.StepFailed) as caught:
             step.integrate(*LATE, steps=200, every=every, **options)
         assert caught.value.step == failure.step
-        made, whole = caught.value.trajectory, failure.trajectory
-        assert made.report == whole.report
-        kept = np.arange(0, failure.step, every)
-        assert np.array_equal(made.q[: len(kept)], whole.q[kept])
-        assert np.array_equal(made.t[: len(kept)], whole.t[kept])
-        assert made.report.q == tuple(whole.q[-1])
+        partial, full = caught.value.trajectory, failure.trajectory
+        assert partial.report == full.report
+        stored = np.arange(0, failure.step, every)
+        assert np.array_equal(partial.q[: len(stored)], full.q[stored])
+        assert np.array_equal(partial.t[: len(stored)], full.t[stored])
+        assert partial.report.q == tuple(full.q[-1])
 
 
 def test_one_iteration_is_not_enough(step):
@@ -131,7 +131,7 @@ def test_one_iteration_is_not_enough(step):
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("dt", [-1e300, 1e-320, 1e30])
 def test_hopeless_time_step_fails_or_works_without_a_warning(dt, step):
-    """No exception but StepFailed; what is returned is finite and on the constraint."""
+    """Only StepFailed is raised; a returned run is finite and on the constraint."""
     for solver in ("auto", "newton"):
         try:
             q, p = step.step(TOP.q0, TOP.p0, dt=dt, parameters=PARAMETERS, solver=solver)
@@ -146,24 +146,25 @@ def test_hopeless_time_step_fails_or_works_without_a_warning(dt, step):
 @pytest.mark.parametrize("changes", [{"I1": 1e-310}, {"gamma": 1e308}, {"mgl": 1e308},
                                      {"gamma": 5e-324}], ids=str)
 def test_parameters_at_the_edge_fail_cleanly(changes, step):
-    """What is returned is finite, or a step fails, or H is refused: no NaN passed off, no hang."""
+    """A run is finite, or a step fails, or H is refused: nothing returns NaN or hangs."""
     for solver in ("auto", "newton"):
         try:
-            made = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=3, solver=solver,
-                                  parameters=PARAMETERS | changes)
+            run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=3, solver=solver,
+                                 parameters=PARAMETERS | changes)
         except gs.StepFailed:
             continue
         except gs.InputError as refused:
             assert "H = nan" in str(refused)  # noqa: PT017 (it may be refused and need not)
             continue
-        assert np.isfinite(made.q).all()
-        assert np.isfinite(made.p).all()
+        assert np.isfinite(run.q).all()
+        assert np.isfinite(run.p).all()
 
 
 def test_failure_can_be_sent_to_another_process(failures):
     """A worker's exception that cannot be pickled would hang its pool."""
     for _, _, failure in failures:
-        for other in (pickle.loads(pickle.dumps(failure)), copy.copy(failure)):
-            assert (other.step, other.t, other.reason) == (failure.step, failure.t, failure.reason)
-            assert equal(other.trajectory, failure.trajectory)
-            assert str(other) == str(failure)
+        for copied in (pickle.loads(pickle.dumps(failure)), copy.copy(failure)):
+            assert (copied.step, copied.t, copied.reason) == (
+                failure.step, failure.t, failure.reason)
+            assert equal(copied.trajectory, failure.trajectory)
+            assert str(copied) == str(failure)

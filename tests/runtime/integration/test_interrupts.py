@@ -1,4 +1,4 @@
-"""Ctrl-C loses nothing: what was computed comes with the exception, or goes to the file."""
+"""Ctrl-C loses nothing: computed states come with the exception, or go to the file."""
 
 from __future__ import annotations
 
@@ -39,22 +39,23 @@ def at(step):
 
 @pytest.mark.parametrize(("solver", "every"), [("auto", 1), ("auto", 7), ("newton", 3)])
 def test_run_comes_with_what_it_has(solver, every, gl3):
-    """As a KeyboardInterrupt, the caller's handler back in place."""
+    """A KeyboardInterrupt has the trajectory; the caller's handler is back in place."""
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(KeyboardInterrupt, match=r"step [0-9]+ of 400\.") as error:
         integrate(gl3, **START, steps=400, every=every, solver=solver, progress=at(50))
     assert isinstance(error.value, gs.errors.Stopped)
     assert error.value.signal == signal.SIGINT
-    part = error.value.trajectory
-    assert 50 <= part.report.steps < 400
-    assert len(part) == part.report.steps // every + 1
-    assert_same_states(part, integrate(gl3, **START, steps=400, every=every, solver=solver))
-    assert part.report.q == integrate(gl3, **START, steps=part.report.steps, solver=solver).report.q
+    trajectory = error.value.trajectory
+    assert 50 <= trajectory.report.steps < 400
+    assert len(trajectory) == trajectory.report.steps // every + 1
+    assert_same_states(trajectory, integrate(gl3, **START, steps=400, every=every, solver=solver))
+    assert trajectory.report.q == integrate(
+        gl3, **START, steps=trajectory.report.steps, solver=solver).report.q
     assert signal.getsignal(signal.SIGINT) is before
 
 
 def test_run_that_is_over_is_reported_too(gl3):
-    """A loop over short runs can be ended, and the last one is whole."""
+    """A loop over short runs can be ended, and the last run is complete."""
     with pytest.raises(gs.errors.Stopped, match=r"last .*20 .*complete") as error:
         integrate(gl3, **START, steps=20, progress=at(20))
     assert_same(error.value.trajectory, integrate(gl3, **START, steps=20))
@@ -84,10 +85,10 @@ def test_own_handler_is_left_alone(gl3):
     heard = []
     before = signal.signal(signal.SIGINT, lambda *arguments: heard.append(arguments))
     try:
-        found = integrate(gl3, **START, steps=100, progress=at(50))
+        run = integrate(gl3, **START, steps=100, progress=at(50))
     finally:
         signal.signal(signal.SIGINT, before)
-    assert found.report.steps == 100
+    assert run.report.steps == 100
     assert heard
 
 
@@ -101,8 +102,8 @@ def test_watch_within_a_watch_is_the_same():
         with pytest.raises(KeyboardInterrupt):
             interrupt()
     assert {number: signal.getsignal(number) for number in before} == before
-    with catch_ctrl_c() as other:
-        assert not other.is_requested
+    with catch_ctrl_c() as later:
+        assert not later.is_requested
 
 
 def test_a_build_that_is_terminated_leaves_no_folder(tmp_path):
@@ -116,59 +117,59 @@ def test_a_build_that_is_terminated_leaves_no_folder(tmp_path):
 
 
 def test_threads_hear_nothing(gl3):
-    """Signals are the main thread's: a run in another one goes on."""
-    seen = []
-    thread = threading.Thread(target=lambda: seen.append(
+    """Only the main thread has signals: a run in another one goes on."""
+    runs = []
+    thread = threading.Thread(target=lambda: runs.append(
         integrate(gl3, **START, steps=8000, every=8000)))
     with pytest.raises(KeyboardInterrupt):  # noqa: PT012 (raised wherever the main thread is)
         thread.start()
         interrupt()
         time.sleep(0.2)
     thread.join()
-    assert seen[0].report.steps == 8000
+    assert runs[0].report.steps == 8000
 
 
 @pytest.mark.parametrize(("solver", "count"), [
     ("auto", 20), pytest.param("newton", 3, marks=pytest.mark.slow)])
 def test_ensemble_comes_with_what_it_has(solver, count, gl3):
-    """Each member as far as it came; those that were not begun have their start."""
+    """Each member has the states it reached; a member that was not begun has its start."""
     q, p = np.tile(TOP.q0, (count, 1)), np.tile(TOP.p0, (count, 1))
     assert gl3._binding_of_many.lanes  # compiled before, not meanwhile
     presses = [interrupt]  # a second one would be raised at once
     with pytest.raises(gs.errors.Stopped, match=r"\.ensemble") as error:
         gl3.integrate_ensemble(q, p, **RUN, steps=10**8, every=10**6, solver=solver, workers=2,
                                progress=lambda done: presses.pop()() if done and presses else None)
-    found = error.value.ensemble
-    assert len(found) == count
-    assert found.q.shape == (count, 101, 4)
-    assert not found.failures
-    done = [member.report.steps for member in found.members]
+    ensemble = error.value.ensemble
+    assert len(ensemble) == count
+    assert ensemble.q.shape == (count, 101, 4)
+    assert not ensemble.failures
+    done = [member.report.steps for member in ensemble.members]
     assert 0 < max(done) < 10**8
     for steps in sorted(set(done))[:2]:
         alone = gl3.integrate_ensemble(q[:1], p[:1], **RUN, steps=steps, every=10**6, solver=solver)
-        member = found.members[done.index(steps)]
+        member = ensemble.members[done.index(steps)]
         assert member.report.q == alone.members[0].report.q
-        np.testing.assert_array_equal(found.q[done.index(steps), : len(member)], member.q)
-    assert np.isnan(found.q[:, -1]).all()
+        np.testing.assert_array_equal(ensemble.q[done.index(steps), : len(member)], member.q)
+    assert np.isnan(ensemble.q[:, -1]).all()
 
 
 def test_sweep_in_memory_comes_with_its_cells():
-    """The tiles that were done; the others are not computed."""
+    """The dataset has the tiles that were done; the others are not computed."""
     over = {"scheme": ["EMS", "IMS", "G-L 2"], "gamma": GAMMAS}  # three tiles
-    whole = gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1)
+    complete = gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1)
     with pytest.raises(gs.errors.Stopped, match=r"of 9 .*\.dataset") as error:
         gs.sweep(TOP, over, dt=1e-3, steps=20, workers=1,
                  progress=lambda done, everything: interrupt() if 0 < done < 4 else None)
-    found = error.value.dataset
-    done = found.status == 0
+    partial = error.value.dataset
+    done = partial.status == 0
     assert 3 <= int(done.sum()) < 9
-    assert (found.status.values[~done.values] == NOT_COMPUTED).all()
-    assert found.energy_error_max.where(done).equals(whole.energy_error_max.where(done))
-    assert found.energy_error_max.where(~done).isnull().all()
+    assert (partial.status.values[~done.values] == NOT_COMPUTED).all()
+    assert partial.energy_error_max.where(done).equals(complete.energy_error_max.where(done))
+    assert partial.energy_error_max.where(~done).isnull().all()
 
 
 def test_pace_follows_what_steps_cost():
-    """From 16 steps to 4096 where they are quick; a tenth of a second where they are not."""
+    """Calls grow from 16 steps to 4096 where these are quick, else to a tenth of a second."""
     now = [0.0]
 
     def paces(cost, pieces=12):  # costs are powers of two: the clock is exact
@@ -220,12 +221,12 @@ def stopped(arguments, number, folder):
 @pytest.mark.parametrize(("number", "code", "name"), [
     (signal.SIGINT, 130, "x.npz"), (signal.SIGTERM, 143, "x.npz"), (signal.SIGINT, 130, "x.csv")])
 def test_command_writes_what_it_has(number, code, name, gl3, tmp_path):
-    found, stdout, stderr = stopped([*LONG, "--out", name, "--json"], number, tmp_path)
-    assert found == code, stderr
-    said = json.loads(stdout)
-    steps = said["steps"]
-    assert said["stopped"] == {"step": steps, "signal": number}
-    assert said["out"] == name
+    exit_code, stdout, stderr = stopped([*LONG, "--out", name, "--json"], number, tmp_path)
+    assert exit_code == code, stderr
+    document = json.loads(stdout)
+    steps = document["steps"]
+    assert document["stopped"] == {"step": steps, "signal": number}
+    assert document["out"] == name
     assert stderr.count("\n") == 1
     assert f"step {steps:,} of 90,000,000" in stderr
     exact = integrate(gl3, **START, steps=steps, every=1000).q[: steps // 1000 + 1]
@@ -244,8 +245,8 @@ def test_signals_after_the_last_step(signals, out, gyrospark, monkeypatch, tmp_p
     """The message says that the run is complete; a second signal ends the report."""
     run = importlib.import_module("gyrospark.commands.run.command")
     report = run.result_of
-    monkeypatch.setattr(run, "result_of", lambda *given: (
-        [interrupt() for _ in range(signals)], report(*given))[1])
+    monkeypatch.setattr(run, "result_of", lambda *arguments: (
+        [interrupt() for _ in range(signals)], report(*arguments))[1])
     answer = gyrospark(*COMMAND, *out)
     assert answer.code == 130
     assert answer.stderr.count("\n") == 1
@@ -256,5 +257,5 @@ def test_signals_after_the_last_step(signals, out, gyrospark, monkeypatch, tmp_p
         return
     assert "20 steps" in answer.stdout
     assert "complete" in answer.stderr
-    left = {path.name for path in tmp_path.iterdir()}
-    assert left == {*out[1:]} | ({".x.zarr.lock"} if out[1:] == ("x.zarr",) else set())
+    files = {path.name for path in tmp_path.iterdir()}
+    assert files == {*out[1:]} | ({".x.zarr.lock"} if out[1:] == ("x.zarr",) else set())

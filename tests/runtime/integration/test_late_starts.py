@@ -1,4 +1,4 @@
-"""Runs that start at 1e9 s and 1e12 s, of which a double has 1e-7 s and 1e-4 s."""
+"""Runs start at 1e9 s and 1e12 s, at which doubles are 1e-7 s and 1e-4 s apart."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ EVENTS = [gs.Event("side"), gs.Event("height", level=-1 + 1e-3),
           gs.Event("v", level=0.01, direction=1, terminal=True, name="stop")]
 
 
-def run_from(t0: float, **more):
+def run_from(t0: float, **options):
     return pendulum().integrate(gs.Start(*start(), t=t0), dt=0.05, steps=2000,
-                                parameters={"g": 1.0}, **more)
+                                parameters={"g": 1.0}, **options)
 
 
 @pytest.mark.parametrize("t0", LATE)
@@ -35,17 +35,18 @@ def test_an_autonomous_run_and_its_events_have_the_bits_of_one_from_0(t0, events
     assert np.array_equal(late.elapsed, early.t)
     assert np.array_equal(late.t, t0 + early.t)
     assert late.report == early.report
-    for name, found in early.events.items():
-        other = late.events[name]
-        assert len(found)
-        assert np.array_equal(found.elapsed, found.t)
-        for part in ("elapsed", "q", "p", "steps", "rising"):
-            assert np.array_equal(getattr(other, part), getattr(found, part)), (name, part)
+    for name, crossings in early.events.items():
+        late_crossings = late.events[name]
+        assert len(crossings)
+        assert np.array_equal(crossings.elapsed, crossings.t)
+        for column in ("elapsed", "q", "p", "steps", "rising"):
+            assert np.array_equal(
+                getattr(late_crossings, column), getattr(crossings, column)), (name, column)
 
 
 @pytest.mark.parametrize("t0", LATE)
 def test_states_between_late_steps_are_those_of_early_ones(t0) -> None:
-    """At times that are doubles: multiples of 2⁻¹² s."""
+    """Times are doubles, multiples of 2⁻¹² s."""
     times = np.arange(1, 40) * 37 / 2**12
     early, late = (run_from(x).at(x + times) for x in (0.0, t0))
     assert np.array_equal(late.q, early.q)
@@ -65,9 +66,11 @@ def test_a_late_store_is_resumed_to_the_bit(name, t0, tmp_path, monkeypatch) -> 
     assert ends >= 2
 
 
-@pytest.mark.parametrize(("t0", "steps", "said"), [
+@pytest.mark.parametrize(("t0", "steps", "is_warned"), [
     (1e9, 20, True), (1e3, 20, False), (0.0, 20, False), (1e6, 10**6, False), (1e9, 0, False)])
-def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, said: bool) -> None:
+def test_a_late_start_of_a_driven_system_is_warned_of(
+    t0: float, steps: int, is_warned: bool
+) -> None:
     step, case = systems.stepper("driven_oscillator"), systems.case("driven_oscillator")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
@@ -78,8 +81,8 @@ def test_a_late_start_of_a_driven_system_is_warned_of(t0: float, steps: int, sai
             step.integrate(gs.Start(case.q, case.p, t=t0), dt=0.01, steps=steps,
                            parameters=case.parameters)
         warn_of_late_start(step.binding, 1e9, 1e300, 10**9)  # longer than all numbers
-    assert [bool(re.search(r"rounds times to 2e-05 of a step", str(one.message)))
-            for one in caught] == [True] * 3 * said
+    assert [bool(re.search(r"rounds times to 2e-05 of a step", str(warning.message)))
+            for warning in caught] == [True] * 3 * is_warned
 
 
 def test_the_latest_start_of_an_ensemble_is_named_with_its_sign() -> None:

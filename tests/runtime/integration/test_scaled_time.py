@@ -1,4 +1,4 @@
-"""Runs in scaled time: times asked for, derivatives, energy, what is refused, orders.
+"""Runs in scaled time: times asked for, derivatives, energy, refused calls, orders.
 
 Orders are of errors beside motions by a second way: other coordinates, equations without
 constraints, 40 digits (``helpers/scaled_motions.py``).
@@ -23,21 +23,21 @@ x, y, u, v, t = sp.symbols("x y u v t", real=True)
 SCALED = ["eccentric", "scaled_pendulum", "tethered_pair"]
 
 
-def arguments(name, **more):
+def arguments(name, **changes):
     entry = case(name)
-    return {"parameters": entry.parameters} | entry.step | more
+    return {"parameters": entry.parameters} | entry.step | changes
 
 
-def to(name, t_end, step=None, **more):
+def to(name, t_end, step=None, **changes):
     step = step or stepper(name)
-    return step.integrate(timed_start(name, step), t_end=t_end, **arguments(name, **more))
+    return step.integrate(timed_start(name, step), t_end=t_end, **arguments(name, **changes))
 
 
 # ---------------------------------------------------------------- energy, steps
 
 
 @pytest.mark.parametrize(("stages", "dtau"), [
-    (2, 0.2), *(pytest.param(*given, marks=pytest.mark.slow) for given in (
+    (2, 0.2), *(pytest.param(*row, marks=pytest.mark.slow) for row in (
         (1, 0.02), (3, 0.4), (4, 0.6)))])
 def test_the_energy_error_is_of_the_order_of_the_steps(stages, dtau):
     """H + e is 0 in the motion; it is never projected to 0, and does not drift."""
@@ -80,7 +80,7 @@ def test_a_scale_that_misses_the_fast_part_is_warned_of(power, dtau, t_end, warn
         run = step.integrate(start, **span)
         step.integrate_ensemble([start] * 3, **span)  # one warning for all
     assert t_end == 7 or 12 < len(run) < 30
-    assert [one.category for one in caught] == [gs.errors.InputWarning] * 2 * warns
+    assert [warning.category for warning in caught] == [gs.errors.InputWarning] * 2 * warns
 
 
 # ---------------------------------------------------------------- times
@@ -90,7 +90,7 @@ def test_a_scale_that_misses_the_fast_part_is_warned_of(power, dtau, t_end, warn
 @pytest.mark.parametrize("direction", [1, -1])
 @pytest.mark.parametrize("name", SCALED)
 def test_times_are_met(name, direction):
-    """At t_end, t_eval and by ``at``: all the same state at a time, as near as the steps are."""
+    """``t_end``, ``t_eval``, ``at`` and events lead to the same state at a time, to round-off."""
     entry, step = case(name), stepper(name)
     t_end, dtau = entry.t0 + direction * 0.9, direction * entry.dt
     run = to(name, t_end, dtau=dtau)
@@ -101,12 +101,12 @@ def test_times_are_met(name, direction):
     assert np.array_equal(between.t, asked)
     evaluated = to(name, t_end, dtau=dtau, t_eval=asked)
     size = np.abs(run.q).max() + np.abs(run.p).max()
-    for found in (between, evaluated):
-        assert np.array_equal(found.q[0], run.q[0])
-        assert np.abs(found.q[-1] - run.q[-1]).max() <= 1e3 * EPS * size
+    for states in (between, evaluated):
+        assert np.array_equal(states.q[0], run.q[0])
+        assert np.abs(states.q[-1] - run.q[-1]).max() <= 1e3 * EPS * size
     assert np.array_equal(between.q, evaluated.q)
-    every = to(name, t_end, dtau=dtau, every=3).at(asked)
-    assert np.abs(every.q - between.q).max() <= 1e3 * EPS * size
+    thinned = to(name, t_end, dtau=dtau, every=3).at(asked)
+    assert np.abs(thinned.q - between.q).max() <= 1e3 * EPS * size
     event = gs.Event(step.manifest.system.clock.time, level=asked[1], name="at")
     crossing = to(name, t_end, dtau=dtau, events=event).events["at"]
     beside = to(name, t_end, dtau=dtau, events=event)
@@ -124,8 +124,8 @@ def test_times_are_met(name, direction):
     pytest.param(0.8, 1.0, 1, "float128", 2.0**-112, marks=pytest.mark.slow)])  # a stepper
 def test_the_end_of_steps_of_any_length_is_that_among_events(dtau, t_end, every, real, round_off):
     step, event = stepper("eccentric", real=real), gs.Event("t", level=99.0)
-    alone, beside = (to("eccentric", t_end, step, dtau=dtau, every=every, **more)
-                     for more in ({}, {"events": event}))
+    alone, beside = (to("eccentric", t_end, step, dtau=dtau, every=every, **options)
+                     for options in ({}, {"events": event}))
     assert alone.t[-1] == beside.t[-1] == t_end
     assert len(alone) == len(beside)
     for kind in ("tau", "q", "p"):
@@ -158,7 +158,7 @@ def test_a_long_run_to_a_time_grows_its_arrays():
 @pytest.mark.parametrize("name", [
     pytest.param("eccentric", marks=pytest.mark.slow), "scaled_pendulum"])
 def test_gradients_at_a_time_are_differences(name):
-    """With de = −dH at the start, which depends on parameters and on the start."""
+    """At the start de = −dH, which depends on parameters and on the start."""
     entry, step = case(name), differentiable(name)
     t_end = entry.t0 + 0.9
     begin = timed_start(name, step)
@@ -166,9 +166,9 @@ def test_gradients_at_a_time_are_differences(name):
     w = np.linspace(0.3, 1.1, step.n)
     cotangents = {"q": np.zeros_like(run.q), "p": np.zeros_like(run.p)}
     cotangents["q"][-1], cotangents["p"][-1] = w, 1 - w
-    found = run.gradient(cotangents, wrt=["start", *entry.parameters])
+    gradient = run.gradient(cotangents, wrt=["start", *entry.parameters])
     backwards = run.gradient(cotangents, wrt=["start", *entry.parameters], memory="none")
-    assert backwards.vector() == pytest.approx(found.vector(), rel=1e-10)
+    assert backwards.vector() == pytest.approx(gradient.vector(), rel=1e-10)
     tangents = step.integrate(begin, t_end=t_end, tangents=gs.Tangents(
         start="all", parameters=[*entry.parameters]), **arguments(name)).tangents
     assert not tangents.events
@@ -187,18 +187,19 @@ def test_gradients_at_a_time_are_differences(name):
     ends = w @ tangents.q[-1] + (1 - w) @ tangents.p[-1]
     for parameter in {"k", "g"} & {*entry.parameters}:  # others move the constraints
         number = entry.parameters[parameter]
-        wanted = slope(lambda s: value(q, p, **{parameter: number + s}))  # noqa: B023 - called here
-        assert abs(found[parameter] - wanted) < 1e-7 * (1 + abs(wanted))
-        assert abs(ends[tangents.names.index(parameter)] - wanted) < 1e-7 * (1 + abs(wanted))
+        expected = slope(
+            lambda s: value(q, p, **{parameter: number + s}))  # noqa: B023 - called here
+        assert abs(gradient[parameter] - expected) < 1e-7 * (1 + abs(expected))
+        assert abs(ends[tangents.names.index(parameter)] - expected) < 1e-7 * (1 + abs(expected))
     for k, name in enumerate(tangents.names):
         if name.startswith("start"):
             dz = tangents.start[:, k]
-            along = found.q @ dz[: step.n] + found.p @ dz[step.n :]
+            along = gradient.q @ dz[: step.n] + gradient.p @ dz[step.n :]
             assert abs(along - ends[k]) < 1e-11 * (1 + abs(along))
             if not step.m:
-                wanted = slope(lambda s: value(q + s * dz[: step.n],  # noqa: B023 - called here
-                                               p + s * dz[step.n :]))  # noqa: B023
-                assert abs(along - wanted) < 1e-7 * (1 + abs(wanted))
+                expected = slope(lambda s: value(q + s * dz[: step.n],  # noqa: B023 - called here
+                                                 p + s * dz[step.n :]))  # noqa: B023
+                assert abs(along - expected) < 1e-7 * (1 + abs(expected))
 
 
 @pytest.mark.parametrize(("stages", "dtau", "times"), [
@@ -206,7 +207,7 @@ def test_gradients_at_a_time_are_differences(name):
     pytest.param(4, 0.1, [0.0, 0.4, 0.9, 1.7, 2.2, 3.1, 4.6, 5.9, 6.1, 6.6],
                  marks=pytest.mark.slow)])  # derivatives of a stepper of four stages
 def test_a_fit_has_the_parameter_and_the_start_of_its_data(stages, dtau, times):
-    """Samples at any times, the first at the start; the closed form has k = 1."""
+    """Samples are at any times, the first at the start; the closed form has k = 1."""
     entry, step = case("eccentric"), differentiable("eccentric", stages=stages)
     data = np.array([entry.exact(time) for time in times])
     begin = timed_start("eccentric", step).replace(parameters={"k": 1.02})
@@ -216,9 +217,9 @@ def test_a_fit_has_the_parameter_and_the_start_of_its_data(stages, dtau, times):
     assert abs(fit.parameters["k"] - 1) < 1e-8
     assert np.abs(fit.q - entry.q).max() < 1e-8
     assert np.abs(fit.p - entry.p).max() < 1e-8
-    for given, words in (({}, ["dtau"]), ({"dt": 0.1}, ["dt = 0.1", "dtau"])):
+    for options, words in (({}, ["dtau"]), ({"dt": 0.1}, ["dt = 0.1", "dtau"])):
         with pytest.raises(gs.InputError) as caught:
-            gs.fit(step, begin, times, data, observe=["x", "y"], **given)
+            gs.fit(step, begin, times, data, observe=["x", "y"], **options)
         assert all(word in str(caught.value) for word in words)
     with pytest.raises(gs.InputError, match="dtau"):
         gs.fit(stepper("kepler"), timed_start("kepler", stepper("kepler")), [0.5, 1.0],
@@ -227,7 +228,7 @@ def test_a_fit_has_the_parameter_and_the_start_of_its_data(stages, dtau, times):
 
 @pytest.mark.parametrize("name", SCALED)
 def test_cells_of_a_sweep_are_runs(name):
-    """States, times, samples, first events and errors; a cell whose σ has no step is NaN."""
+    """Cells have the states, times, samples, first events and errors of runs."""
     entry, step = case(name), stepper(name)
     begin = step.project(entry.q, entry.p, parameters=entry.parameters)  # sweeps start at t = 0
     model = gs.Model(entry.system, entry.parameters, *begin)
@@ -235,11 +236,11 @@ def test_cells_of_a_sweep_are_runs(name):
     values = [entry.parameters[parameter] * factor for factor in (1.0, 1.1)]
     event = gs.Event(step.manifest.system.coordinates[0], level=0.25, name="crossing")
     over = {"dtau": [entry.dt, entry.dt / 2]}
-    found = gs.sweep(model, over | {parameter: values}, scheme="G-L", stages=2, steps=20, every=5,
-                     events=event)
+    with_events = gs.sweep(model, over | {parameter: values}, scheme="G-L", stages=2, steps=20,
+                           every=5, events=event)
     plain = gs.sweep(model, over | {parameter: values}, scheme="G-L", stages=2, steps=20, every=5)
     for variable in plain.variables:
-        assert np.array_equal(plain[variable], found[variable]), variable
+        assert np.array_equal(plain[variable], with_events[variable]), variable
     for i, dtau in enumerate(over["dtau"]):
         for j, value in enumerate(values):
             parameters = entry.parameters | {parameter: value}
@@ -247,7 +248,7 @@ def test_cells_of_a_sweep_are_runs(name):
             run = step.integrate(q, p, dtau=dtau, steps=20, every=5, parameters=parameters,
                                  events=event)
             close = 1e4 * EPS * (1 + np.abs(run.p).max())
-            cell = found.isel(dtau=i, **{parameter: j})
+            cell = with_events.isel(dtau=i, **{parameter: j})
             assert abs(float(cell.t) - run.t[-1]) <= close
             assert np.abs(cell.q_samples - run.q).max() <= close
             assert np.abs(cell.p - run.p[-1]).max() <= close
@@ -263,9 +264,9 @@ def test_a_cell_whose_time_stops_is_nan_with_its_reason():
     system = gs.System([x], [u], (), u, name="drift", time_scale=1 - 4 * x)
     model = gs.Model(system, {}, [0.0], [0.3])
     with pytest.warns(gs.errors.InputWarning, match="1 of 2"):
-        found = gs.sweep(model, {"dtau": [0.1, 1.0]}, scheme="G-L", stages=2, steps=3)
-    assert found.status.values.tolist() == [0, 7]
-    assert np.isnan(found.t.values).tolist() == [False, True]
+        dataset = gs.sweep(model, {"dtau": [0.1, 1.0]}, scheme="G-L", stages=2, steps=3)
+    assert dataset.status.values.tolist() == [0, 7]
+    assert np.isnan(dataset.t.values).tolist() == [False, True]
 
 
 # ---------------------------------------------------------------- failures
@@ -286,9 +287,9 @@ def test_a_scale_that_is_not_positive_is_refused_where_it_is_met(scheme, stages,
         assert caught.value.reason == "time stopped"
         assert caught.value.step == done + 1
         assert caught.value.trajectory.t[-1] == caught.value.t
-    many = step.integrate_ensemble([start] * 3, dtau=[0.1, 1.0, 0.1], steps=3)
-    assert {i: one.reason for i, one in many.failures.items()} == {1: "time stopped"}
-    assert np.isfinite(many.q[[0, 2]]).all()
+    ensemble = step.integrate_ensemble([start] * 3, dtau=[0.1, 1.0, 0.1], steps=3)
+    assert {i: failure.reason for i, failure in ensemble.failures.items()} == {1: "time stopped"}
+    assert np.isfinite(ensemble.q[[0, 2]]).all()
 
 
 # ---------------------------------------------------------------- refused
@@ -326,7 +327,7 @@ def test_what_is_not_derived_is_refused_with_a_way_out(call):
     assert "time_scale" in str(caught.value)
 
 
-@pytest.mark.parametrize(("given", "words"), [
+@pytest.mark.parametrize(("keywords", "words"), [
     ({"dt": 0.1, "steps": 3}, ["0.1", "dtau"]),
     ({"dt": 0.1, "dtau": 0.1, "steps": 3}, ["dt = 0.1", "dtau"]),
     ({"steps": 3}, ["dtau"]),
@@ -342,16 +343,16 @@ def test_what_is_not_derived_is_refused_with_a_way_out(call):
     ({"over": {"dtau": [0.1, 0.0]}, "steps": 3}, ["dtau = 0"]),
     ({"over": {"k": [1.0, 2.0]}, "dtau": 0.1, "t_end": 1.0}, ["t_end", "steps"]),
 ])
-def test_other_steps_and_ends_are_refused(given, words, tmp_path, monkeypatch):
-    """Of runs and, where ``over`` is given, of sweeps."""
+def test_other_steps_and_ends_are_refused(keywords, words, tmp_path, monkeypatch):
+    """Calls with ``over`` are sweeps, the others runs."""
     monkeypatch.chdir(tmp_path)
     step, entry = stepper("eccentric"), case("eccentric")
     model = gs.Model(entry.system, entry.parameters, entry.q, entry.p)
-    call, begin = (gs.sweep, (model,)) if "over" in given else (
+    call, begin = (gs.sweep, (model,)) if "over" in keywords else (
         step.integrate, (timed_start("eccentric", step),))
-    more = {"scheme": "G-L", "stages": 2} if "over" in given else {"parameters": {"k": 1.0}}
+    options = {"scheme": "G-L", "stages": 2} if "over" in keywords else {"parameters": {"k": 1.0}}
     with pytest.raises(gs.InputError) as caught:
-        call(*begin, **more, **given)
+        call(*begin, **options, **keywords)
     assert all(word in str(caught.value) for word in words), caught.value
     with pytest.raises(gs.InputError, match="dtau"):
         stepper("kepler").integrate(timed_start("kepler", stepper("kepler")), dtau=0.1, steps=3)
@@ -370,27 +371,27 @@ def test_a_simulation_in_scaled_time_keeps_parameters_and_counts_no_times():
 
 @pytest.mark.parametrize(("name", "every"), [("eccentric", 1), ("tethered_pair", 3)])
 def test_trajectories_of_an_ensemble_end_at_a_time(name, every):
-    """They have the bits of runs alone, and NaN behind their ends, which take different steps."""
+    """Members have the bits of single runs, and NaN behind their ends, at different steps."""
     entry, step = case(name), (differentiable if name == "eccentric" else stepper)(name)
     starts = [timed_start(name, step)] * 3
     dtau, t_end = entry.dt * np.array([1.0, 0.5, 0.7]), entry.t0 + 0.9
     event = gs.Event(step.manifest.system.coordinates[0], level=0.25, name="crossing")
-    more = {"parameters": entry.parameters, "t_end": t_end, "events": event, "every": every,
-            "tangents": gs.Tangents(start="all") if name == "eccentric" else None}
-    many = step.integrate_ensemble(starts, dtau=dtau, **more)
-    runs = [step.integrate(start, dtau=size, **more)
+    options = {"parameters": entry.parameters, "t_end": t_end, "events": event, "every": every,
+               "tangents": gs.Tangents(start="all") if name == "eccentric" else None}
+    ensemble = step.integrate_ensemble(starts, dtau=dtau, **options)
+    runs = [step.integrate(start, dtau=size, **options)
             for start, size in zip(starts, dtau, strict=True)]
-    assert many.t.shape == (3, max(map(len, runs)))
+    assert ensemble.t.shape == (3, max(map(len, runs)))
     for i, run in enumerate(runs):
-        assert many.members[i].t[-1] == t_end
-        assert np.array_equal(many.members[i].q, run.q)
-        assert np.array_equal(many.t[i, : len(run)], run.t)
-        assert np.array_equal(many.q[i, : len(run)], run.q)
-        assert np.isnan(many.q[i, len(run) :]).all()
-        assert many.members[i].events.keys() == {"crossing"}
-        assert np.array_equal(many.events["crossing"][i].t, run.events["crossing"].t)
-        assert run.tangents is None or np.array_equal(many.tangents[i].q, run.tangents.q)
-    assert np.array_equal(many.members[0].at([t_end / 2]).q, runs[0].at([t_end / 2]).q)
+        assert ensemble.members[i].t[-1] == t_end
+        assert np.array_equal(ensemble.members[i].q, run.q)
+        assert np.array_equal(ensemble.t[i, : len(run)], run.t)
+        assert np.array_equal(ensemble.q[i, : len(run)], run.q)
+        assert np.isnan(ensemble.q[i, len(run) :]).all()
+        assert ensemble.members[i].events.keys() == {"crossing"}
+        assert np.array_equal(ensemble.events["crossing"][i].t, run.events["crossing"].t)
+        assert run.tangents is None or np.array_equal(ensemble.tangents[i].q, run.tangents.q)
+    assert np.array_equal(ensemble.members[0].at([t_end / 2]).q, runs[0].at([t_end / 2]).q)
 
 
 def test_ends_of_ensembles_are_refused_and_fail_one_by_one():
@@ -399,10 +400,10 @@ def test_ends_of_ensembles_are_refused_and_fail_one_by_one():
         step.integrate_ensemble([start] * 2, dtau=0.1, t_end=-1.0, parameters={"k": 1.0})
     drift = gs.stepper("G-L", 2, system=gs.System([x], [u], (), u, name="drift",
                                                   time_scale=1 - 4 * x))
-    many = drift.integrate_ensemble([gs.Start([0.0], [0.3])] * 3, dtau=[0.01, 1.0, 0.01],
-                                    t_end=0.1)
-    assert {i: one.reason for i, one in many.failures.items()} == {1: "time stopped"}
-    assert [one.t[-1] for one in many.members] == [0.1, 0.0, 0.1]
+    ensemble = drift.integrate_ensemble([gs.Start([0.0], [0.3])] * 3, dtau=[0.01, 1.0, 0.01],
+                                        t_end=0.1)
+    assert {i: failure.reason for i, failure in ensemble.failures.items()} == {1: "time stopped"}
+    assert [member.t[-1] for member in ensemble.members] == [0.1, 0.0, 0.1]
 
 
 @pytest.mark.parametrize("span", [{"steps": 534}, {"t_end": 20.0}])
@@ -411,9 +412,9 @@ def test_a_section_takes_steps_of_scaled_time(span):
     step, start = stepper("eccentric"), timed_start("eccentric", stepper("eccentric"))
     event = gs.Event("y", direction=1)
     section = gs.section(step, start, event=event, dtau=0.03, parameters={"k": 1.0}, **span)
-    wanted = 2 * np.pi * np.arange(1, len(section.t) + 1)
+    expected = 2 * np.pi * np.arange(1, len(section.t) + 1)
     assert len(section.t) > 1
-    assert np.abs(section.t - wanted).max() < 1e-7
+    assert np.abs(section.t - expected).max() < 1e-7
     assert np.abs(section.q - [0.4, 0]).max() < 1e-7
     with pytest.raises(gs.InputError, match="dtau"):
         gs.section(step, start, event=event, dt=0.2, parameters={"k": 1.0}, **span)
@@ -437,9 +438,9 @@ def test_runs_to_one_time_are_complete_whatever_their_steps():
     start = timed_start("scaled_pendulum", step).replace(parameters=numbers.parameters)
     slower = step.consistent(start.q, start.p / 2 + 0.1, parameters=numbers.parameters, t=start.t)
     slower = gs.Start(slower.q, slower.p, numbers.parameters, start.t)
-    many = step.integrate_ensemble([start, slower], dtau=numbers.dt, t_end=start.t + 20)
-    assert len({*map(len, many.members)}) == 2
-    assert (many.dataset().status == "complete").all()
+    ensemble = step.integrate_ensemble([start, slower], dtau=numbers.dt, t_end=start.t + 20)
+    assert len({*map(len, ensemble.members)}) == 2
+    assert (ensemble.dataset().status == "complete").all()
 
 
 #: Δτ of one stage to six at which errors begin to follow their order, and are not yet round-off.
@@ -454,7 +455,7 @@ _QUICK = {(name, 2) for name in STEPS if name != "eccentric_satellite"}
 
 
 def errors(name, scheme, stages, real="double", count=3):
-    """Largest errors of q and p at the end, in parts of the largest of them; Δτ falls by 1.5."""
+    """Return the largest errors of q and p at the end, in parts of the largest; Δτ falls by 1.5."""
     step = systems.stepper(name, scheme, stages, real)
     motion, (start, end) = scaled_motions.MOTIONS[name], scaled_motions.states(name)
     begin = gs.Start(*start.reshape(2, step.n), t=np.longdouble(motion.t0))
@@ -467,7 +468,7 @@ def errors(name, scheme, stages, real="double", count=3):
 
 
 def slope(errors):
-    """The mean slope: single ones of many stages scatter where the error passes through zero."""
+    """Return the mean slope: with many stages, single ones scatter where the error is near zero."""
     return np.log(errors[0] / errors[-1]) / np.log(1.5) / (len(errors) - 1)
 
 
@@ -496,15 +497,15 @@ def test_lobatto_steps_have_order_2s_less_2(name, stages):
 @pytest.mark.slow  # 40 digits in Python
 @pytest.mark.parametrize("name", STEPS)
 def test_stored_motions_are_those_of_their_equations(name):
-    found = np.array([[np.longdouble(x) for x in numbers]
-                      for numbers in scaled_motions.digits(name)])
-    assert np.abs(found - scaled_motions.states(name)).max() < 1e-18
+    computed = np.array([[np.longdouble(x) for x in numbers]
+                         for numbers in scaled_motions.digits(name)])
+    assert np.abs(computed - scaled_motions.states(name)).max() < 1e-18
 
 
 @pytest.mark.slow  # a million steps
 @pytest.mark.parametrize("name", ["very_eccentric", "tethered_pair"])
 def test_the_energy_error_is_bounded_over_a_million_steps(name):
-    """H + e without a drift: its largest in each tenth is the same; e and J are constant."""
+    """H + e does not drift: its largest in each tenth is the same; e and J are constant."""
     step = systems.stepper(name)
     run = systems.run(name, step, 10**6, every=100, dtau=0.1)
     tenths = np.abs(run.energies + run.time_momentum)[1:].reshape(10, -1).max(axis=1)

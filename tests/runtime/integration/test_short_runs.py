@@ -1,4 +1,4 @@
-"""What surrounds the steps: memory that is used again, batches of one call, arrays made late."""
+"""Calls around steps: memory that is used again, batches of one call, arrays computed late."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ RNG = np.random.default_rng(5)
 
 @pytest.mark.parametrize("every", [1, 200])
 def test_a_repeated_run_of_short_time_is_one_call_of_compiled_code(every) -> None:
-    """It has the bits of the run in chunks."""
+    """The repeated run has the bits of the run in chunks."""
     step = systems.stepper("heavy_top", "G-L", 2)
     arguments = {"dt": 1e-3, "steps": 200, "every": every, "parameters": TOP.parameters}
     runs, calls, integrate = [], [], step.binding.integrate
@@ -48,25 +48,25 @@ def test_a_repeated_run_of_short_time_is_one_call_of_compiled_code(every) -> Non
 
 
 def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
-    """A dict that is changed, and numbers that only compare equal, are checked again."""
+    """Parameters are checked again if their dict changed, or if numbers only compare equal."""
     def start(parameters: object) -> dict[str, float]:
         return gl3.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=parameters).parameters
 
-    given = dict(TOP.parameters)
-    first = start(given)
+    numbers = dict(TOP.parameters)
+    first = start(numbers)
     first["gamma"] = -1.0  # the caller's own
-    assert start(given)["gamma"] == start(dict(reversed(given.items())))["gamma"] > 0
-    given["gamma"] = 2.0
-    assert start(given)["gamma"] == 2.0
+    assert start(numbers)["gamma"] == start(dict(reversed(numbers.items())))["gamma"] > 0
+    numbers["gamma"] = 2.0
+    assert start(numbers)["gamma"] == 2.0
     for wrong in (True, np.array([2.0]), "x"):
         with pytest.raises(gs.InputError, match="gamma"):
-            start({**given, "gamma": wrong})
+            start({**numbers, "gamma": wrong})
     with pytest.raises(gs.InputError, match="delta"):
-        start({**given, "delta": 1.0})
+        start({**numbers, "delta": 1.0})
 
 
 def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
-    """Each call is made after a usual one, once more, and by a stepper without memory of it."""
+    """Each call follows a usual one, comes twice, and once to a stepper without memory of it."""
     def outcome(*start, **changes):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
@@ -124,7 +124,7 @@ def test_a_solver_with_the_fields_of_the_last_one_recalls_its_call(gl3) -> None:
 
 
 def test_what_a_start_says_of_its_run_is_its_own(gl3) -> None:
-    """Its step and number of steps, and a γ that is searched for at its state."""
+    """A start has its step and number of steps, and a γ that is searched for at its state."""
     for steps in (3, 2):
         begin = TOP.start.replace()
         begin._span = 1e-3, steps
@@ -148,18 +148,18 @@ def test_impacts_are_of_the_start_that_has_them() -> None:
 @pytest.mark.parametrize("name", ["driven_oscillator", "bead", "heavy_top_in_frame", "pendulum",
                                   "eccentric"])
 def test_repeated_calls_of_other_systems_give_what_first_calls_give(name) -> None:
-    """With a driven force, velocities, a frame; at other times and states; simulations too."""
+    """Systems have a driven force, velocities, a frame; calls have other times and states."""
     step, entry = systems.stepper(name), systems.case(name)
-    begin, how = systems.timed_start(name, step), entry.step | {"parameters": entry.parameters}
-    later = step.integrate(begin, steps=1, **how)[-1]
+    begin, options = systems.timed_start(name, step), entry.step | {"parameters": entry.parameters}
+    later = step.integrate(begin, steps=1, **options)[-1]
     starts = [begin, begin.replace(t=begin.t + 2 * entry.dt), begin.replace(q=later.q, p=later.p)]
 
     def outcome(span, start, memory=None):
         step._memory = memory or step._memory
         if span:
-            run = step.integrate(start, **span, **how)
+            run = step.integrate(start, **span, **options)
         else:
-            sim = step.start(start, record=True, **how)
+            sim = step.start(start, record=True, **options)
             sim.advance(1)
             run = sim.trajectory
         return run.t.tobytes(), run.q.tobytes(), run.p.tobytes(), run.report
@@ -168,13 +168,13 @@ def test_repeated_calls_of_other_systems_give_what_first_calls_give(name) -> Non
     calls = [(span, start) for span in ({"steps": 1}, {"t_end": begin.t + 4 * entry.dt}, {})
              for start in starts]
     fresh = [outcome(*call, CallMemory()) for call in calls]
-    assert len({repr(one) for one in fresh}) == 2 * len(starts)
-    for call, wanted in zip(calls * 2, fresh * 2, strict=True):
-        assert outcome(*call) == outcome(*call) == wanted, call
+    assert len({repr(result) for result in fresh}) == 2 * len(starts)
+    for call, expected in zip(calls * 2, fresh * 2, strict=True):
+        assert outcome(*call) == outcome(*call) == expected, call
 
 
 def test_parameters_of_a_loop_of_calls_are_checked_once(gl3, monkeypatch) -> None:
-    """Other calls with them, and with a start that is on the constraints, are compiled code."""
+    """Later calls with these parameters, from a start on the constraints, are compiled code."""
     evaluated, as_parameters = [], run_arguments.as_parameters
     monkeypatch.setattr(run_arguments, "as_parameters", lambda *x: (
         evaluated.append(x), as_parameters(*x))[1])
@@ -188,27 +188,27 @@ def test_parameters_of_a_loop_of_calls_are_checked_once(gl3, monkeypatch) -> Non
 
 
 def test_a_late_report_is_of_its_own_run(gl3) -> None:
-    """What is read of a trajectory later is as it was when the call returned."""
+    """A trajectory, read later, is as it was when its call returned."""
     runs = [gl3.integrate(TOP.q0, TOP.p0, steps=k, **RUN) for k in (1, 3)]
     sim = gl3.start(TOP.q0, TOP.p0, record=True, **RUN)
     sim.advance(3)
-    kept = sim.trajectory
+    early = sim.trajectory
     sim.advance(5)
     assert [run.report.steps for run in runs] == [1, 3]
-    assert kept.report == runs[1].report == pickle.loads(pickle.dumps(runs[1])).report
-    assert equal(kept, runs[1])
+    assert early.report == runs[1].report == pickle.loads(pickle.dumps(runs[1])).report
+    assert equal(early, runs[1])
 
 
 def test_a_member_outlives_its_ensemble(gl3) -> None:
-    """Its record is its own: memory of the ensemble's records is used for others."""
+    """A member has a record of its own: the memory of an ensemble's records is used for others."""
     def run():
         return gl3.integrate_ensemble(TOP.q0[None], TOP.p0[None], dt=1e-3, steps=3,
                                       parameters=PARAMETERS)
 
-    left = [run().members[0] for _ in range(20)]
-    held = run()
-    assert all(member.report == held.members[0].report for member in left)
-    assert all(equal(member, held.members[0]) for member in left)
+    members = [run().members[0] for _ in range(20)]
+    ensemble = run()
+    assert all(member.report == ensemble.members[0].report for member in members)
+    assert all(equal(member, ensemble.members[0]) for member in members)
 
 
 # ---------------------------------------------------------------- memory
@@ -216,13 +216,14 @@ def test_a_member_outlives_its_ensemble(gl3) -> None:
 
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_memory_needs_no_initialisation(solver, step) -> None:
-    """Whatever is in it, one run and a batch of them have the same bits."""
+    """Whatever the memory holds, a run and a batch of runs have the same bits."""
     def runs():
-        one = step.integrate(TOP.q0, TOP.p0, steps=20, solver=solver, **RUN)
-        many = step.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, steps=20, solver=solver, **RUN)
-        return one, many
+        run = step.integrate(TOP.q0, TOP.p0, steps=20, solver=solver, **RUN)
+        ensemble = step.integrate_ensemble([TOP.q0] * 3, [TOP.p0] * 3, steps=20, solver=solver,
+                                           **RUN)
+        return run, ensemble
 
-    whole = runs()
+    expected = runs()
     assert step.binding.works._free
     assert solver == "newton" or step._binding_of_many.batches._free
     for byte in (0x00, 0x7F, 0xFF):
@@ -231,13 +232,13 @@ def test_memory_needs_no_initialisation(solver, step) -> None:
                 for struct in memory if isinstance(memory, tuple) else [memory]:
                     step.binding.image(struct)[:] = byte
         again = runs()
-        assert equal(again[0], whole[0])
-        assert again[0].report == whole[0].report
-        assert all(np.array_equal(getattr(again[1], x), getattr(whole[1], x)) for x in ARRAYS)
+        assert equal(again[0], expected[0])
+        assert again[0].report == expected[0].report
+        assert all(np.array_equal(getattr(again[1], x), getattr(expected[1], x)) for x in ARRAYS)
 
 
 def test_a_run_within_a_run_has_memory_of_its_own(gl3) -> None:
-    """A callback that integrates changes nothing of the run that calls it."""
+    """A run in a callback changes nothing of the run around it."""
     inner = []
 
     def progress(done: int) -> None:
@@ -252,7 +253,7 @@ def test_a_run_within_a_run_has_memory_of_its_own(gl3) -> None:
 
 
 def of_tops(step):
-    """Tops of their own moments, γ and time steps, at places of one motion."""
+    """Return arguments of tops with their own moments, γ and time steps, along one motion."""
     run = step.integrate(TOP.q0, TOP.p0, steps=60, **RUN)
     columns = {"mgl": RNG.uniform(0.3, 0.5, 61), "gamma": RNG.uniform(0.9, 1.1, 61)}
     return {"q": run.q, "p": run.p, "dt": RNG.uniform(5e-4, 2e-3, 61),
@@ -260,7 +261,7 @@ def of_tops(step):
 
 
 def of_pushed(step):
-    """Pendulums, each pushed in its own way in each step."""
+    """Return arguments of pendulums, each pushed in its own way in each step."""
     angles = RNG.uniform(-1, 1, 61)
     q = np.column_stack([np.sin(angles), -np.cos(angles)])
     return {"q": q, "p": 0 * q, "dt": 0.01, "parameters": {"k": 1.0},
@@ -275,42 +276,42 @@ def of_pushed(step):
     ids=["tops", "frames", "flows", "inputs"])
 def test_many_batches_in_one_call_have_the_bits_of_single_ones(make, arguments, monkeypatch):
     step = make()
-    given = arguments(step)
-    given["parameters"] = given["parameters"] | {
+    options = arguments(step)
+    options["parameters"] = options["parameters"] | {
         symmetry.name: RNG.uniform(1, 2, 61) for symmetry in step.symmetries
         if not symmetry.condition}
     binding = type(step._binding_of_many)
     called = binding.integrate_lanes
     for every in (1, 3, 4):
-        sizes, found = [], []
+        sizes, ensembles = [], []
 
-        def counted(self, constants, *rest, sizes=sizes):
+        def counted(self, constants, *values, sizes=sizes):
             sizes.append(len(constants.dt))
-            return called(self, constants, *rest)
+            return called(self, constants, *values)
 
         monkeypatch.setattr(binding, "integrate_lanes", counted)
         for together in (16, 1):
             monkeypatch.setattr(lanes, "_TOGETHER", together)
-            found.append(by_names(
-                step.integrate_ensemble, steps=6, every=every, **given))
+            ensembles.append(by_names(
+                step.integrate_ensemble, steps=6, every=every, **options))
         size = step.binding.lanes
         assert [max(sizes[:1]), sizes[-1]] == [size if every == 4 else 61, 61 % size]
         for name in ARRAYS:
-            assert np.array_equal(getattr(found[0], name), getattr(found[1], name))
-        assert [x.report for x in found[0].members] == [x.report for x in found[1].members]
+            assert np.array_equal(getattr(ensembles[0], name), getattr(ensembles[1], name))
+        assert [x.report for x in ensembles[0].members] == [x.report for x in ensembles[1].members]
 
 
 def test_a_trajectory_that_fails_is_found_within_many_batches(gl3) -> None:
-    """One of them turns too far in its one step."""
+    """One trajectory turns too far in its only step."""
     dt = np.full(60, 1e-3)
     dt[45] = 0.5
     with pytest.warns(gs.errors.InputWarning, match="rotation"):
-        found = gl3.integrate_ensemble([TOP.q0] * 60, [TOP.p0] * 60, dt=dt, steps=1,
-                                       parameters=PARAMETERS,
-                                       solver=gs.Solver("auto", max_iterations=10))
-    assert list(found.failures) == [45]
-    assert np.isnan(found.q[45, 1]).all()
-    assert np.isfinite(np.delete(found.q, 45, axis=0)).all()
+        ensemble = gl3.integrate_ensemble([TOP.q0] * 60, [TOP.p0] * 60, dt=dt, steps=1,
+                                          parameters=PARAMETERS,
+                                          solver=gs.Solver("auto", max_iterations=10))
+    assert list(ensemble.failures) == [45]
+    assert np.isnan(ensemble.q[45, 1]).all()
+    assert np.isfinite(np.delete(ensemble.q, 45, axis=0)).all()
 
 
 # ---------------------------------------------------------------- arrays made late
@@ -326,16 +327,16 @@ def test_arrays_are_computed_when_asked_for_and_kept(gl3) -> None:
 
 
 def test_arrays_and_parameters_that_are_changed_change_no_other_one(gl3) -> None:
-    """A pickle has all of them."""
-    run, same = (gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN) for _ in range(2))
+    """A pickle has all arrays and parameters."""
+    run, reference = (gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN) for _ in range(2))
     read = pickle.loads(pickle.dumps(run))
     for array in (run.t, run.q, run.p, run.multipliers, run.iterations, run.work):
         array[...] = 3
     run.parameters["mgl"] = 1e3
-    assert np.array_equal(run.energies, same.energies)
-    assert np.array_equal(run.g_errors, same.g_errors)
+    assert np.array_equal(run.energies, reference.energies)
+    assert np.array_equal(run.g_errors, reference.g_errors)
     assert read._states is None
-    assert equal(read, same)
+    assert equal(read, reference)
 
 
 # ---------------------------------------------------------------- checks of many at once
@@ -349,16 +350,16 @@ DOMAINS = {"mass": "positive", "shift": "real", "ratio": "nonzero"}
 
 @settings(max_examples=60)
 @given(st.fixed_dictionaries(dict.fromkeys(DOMAINS, NUMBERS)))
-def test_parameters_that_pass_at_once_pass_one_by_one(given) -> None:
-    plain = run_arguments._as_plain_parameters(given, DOMAINS, as_double)
-    single = {name: run_arguments._as_parameter(name, domain, given, as_double)
+def test_parameters_that_pass_at_once_pass_one_by_one(parameters) -> None:
+    plain = run_arguments._as_plain_parameters(parameters, DOMAINS, as_double)
+    single = {name: run_arguments._as_parameter(name, domain, parameters, as_double)
               for name, domain in DOMAINS.items()} if plain else None
     assert repr(plain) == repr(single)
     assert not plain or {*map(type, plain.values())} == {float}
 
 
 def test_the_fastest_of_many_bodies_is_the_fastest_of_each() -> None:
-    """Of bodies with moments and with tensors, some of them at rest or not finite."""
+    """Bodies have moments or tensors; some of them are at rest or not finite."""
     bodies, parameters = {}, {}
     for i in range(40):
         names = [f"b{i}_{k}" for k in (("I1", "I2", "I3") if i % 3 else (
@@ -379,7 +380,7 @@ def test_the_fastest_of_many_bodies_is_the_fastest_of_each() -> None:
         q, p = RNG.standard_normal((2, 1, 160))
         p[0, 100:120] *= factor
         with np.errstate(invalid="ignore"):
-            found = rotations.fastest(parameters, 0.1, q, p)
+            fastest = rotations.fastest(parameters, 0.1, q, p)
             rows = rotations.fastest(parameters, 0.1, np.repeat(q, 2, 0), np.repeat(p, 2, 0))
-        assert (found.body, found.limit) == (rows.body, rows.limit)
-        assert found.radians == pytest.approx(rows.radians, rel=1e-14)
+        assert (fastest.body, fastest.limit) == (rows.body, rows.limit)
+        assert fastest.radians == pytest.approx(rows.radians, rel=1e-14)

@@ -24,30 +24,30 @@ def fast_top(real: str = "double", stages: int = 2):
 @pytest.mark.parametrize("real", [
     "double", *(pytest.param(real, marks=pytest.mark.slow) for real in ("float", "float128"))])
 def test_at_the_steps_it_is_the_run(real: str) -> None:
-    """Stored states are returned as they are, those that were not stored are made again."""
+    """Stored states are returned as they are, others are computed again."""
     step, q0, p0, parameters = fast_top(real, stages=2)
     run = step.integrate(q0, p0, dt=1e-2, steps=33, every=10, parameters=parameters)
-    whole = step.integrate(q0, p0, dt=1e-2, steps=33, parameters=parameters)
+    full_run = step.integrate(q0, p0, dt=1e-2, steps=33, parameters=parameters)
     again = run.at(run.t)
     for name in ("q", "p", "multipliers", "iterations", "energies"):
         assert np.array_equal(getattr(again, name), getattr(run, name)), name
-    assert np.abs(run.at(whole.t).q - whole.q).max() <= 64 * EPS[real]
-    assert np.abs(run.at(whole.t).multipliers / whole.multipliers - 1).max() < 1e4 * EPS[real]
+    assert np.abs(run.at(full_run.t).q - full_run.q).max() <= 64 * EPS[real]
+    assert np.abs(run.at(full_run.t).multipliers / full_run.multipliers - 1).max() < 1e4 * EPS[real]
 
 
 def test_order_and_direction_of_times_do_not_matter() -> None:
     step, q0, p0, parameters = fast_top(stages=3)
     run = step.integrate(q0, p0, dt=1e-2, steps=103, every=25, parameters=parameters)
-    found, order = run.at(TIMES), np.argsort(TIMES)
+    states, order = run.at(TIMES), np.argsort(TIMES)
     sorted_ = run.at(TIMES[order])
-    assert np.abs(found.q[order] - sorted_.q).max() < 16 * EPS["double"]
-    assert np.array_equal(found.t, TIMES)
+    assert np.abs(states.q[order] - sorted_.q).max() < 16 * EPS["double"]
+    assert np.array_equal(states.t, TIMES)
     back = step.integrate(gs.Start(run.q[-1], run.p[-1], t=run.t[-1]), dt=-1e-2, steps=103,
                           every=4, parameters=parameters)
     # each is as near to the motion as the scheme is: O(Δt^6) there and back
-    assert np.abs(back.at(TIMES).q - found.q).max() < 1e-5
+    assert np.abs(back.at(TIMES).q - states.q).max() < 1e-5
     alone = run.at(float(TIMES[3]))
-    assert np.abs(alone.q - found.q[3]).max() < 16 * EPS["double"]
+    assert np.abs(alone.q - states.q[3]).max() < 16 * EPS["double"]
 
 
 def test_work_is_that_since_the_start() -> None:
@@ -70,9 +70,9 @@ def test_what_was_read_needs_its_stepper(tmp_path) -> None:
     with pytest.raises(gs.InputError, match="stepper"):
         pickle.loads(pickle.dumps(run)).at(0.111)
     assert np.array_equal(read.at(0.111, stepper=step).q, run.at(0.111).q)
-    other = fast_top(stages=3)[0]
+    of_three_stages = fast_top(stages=3)[0]
     with pytest.raises(gs.InputError, match=r"stepper.*name"):
-        read.at(0.111, stepper=other)
+        read.at(0.111, stepper=of_three_stages)
 
 
 @pytest.mark.parametrize(("times", "text"), [
@@ -91,16 +91,16 @@ def test_wrong_times_end_in_a_sentence(times, text: str) -> None:
 
 @pytest.mark.parametrize("dt", [1e-2, -1e-2])
 def test_a_run_for_times_stores_no_more_than_it_needs(dt: float) -> None:
-    """``t_eval`` gives what ``at`` gives of a run that stored each step; the report is the same."""
+    """``t_eval`` has the states that ``at`` has of a run with each step; the report is the same."""
     step, q0, p0, parameters = fast_top()
     times = np.copysign(1.0, dt) * np.append(TIMES, [0.0, 0.5, 1.03])
-    whole = step.integrate(q0, p0, dt=dt, steps=103, parameters=parameters)
-    found = step.integrate(q0, p0, dt=dt, steps=103, parameters=parameters, t_eval=times)
+    full_run = step.integrate(q0, p0, dt=dt, steps=103, parameters=parameters)
+    sampled = step.integrate(q0, p0, dt=dt, steps=103, parameters=parameters, t_eval=times)
     for name in ("t", "q", "p", "energies"):
-        assert np.array_equal(getattr(found, name), getattr(whole.at(times), name)), name
-    assert found.report == whole.report
-    assert np.array_equal(found.q[-3], whole.q[0])
-    assert np.array_equal(found.q[-1], whole.q[-1])
+        assert np.array_equal(getattr(sampled, name), getattr(full_run.at(times), name)), name
+    assert sampled.report == full_run.report
+    assert np.array_equal(sampled.q[-3], full_run.q[0])
+    assert np.array_equal(sampled.q[-1], full_run.q[-1])
 
 
 def test_a_run_for_times_that_fails_keeps_what_it_has() -> None:

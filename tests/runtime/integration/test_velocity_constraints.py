@@ -1,4 +1,4 @@
-"""Runs with velocity constraints: rows to round-off, reactions, energy, and where it drifts."""
+"""Runs with velocity constraints: rows to round-off, reactions, energy and its drift."""
 
 import json
 
@@ -35,9 +35,9 @@ from work_memory import integers_of
 ROUND_OFF = 4e-15
 
 
-def skates(steps, **more):
+def skates(steps, **options):
     return stepper_of(skate_chain, 2).integrate(*SKATE_CHAIN_START, dt=0.02, steps=steps,
-                                                parameters=SKATE_CHAIN, **more)
+                                                parameters=SKATE_CHAIN, **options)
 
 
 @pytest.mark.parametrize(("make", "parameters", "start", "s", "steps"), [
@@ -56,46 +56,46 @@ def test_a_start_off_the_rows_is_refused_and_projected():
     step, (q, p) = stepper_of(skate_chain, 2), map(np.array, SKATE_CHAIN_START)
     with pytest.raises(InputError, match=r"velocities.*project"):
         step.integrate(q, p + 0.1, dt=0.01, steps=1, parameters=SKATE_CHAIN)
-    found = step.consistent(q, p + 0.1, parameters=SKATE_CHAIN)
-    assert max(found.hidden_after.values()) < 1e-15
-    assert set(found.hidden_after) == {"g0", "A0"}
+    projected = step.consistent(q, p + 0.1, parameters=SKATE_CHAIN)
+    assert max(projected.hidden_after.values()) < 1e-15
+    assert set(projected.hidden_after) == {"g0", "A0"}
     step.integrate(*step.project(q, p + 0.1, parameters=SKATE_CHAIN), dt=0.01, steps=1,
                    parameters=SKATE_CHAIN)
     # The way is along the rows: M⁻¹ times it does no virtual work.
-    moved = found.p - (p + 0.1)
-    again = step.project(q, found.p + 3 * moved, parameters=SKATE_CHAIN)[1]
-    assert np.abs(again - found.p).max() < 1e-14
+    moved = projected.p - (p + 0.1)
+    again = step.project(q, projected.p + 3 * moved, parameters=SKATE_CHAIN)[1]
+    assert np.abs(again - projected.p).max() < 1e-14
 
 
 def test_multipliers_and_reactions_have_their_places():
     run = skates(4)
     assert run.multipliers.shape == (4, 3)
     assert run.reactions.shape == (4, 2, 1)
-    at = run.dataset()
-    assert at.reactions.dims == ("time", "stage", "velocity_constraint")
+    dataset = run.dataset()
+    assert dataset.reactions.dims == ("time", "stage", "velocity_constraint")
     free = systems.run("heavy_top", systems.stepper("heavy_top", "EMS"), 2)
     assert free.reactions.shape == (2, 0, 0)
 
 
 def test_reactions_go_with_the_states():
-    """Of steps that are asked for later, and of members of an ensemble."""
-    step, whole = stepper_of(skate_chain, 2), skates(50)
-    at = whole.at(whole.t[[0, 7, 50]])
-    assert (at.reactions == whole.reactions[[6, 49]]).all()
-    assert np.abs(whole.at([0.333]).f_errors).max() < 1e-14
-    many = step.integrate_ensemble(*(np.array([x, x]) for x in SKATE_CHAIN_START), dt=0.02,
-                                   steps=50, parameters=SKATE_CHAIN)
-    assert (many.members[1].reactions == whole.reactions).all()
+    """States at requested times have reactions, and so have members of an ensemble."""
+    step, run = stepper_of(skate_chain, 2), skates(50)
+    states = run.at(run.t[[0, 7, 50]])
+    assert (states.reactions == run.reactions[[6, 49]]).all()
+    assert np.abs(run.at([0.333]).f_errors).max() < 1e-14
+    ensemble = step.integrate_ensemble(*(np.array([x, x]) for x in SKATE_CHAIN_START), dt=0.02,
+                                       steps=50, parameters=SKATE_CHAIN)
+    assert (ensemble.members[1].reactions == run.reactions).all()
 
 
 def test_a_resumed_store_has_the_reactions(tmp_path):
-    """Its last block is read again: multipliers of g and of the rows, side by side."""
-    step, whole = stepper_of(skate_chain, 2), skates(20, every=2)
+    """The last block is read again: multipliers of g and of the rows, side by side."""
+    step, run = stepper_of(skate_chain, 2), skates(20, every=2)
     for steps in (7, 20):
         stored = record(step, *SKATE_CHAIN_START, dt=0.02, steps=steps, every=2, resume=True,
                            parameters=SKATE_CHAIN, out=tmp_path / "run.zarr")[:]
-    assert (stored.multipliers == whole.multipliers).all()
-    assert (stored.reactions == whole.reactions).all()
+    assert (stored.multipliers == run.multipliers).all()
+    assert (stored.reactions == run.reactions).all()
 
 
 def test_integers_of_work_memory_are_checked(tmp_path):
@@ -108,18 +108,18 @@ def test_integers_of_work_memory_are_checked(tmp_path):
     report, work = state.record, state.work
     assert binding.integrate(constants, 20, 1, state, Rows.allocate(binding, 20)) == 0
     assert binding.function("is_valid")(report, work)
-    found = {}
-    for place in integers_of(step.name, step.files, tmp_path)["work"]:
-        if place.path not in ("stored", "order", "has_factors", "pivots", "exponents"):
+    by_path = {}
+    for integer in integers_of(step.name, step.files, tmp_path)["work"]:
+        if integer.path not in ("stored", "order", "has_factors", "pivots", "exponents"):
             continue
         image, sound = binding.image(work), binding.image(work).copy()
         for value in (-(2**31), 2**31 - 1):
-            image[place.offset : place.offset + 4] = np.frombuffer(
+            image[integer.offset : integer.offset + 4] = np.frombuffer(
                 value.to_bytes(4, "little", signed=True), np.uint8)
-            found.setdefault(place.path, []).append(binding.function("is_valid")(report, work))
+            by_path.setdefault(integer.path, []).append(binding.function("is_valid")(report, work))
         image[:] = sound
-    assert len(found) == 5
-    assert not any(any(verdicts) for verdicts in found.values()), found
+    assert len(by_path) == 5
+    assert not any(any(verdicts) for verdicts in by_path.values()), by_path
 
 
 def test_events_end_a_run_on_the_rows():
@@ -132,12 +132,12 @@ def test_events_end_a_run_on_the_rows():
 
 @pytest.mark.slow
 def test_a_rattleback_has_the_digits_of_its_reference():
-    known = json.loads((DATA / "rattleback.json").read_text())
+    reference = json.loads((DATA / "rattleback.json").read_text())
     step = stepper_of(rattleback, 8)
     run = step.integrate(*rattleback_state(), dt=2.5e-3, steps=2400, every=2400,
                          parameters=RATTLEBACK)
     names = ("x", "y", "q0", "q1", "q2", "q3")
-    errors = run.q[-1, [0, 1, 3, 4, 5, 6]] - [float(known[name]) for name in names]
+    errors = run.q[-1, [0, 1, 3, 4, 5, 6]] - [float(reference[name]) for name in names]
     assert np.abs(errors).max() < 1e-8
 
 
