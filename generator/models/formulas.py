@@ -99,7 +99,7 @@ def parse_formula(
         With the position and the cure, for whatever is no formula, or one too large to derive a
         stepper from.
     """
-    return _parse_formula(text, names, exponents, {})
+    return _parse_formula(text, names, exponents, units={})
 
 
 def _parse_formula(
@@ -132,7 +132,7 @@ def parse_number(
     no finite number.
     """
     names = {name: as_rational(value) for name, value in values.items()}
-    number = exact(_parse_formula(text, names, frozenset(), units))
+    number = exact(_parse_formula(text, names, exponents=frozenset(), units=units))
     return Rounded(number) if isinstance(number, Fraction) else math.nan
 
 
@@ -155,21 +155,22 @@ class _Formulas:
         expression = self.names[name]
         if expression.is_number:
             return numbers.value_of(expression)
-        return Value(expression, None, 1, terms=len(sp.Add.make_args(expression)))
+        return Value(expression, enclosure=None, bits=1, terms=len(sp.Add.make_args(expression)))
 
     def add(self, terms: Sequence[Value]) -> Value:
         """Return the sum; of numbers alone by exact arithmetic."""
         constants = [t for t in terms if t.is_number]
         if len(constants) == len(terms):
             return numbers.add(constants)
-        return _formula(terms, 0, sum(t.terms for t in terms), sp.Add)
+        return _formula(terms, levels=0, terms=sum(t.terms for t in terms), operation=sp.Add)
 
     def multiply(self, factors: Sequence[Value]) -> Value:
         """Return the product; of numbers alone by exact arithmetic."""
         constants = [f for f in factors if f.is_number]
         if len(constants) == len(factors):
             return numbers.multiply(constants)
-        return _formula(factors, 0, math.prod(f.terms for f in factors), sp.Mul)
+        return _formula(factors, levels=0, terms=math.prod(f.terms for f in factors),
+                        operation=sp.Mul)
 
     def negative(self, value: Value) -> Value:
         """Return −value."""
@@ -179,7 +180,7 @@ class _Formulas:
         """Return 1/value, one level deeper than ``value``; a number's is exact."""
         if value.is_number:
             return numbers.reciprocal(value)
-        return _formula([value], 1, value.terms, lambda e: 1 / e)
+        return _formula([value], levels=1, terms=value.terms, operation=lambda e: 1 / e)
 
     def power(self, base: Value, exponent: Value) -> Value:
         """Return base^exponent; refuse roots and exponents whose expansion could become long.
@@ -240,7 +241,8 @@ class _Formulas:
         if function == "mod" and arguments[1].is_number:
             numbers.reciprocal(arguments[1])
         if len(constants) < len(arguments):
-            return _formula(arguments, 1, sum(a.terms for a in arguments), make)
+            return _formula(arguments, levels=1, terms=sum(a.terms for a in arguments),
+                            operation=make)
         if function in numbers.FUNCTIONS:
             return numbers.FUNCTIONS[function](*constants)
         return self.constant_value(make, getattr(mp, function), constants)
@@ -251,25 +253,25 @@ class _Formulas:
         """Return the condition a < b, or another sign; of two numbers it is decided at once."""
         chooser = switching_functions.COMPARISONS[sign](a.exact, b.exact)
         if not a.is_number or not b.is_number:
-            return _Condition(chooser, None, (a, b))
+            return _Condition(chooser, holds=None, compared=(a, b))
         # a < b as (sign of a − b) < 0: the sign is certain, whatever roots the numbers contain
         order = sp.Integer(numbers.order(a, b))
         compare = switching_functions.COMPARISONS[sign]
         holds = compare(order, sp.Integer(0))(sp.Integer(1), sp.Integer(0))
-        return _Condition(chooser, holds == 1, ())
+        return _Condition(chooser, holds=holds == 1, compared=())
 
     def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
         """Return conditions joined by ``and`` or ``or``; those that are decided need no code."""
         # one true condition decides "or", one false condition decides "and"
         deciding_value = word == "or"
         if any(c.holds is deciding_value for c in conditions):
-            return _Condition(conditions[0].chooser, deciding_value, ())
+            return _Condition(conditions[0].chooser, holds=deciding_value, compared=())
         undecided = [c for c in conditions if c.holds is None]
         if not undecided:
-            return _Condition(conditions[0].chooser, not deciding_value, ())
+            return _Condition(conditions[0].chooser, holds=not deciding_value, compared=())
         together = switching_functions.any_of if deciding_value else switching_functions.every
-        return _Condition(together([c.chooser for c in undecided]), None,
-                          tuple(t for c in undecided for t in c.compared))
+        return _Condition(together([c.chooser for c in undecided]), holds=None,
+                          compared=tuple(t for c in undecided for t in c.compared))
 
     def choose(self, condition: _Condition, yes: Value, no: Value) -> Value:
         """Return yes or no if the condition is decided, else the formula that chooses."""
@@ -277,8 +279,8 @@ class _Formulas:
             return yes if condition.holds else no
         # the compared formulas count in the bounds; the condition's own expression contains them
         parts = (*condition.compared, yes, no)
-        return _formula(parts, 0, sum(a.terms for a in parts),
-                        lambda *expressions: condition.chooser(*expressions[-2:]))
+        return _formula(parts, levels=0, terms=sum(a.terms for a in parts),
+                        operation=lambda *expressions: condition.chooser(*expressions[-2:]))
 
     def constant_value(
         self, make: Callable[..., sp.Expr], number: Callable[..., Any], arguments: list[Value]
@@ -309,12 +311,12 @@ class _Formulas:
         level = max(a.level for a in arguments) + 1
         if level > numbers.MAX_LEVEL or bits > MAX_BITS:
             raise RefusedError("This constant is too long; work it out and write a decimal")
-        exact = make(*(a.exact for a in arguments))
-        if exact.is_Rational:
-            return rational(exact)
-        _refuse_rough(exact)
+        expression = make(*(a.exact for a in arguments))
+        if expression.is_Rational:
+            return rational(expression)
+        _refuse_unreal_or_unknown(expression)
         # an interval around the 95 digits that are certain
-        return Value(exact, numbers.INTERVAL.mpf(mp.nstr(result, 95)) * numbers.NEARLY_ONE,
+        return Value(expression, numbers.INTERVAL.mpf(mp.nstr(result, 95)) * numbers.NEARLY_ONE,
                      bits, level)
 
 
@@ -353,7 +355,7 @@ def _formula(
             f"{MAX_TERMS} are allowed; lower its powers"
         )
     expression = operation(*(a.exact for a in arguments))
-    _refuse_rough(expression)
+    _refuse_unreal_or_unknown(expression)
     # powers of equal bases have been added: their sum is bounded, too
     for factor in sp.Mul.make_args(expression):
         e = factor.exp if factor.is_Pow else sp.Integer(1)
@@ -364,7 +366,7 @@ def _formula(
             )
     if expression.is_number:
         return numbers.value_of(expression)
-    return Value(expression, None, bits, level, terms)
+    return Value(expression, enclosure=None, bits=bits, level=level, terms=terms)
 
 
 def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
@@ -380,9 +382,9 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
         if not factor.is_number:
             continue
         roots = [e.exp.q for e in factor.atoms(sp.Pow) if e.exp.is_Rational]
-        numbers = [x for x in factor.atoms(sp.Rational) if x not in (1, -1)]
-        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in numbers)
-        limit = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, numbers)) else MAX_ROOT_BITS
+        rationals = [x for x in factor.atoms(sp.Rational) if x not in (1, -1)]
+        bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in rationals)
+        limit = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, rationals)) else MAX_ROOT_BITS
         if bits * exponent.q * math.prod(roots) > limit:
             raise RefusedError(
                 f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
@@ -400,7 +402,7 @@ def _is_smooth(x: sp.Rational) -> bool:
     return cofactor <= 1
 
 
-def _refuse_rough(e: sp.Expr) -> None:
+def _refuse_unreal_or_unknown(e: sp.Expr) -> None:
     """Refuse a complex, infinite or undefined expression, and functions that are not in C here."""
     if e.has(sp.I, sp.nan, sp.zoo, sp.oo, sp.S.NegativeInfinity):
         raise RefusedError("This is not a real number for any value of its symbols; write another "

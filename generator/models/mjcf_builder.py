@@ -58,18 +58,19 @@ def parse_mjcf(
     ``close`` adds loop joints, given the placement of each body.
     """
     left_out = as_names(options.get("ignore", ()))
-    weight = optional_vector("gravity", options.get("gravity"))
-    stiffness = ends_of_ranges(options.get("limits"))
+    gravity = optional_vector("gravity", options.get("gravity"))
+    limits = ends_of_ranges(options.get("limits"))
     file = Path(path)
     try:
         robot = read_mjcf_robot(text, file)
-        robot.limits = stiffness
+        robot.limits = limits
+        # no model here has the range of a ball; other ranges are read if the option is given
         robot.extras["limits"] += sum(
-            joint.range is not None and (stiffness is None or joint.kind == "ball")
+            joint.range is not None and (limits is None or joint.kind == "ball")
             for joint in robot.joints.values())
         refuse_extras(robot.extras, EXTRAS, left_out)
-        if weight is not None:
-            robot.gravity = weight
+        if gravity is not None:
+            robot.gravity = gravity
         mjcf_builder = MjcfBuilder(robot, _start(robot, options), rep, file)
         builder = mjcf_builder.build()
     except InputError as error:
@@ -93,12 +94,12 @@ def _start(robot: MjcfRobot, options: MjcfOptions) -> MjcfStart:
     """Return the start of the robot: a keyframe, or its pose in the file."""
     start = MjcfStart(*reference_of(robot), {actuator.name: 0.0 for actuator in robot.actuators})
     if options.get("keyframe") is not None:
-        _take_key(robot, start, _key(robot, options["keyframe"]))
+        _take_key(robot, start, _keyframe(robot, options["keyframe"]))
     take_values(robot, start, options.get("angles"), options.get("rates"))
     return start
 
 
-def _key(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
+def _keyframe(robot: MjcfRobot, keyframe: Any) -> MjcfKey:
     """Return a keyframe by its name or number; refuse a keyframe that the file has not."""
     # a name goes before a number: a keyframe may be called "1"
     names = [key.name for key in robot.keys]
@@ -151,14 +152,14 @@ class MjcfBuilder(RobotBuilder):
     def _add_more(self) -> None:
         """Add actuators, tendons, equalities and visual shapes."""
         for label, actuator in zip(self.inputs, self.mjcf.actuators, strict=True):
-            self._actuator(label, actuator)
+            self._add_actuator(label, actuator)
         for name, tendon in self.mjcf.tendons.items():
             if tendon.stiffness or tendon.damping:
-                self._tendon(name, tendon)
+                self._add_tendon(name, tendon)
         for cable in self.mjcf.cables:
-            self._cable(cable)
+            self._add_cable(cable)
         for equality in self.mjcf.equalities:
-            self._equality(equality)
+            self._add_equality(equality)
         for limb in self.frames:
             self._draw(limb)
 
@@ -174,20 +175,20 @@ class MjcfBuilder(RobotBuilder):
         MuJoCo's viewer shows groups 0 to 2; files put collision shapes into higher groups.
         """
         robot = self.mjcf
-        looks: tuple[list[Look], list[Look]] = ([], [])
+        visible: list[Look] = []
+        colliding: list[Look] = []
         for k in range(-1, len(robot.bodies)):
             if robot.limb(k) != limb:
                 continue
             inner = robot.inner(k)
             for group, (placement, shape) in robot.looks[k]:
-                looks[group > 2].append((inner.then(placement), shape))
-        visible, colliding = looks
+                (colliding if group > 2 else visible).append((inner.then(placement), shape))
         draw(self.builder, self.frames[limb], Placement(-self.centres[limb], np.eye(3)),
              visible or colliding, colliding, self.file)
 
     # ------------------------------------------------------------ actuators and equalities
 
-    def _actuator(self, label: str, actuator: MjcfActuator) -> None:
+    def _add_actuator(self, label: str, actuator: MjcfActuator) -> None:
         """Add an actuator's effort on its joints: gear (gain u + b₀ + b₁ l + (b₂ + drag u) l̇).
 
         u is the input ``label``, l = gear · Σ coefficient · coordinate the actuator's length.
@@ -195,14 +196,15 @@ class MjcfBuilder(RobotBuilder):
         build, gear = self.builder, actuator.gear
         length, rate = (gear * e for e in self._length(
             f"actuator {shown(actuator.name)}", actuator.joints))
+        # an input that acts nowhere would be refused
         u: Any = 0
         if actuator.gain or actuator.drag:
             u = build.input(label, self.controls[actuator.name])
         b0, b1, b2 = actuator.bias
         effort = gear * (actuator.gain * u + b0 + b1 * length + (b2 + actuator.drag * u) * rate)
-        self._pull(label, actuator.joints, effort)
+        self._add_motors(label, actuator.joints, effort)
 
-    def _tendon(self, name: str, tendon: MjcfTendon) -> None:
+    def _add_tendon(self, name: str, tendon: MjcfTendon) -> None:
         """Add V = ½ k (l − rest)² and the damper −c l̇ of a fixed tendon's length l."""
         length, rate = self._length(f"tendon {shown(name)}", tendon.joints)
         label = self.parameter_names.free(name, "tendon")
@@ -211,7 +213,7 @@ class MjcfBuilder(RobotBuilder):
         if tendon.stiffness:
             self.builder.potential(k * (length - tendon.rest) ** 2 / 2)
         if tendon.damping:
-            self._pull(label, tendon.joints, -c * rate)
+            self._add_motors(label, tendon.joints, -c * rate)
 
     def _length(self, owner: str, joints: Sequence[tuple[str, float]]) -> tuple[Any, Any]:
         """Return Σ coefficient · coordinate of joints, and its rate, as expressions.
@@ -226,14 +228,14 @@ class MjcfBuilder(RobotBuilder):
         length, rate = (sum(c * self._symbols(name)[k] for name, c in joints) for k in (0, 1))
         return length, rate
 
-    def _pull(self, label: str, joints: Sequence[tuple[str, float]], effort: Any) -> None:
+    def _add_motors(self, label: str, joints: Sequence[tuple[str, float]], effort: Any) -> None:
         """Add motors with an effort along Σ coefficient · coordinate: coefficient · effort each."""
         for name, coefficient in joints:
             effort_kind = "torque" if self.robot.joints[name].kind == "hinge" else "force"
             self.builder.motor(self.joint_names.free(f"{label}_motor"), self.coordinates[name],
                                **{effort_kind: coefficient * effort})
 
-    def _cable(self, cable: MjcfCable) -> None:
+    def _add_cable(self, cable: MjcfCable) -> None:
         """Add V = (2/h) Σ B_k (u_k − u°_k)² of neighbours, w + u = q̄_a q_b, as in ``beam``.
 
         q_a and q_b are the attitudes of the sections, h is the distance of the bodies' origins, and
@@ -242,7 +244,7 @@ class MjcfBuilder(RobotBuilder):
         """
         numbers = {body.name: k for k, body in enumerate(self.robot.bodies)}
         names = ("twisting", "bending1", "bending2")
-        B = [self._number(f"{cable.name}_{name}", value)
+        B = [self._new_parameter(f"{cable.name}_{name}", value)
              for name, value in zip(names, cable.stiffness, strict=True)]
         for a, b in pairwise(numbers[name] for name in cable.bodies):
             body_b = self.robot.bodies[b]
@@ -252,10 +254,11 @@ class MjcfBuilder(RobotBuilder):
             sign = 1 if quaternion_product(conjugate(start_a), start_b)[0] >= 0 else -1
             rest_strain = np.zeros(3) if cable.is_flat else sign * clean(
                 np.array(quaternion_of_matrix(body_b.place.R)[1:]))
-            h = self._number(f"{body_b.name}_spacing", float(np.linalg.norm(body_b.place.x)))
-            strains = [x - (self._number(f"{body_b.name}_rest{k}", x0) if x0 else 0)
+            h = self._new_parameter(f"{body_b.name}_spacing", float(np.linalg.norm(body_b.place.x)))
+            strains = [x - (self._new_parameter(f"{body_b.name}_rest{k}", x0) if x0 else 0)
                        for k, (x, x0) in enumerate(zip(u, rest_strain.tolist(), strict=True))]
-            self.builder.potential(2 / h * sum(k * x**2 for k, x in zip(B, strains, strict=True)))
+            self.builder.potential(
+                2 / h * sum(B_k * x**2 for B_k, x in zip(B, strains, strict=True)))
 
     def _section_attitude(self, body: int) -> tuple[Any, Any]:
         """Return the quaternion of a body of the file, and its numbers at the start.
@@ -270,25 +273,25 @@ class MjcfBuilder(RobotBuilder):
                     else quaternion_product(frame.attitude, turn.tolist()))
         return attitude, quaternion_product(start, turn)
 
-    def _number(self, name: str, value: float) -> Any:
+    def _new_parameter(self, name: str, value: float) -> Any:
         """Return a parameter with a value, as a symbol; its name is made free."""
         return self.builder.parameter(self.parameter_names.free(name), value)
 
-    def _equality(self, equality: MjcfEquality) -> None:
+    def _add_equality(self, equality: MjcfEquality) -> None:
         """Add an <equality>: a point or a pose in common, or a law of two joints or tendons."""
         name = self.joint_names.free(equality.name, "equality")
         if equality.kind == "connect":
-            self._connect(name, equality)
+            self._add_connect(name, equality)
         elif equality.kind == "weld":
-            self._weld(name, equality)
+            self._add_weld(name, equality)
         else:
-            self._law(name, equality)
+            self._add_law(name, equality)
 
     def _at_reference(self, body: int) -> Placement:
         """Return the placement of a body in space at the reference pose; −1 is the ground."""
         return IDENTITY if body < 0 else self.at_reference.bodies[body]
 
-    def _connect(self, name: str, equality: MjcfEquality) -> None:
+    def _add_connect(self, name: str, equality: MjcfEquality) -> None:
         """Add a ball joint of two bodies or sites.
 
         The points are the sites' origins, or the first six numbers of ``data`` in the bodies' axes.
@@ -302,7 +305,7 @@ class MjcfBuilder(RobotBuilder):
         (a, on_a), (b, on_b) = anchors
         self.builder.ball(name, self.frames[a], self.frames[b], on_a=on_a, on_b=on_b)
 
-    def _weld(self, name: str, equality: MjcfEquality) -> None:
+    def _add_weld(self, name: str, equality: MjcfEquality) -> None:
         """Add a fixed joint of two bodies or sites, with the relative pose of the file.
 
         A closed weld has R_2 = R_1 R_rel. The frames are fixed in the limbs a and b, R_1 = R_a C_1
@@ -331,7 +334,7 @@ class MjcfBuilder(RobotBuilder):
             on_b=self._on(b, self.at_reference, second.x + second.R @ point),
             rotation=fixed_rotation)
 
-    def _law(self, name: str, equality: MjcfEquality) -> None:
+    def _add_law(self, name: str, equality: MjcfEquality) -> None:
         """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + …, where y is a joint or a tendon Σ c_i q_i.
 
         A linear law of two joints is a coupling.

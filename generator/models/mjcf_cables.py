@@ -150,10 +150,10 @@ def _form(composite: Element, geom: Mapping[str, str]) -> tuple[str, list[float]
     """Return the type of a cable's geoms and its sizes in m; refuse other types and sizes."""
     form, text = geom.get("type", "sphere"), geom.get("size", "")
     sizes = _numbers(composite, "size of its geom", text)
-    count = 3 if form == "box" else 1
     # a box's first size is half its length, which the curve gives: it alone need not be above 0
+    count, first = (3, 1) if form == "box" else (1, 0)
     if form not in ("capsule", "cylinder", "box") or len(sizes) < count or not all(
-            x > 0 for x in sizes[count == 3:count]):
+            x > 0 for x in sizes[first:count]):
         raise _refusal(composite, f"has a geom of type {shown(form)} and size {shown(text)}; "
                        "write a capsule or cylinder with its radius, or a box with three sizes, "
                        "above 0.")

@@ -81,8 +81,8 @@ class _Guard:
         strip = any(e.attributes.get("strippath") == "true" for e in _descendants(top, "compiler"))
         folders = [e.attributes[key] for e in _descendants(top, "compiler") for key in _FOLDERS
                    if key in e.attributes]
-        models = [self.check(*self._read(element)) for element in _descendants(top, "model")]
-        self.attached = max(models, default=0.0)
+        model_sizes = [self.check(*self._read(element)) for element in _descendants(top, "model")]
+        self.attached = max(model_sizes, default=0.0)
         count = self._count(top, strip, ["", *folders])
         if count > MAX_ELEMENTS:
             raise InputError(f"line {top.line}: with what <replicate>, <attach> and the like make "

@@ -23,12 +23,12 @@ __all__ = ["ENABLE_FLAGS", "REFUSED", "Refusal", "check_fields", "count_refused"
            "fields_of", "flags_of"]
 
 
-def _names(groups: Mapping[str, str]) -> frozenset[str]:
+def _field_names(groups: Mapping[str, str]) -> frozenset[str]:
     """Return the names of fields, from prefix → rests of the names in one text."""
     return frozenset(prefix + name for prefix, names in groups.items() for name in names.split())
 
 
-READ = _names({
+READ = _field_names({
     "": "nactuator nbody neq ngeom ngravcomp njnt nkey nq nsite ntendon nu nv opt qpos0 "
         "qpos_spring",
     "opt.": "disableactuator disableflags enableflags gravity timestep",
@@ -46,7 +46,7 @@ READ = _names({
                  "trnid trntype",
     "key_": "ctrl mpos mquat qpos qvel",
 })
-INERT = _names({
+INERT = _field_names({
     "": "flg_adhesion flg_gravcomp flg_surfacevel mapD2M mapM2D mapM2M names names_map paths "
         "plugin signature stat vis",
     "n": "B C D Jfe Jmom Jten M a arena buffer bvh bvhdynamic bvhstatic cam conmax efm0L efm0dof "
@@ -135,21 +135,21 @@ REFUSED = {
     "opt.density": Refusal(0, "fluid"),
     "opt.viscosity": Refusal(0, "fluid"),
     "nflex": Refusal(0, "deformable"),
-    "npair": Refusal(0, "contact", "contact"),
-    "dof_frictionloss": Refusal(0, "friction", "frictionloss"),
-    "tendon_frictionloss": Refusal(0, "friction", "frictionloss"),
-    "tendon_limited": Refusal(0, "limits", "limit"),
-    "jnt_actfrclimited": Refusal(0, "limits", "actuation"),
-    "tendon_actfrclimited": Refusal(0, "limits", "actuation"),
+    "npair": Refusal(0, "contact", off="contact"),
+    "dof_frictionloss": Refusal(0, "friction", off="frictionloss"),
+    "tendon_frictionloss": Refusal(0, "friction", off="frictionloss"),
+    "tendon_limited": Refusal(0, "limits", off="limit"),
+    "jnt_actfrclimited": Refusal(0, "limits", off="actuation"),
+    "tendon_actfrclimited": Refusal(0, "limits", off="actuation"),
     "tendon_armature": Refusal(0, "tendon"),
-    "jnt_stiffnesspoly": Refusal(0, "", "spring", _SPRING),
-    "tendon_stiffnesspoly": Refusal(0, "", "spring", _SPRING),
-    "dof_dampingpoly": Refusal(0, "", "damper", _DAMPER),
-    "tendon_dampingpoly": Refusal(0, "", "damper", _DAMPER),
-    "jnt_springyield": Refusal(0, "", "spring", _YIELD),
-    "tendon_springyield": Refusal(0, "", "spring", _YIELD),
-    "nplastic": Refusal(0, "", "spring", _YIELD),
-    "body_plugin": Refusal(-1, "", "", "a plugin that acts on a body"),
+    "jnt_stiffnesspoly": Refusal(0, off="spring", meaning=_SPRING),
+    "tendon_stiffnesspoly": Refusal(0, off="spring", meaning=_SPRING),
+    "dof_dampingpoly": Refusal(0, off="damper", meaning=_DAMPER),
+    "tendon_dampingpoly": Refusal(0, off="damper", meaning=_DAMPER),
+    "jnt_springyield": Refusal(0, off="spring", meaning=_YIELD),
+    "tendon_springyield": Refusal(0, off="spring", meaning=_YIELD),
+    "nplastic": Refusal(0, off="spring", meaning=_YIELD),
+    "body_plugin": Refusal(-1, meaning="a plugin that acts on a body"),
 }
 #: Flags of <option> that enable what moves nothing; the others are refused.
 ENABLE_FLAGS = frozenset(("override", "energy", "fwdinv", "invdiscrete", "diagexact", "ipc",

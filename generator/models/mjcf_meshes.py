@@ -68,7 +68,7 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
         inner, size = _stretch(mesh)
         geoms.append(MeshGeom(geom.name, outer.then(inner), None if is_fitted or size is None else
                               partial(_shape, size, _file(mesh, spec.strippath).as_posix())))
-    _remove(kinds, spec, meshes)
+    _remove_elements_of_files(kinds, spec, meshes)
     return geoms
 
 
@@ -100,7 +100,7 @@ def _replace_mesh(
     return outer
 
 
-def _remove(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
+def _remove_elements_of_files(kinds: Any, spec: Any, meshes: Collection[str]) -> None:
     """Remove the elements of a specification that need files, and what names them.
 
     A texture of one colour colours its material. Sizes of MuJoCo's memory become its defaults.

@@ -225,30 +225,31 @@ class _Reader:
         # body 0 of MuJoCo is the world, here the ground, −1
         robot.looks[-1] = self._looks(0)
         for body in range(1, m.nbody):
-            self._body(body)
+            self._add_body(body)
         for k in range(m.nsite):
             name = m.site(k).name
             if name:
-                robot.sites[name] = self._end(m.site_bodyid[k], m.site_pos[k], m.site_quat[k])
+                robot.sites[name] = self._body_place(
+                    m.site_bodyid[k], m.site_pos[k], m.site_quat[k])
         for k in range(m.ntendon):
-            self._tendon(k)
+            self._add_tendon(k)
         for k in range(m.nactuator):
-            self._actuator(k)
+            self._add_actuator(k)
         if "equality" not in robot.off:
             for k in range(m.neq):
                 if m.eq_active0[k]:
-                    self._equality(k)
+                    self._add_equality(k)
         for k in range(m.nkey):
-            self._key(k)
+            self._add_keyframe(k)
         if "contact" not in robot.off:
-            self._contacts()
+            self._count_contacts()
         return robot
 
-    def _end(self, body: int, x: Floats, q: Floats) -> tuple[int, Placement]:
+    def _body_place(self, body: int, x: Floats, q: Floats) -> tuple[int, Placement]:
         """Return the number of a body here, and the placement at x with the quaternion q."""
         return int(body) - 1, Placement(np.array(x), rotation(q))
 
-    def _kind(self, enumeration: str, number: int) -> str:
+    def _member(self, enumeration: str, number: int) -> str:
         """Return the name of a member of an enumeration: "hinge" of mjtJoint."""
         members = {value: name for name, value in _members(getattr(self.mujoco, enumeration))}
         return members.get(int(number), "").partition("_")[2].lower()
@@ -269,27 +270,28 @@ class _Reader:
     @cached_property
     def _body_names(self) -> list[str]:
         """The names of all bodies, the world first; those without a name are numbered."""
-        return _fill_names([self.m.body(k).name for k in range(self.m.nbody)], "body", 0)
+        return _fill_names([self.m.body(k).name for k in range(self.m.nbody)], "body", first=0)
 
     @cached_property
     def _tendon_names(self) -> list[str]:
         """The names of all tendons; those without a name are tendon1, tendon2, …."""
-        return _fill_names([self.m.tendon(k).name for k in range(self.m.ntendon)], "tendon", 1)
+        names = [self.m.tendon(k).name for k in range(self.m.ntendon)]
+        return _fill_names(names, "tendon", first=1)
 
     @cached_property
     def _actuator_names(self) -> list[str]:
         """The names of all actuators; those without a name are u1, u2, …."""
-        return _fill_names([self.m.actuator(k).name for k in range(self.m.nactuator)], "u", 1)
+        return _fill_names([self.m.actuator(k).name for k in range(self.m.nactuator)], "u", first=1)
 
     # ------------------------------------------------------------ bodies
 
-    def _body(self, k: int) -> None:
+    def _add_body(self, k: int) -> None:
         """Add a body: its inertia about the centre of mass in its own axes, and its joints."""
         m, robot = self.m, self.robot
         name, R = self._body_names[k], rotation(m.body_iquat[k])
         link = RobotLink(name, float(m.body_mass[k]), np.array(m.body_ipos[k]),
                          R @ np.diag(m.body_inertia[k]) @ R.T)
-        above, placement = self._end(m.body_parentid[k], m.body_pos[k], m.body_quat[k])
+        above, placement = self._body_place(m.body_parentid[k], m.body_pos[k], m.body_quat[k])
         first = m.body_jntadr[k]
         joints = [self._joint(j) for j in range(first, first + m.body_jntnum[k])]
         gravcomp = 0.0 if "gravcomp" in robot.off else float(m.body_gravcomp[k])
@@ -302,7 +304,7 @@ class _Reader:
 
         Raises InputError for gravity compensation by an actuator where none acts.
         """
-        m, disabled, kind = self.m, self.robot.off, self._kind("mjtJoint", self.m.jnt_type[k])
+        m, disabled, kind = self.m, self.robot.off, self._member("mjtJoint", self.m.jnt_type[k])
         # the first coordinate and the first rate of the joint
         q, v, has_coordinate = m.jnt_qposadr[k], m.jnt_dofadr[k], kind in ("hinge", "slide")
         if m.jnt_actgravcomp[k] and m.body_gravcomp.any() and (
@@ -341,9 +343,9 @@ class _Reader:
                 rgba = m.mat_rgba[material]
             if m.geom_bodyid[k] != body or not rgba[3]:
                 continue
-            _, placement = self._end(body, m.geom_pos[k], m.geom_quat[k])
+            _, placement = self._body_place(body, m.geom_pos[k], m.geom_quat[k])
             colour = "" if np.array_equal(rgba, _GREY) else colour_of(rgba.tolist())
-            mesh, kind = self.meshes.get(m.geom(k).name), self._kind("mjtGeom", m.geom_type[k])
+            mesh, kind = self.meshes.get(m.geom(k).name), self._member("mjtGeom", m.geom_type[k])
             if mesh is not None and mesh.shape is not None:
                 look = placement.then(mesh.inner), mesh.shape(colour)
             elif mesh is None and kind in _DRAWN:
@@ -355,7 +357,7 @@ class _Reader:
             looks.append((int(m.geom_group[k]), look))
         return looks
 
-    def _contacts(self) -> None:
+    def _count_contacts(self) -> None:
         """Count, as extras, the bodies whose geoms may collide with geoms of another body.
 
         Two geoms collide if the type of one is among the affinities of the other; parent and child
@@ -379,11 +381,11 @@ class _Reader:
 
     # ------------------------------------------------------------ tendons, actuators, equalities
 
-    def _tendon(self, k: int) -> None:
+    def _add_tendon(self, k: int) -> None:
         """Add a tendon: a fixed one is Σ c_i q_i of joints; a spatial one is counted as extra."""
         m, disabled, extras = self.m, self.robot.off, self.robot.extras
         wraps = range(m.tendon_adr[k], m.tendon_adr[k] + m.tendon_num[k])
-        is_fixed = all(self._kind("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in wraps)
+        is_fixed = all(self._member("mjtWrap", m.wrap_type[wrap]) == "joint" for wrap in wraps)
         low, high = map(float, m.tendon_lengthspring[k])
         stiffness = 0.0 if "spring" in disabled else float(m.tendon_stiffness[k])
         damping = self._damping(f"tendon {shown(self._tendon_names[k])}", m.tendon_damping[k])
@@ -395,7 +397,7 @@ class _Reader:
                   for wrap in wraps) if is_fixed else (),
             stiffness if low == high else 0.0, low, damping if is_fixed else 0.0)
 
-    def _actuator(self, k: int) -> None:
+    def _add_actuator(self, k: int) -> None:
         """Add actuator k, or count it as an extra part if it is none of ``MjcfActuator``.
 
         Actuators with states, plugins, delays or an inertia of their own are extra parts, and so
@@ -410,7 +412,7 @@ class _Reader:
                 0 <= group <= 30 and m.opt.disableactuator >> group & 1)):
             return
         joints = self._driven_joints(k)
-        gains, biases = (self._kind(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
+        gains, biases = (self._member(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
                          for law in ("gain", "bias"))
         gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
         unsupported = (m.actuator_dyntype[k] or gains not in ("fixed", "affine")
@@ -433,7 +435,7 @@ class _Reader:
     def _driven_joints(self, k: int) -> tuple[tuple[str, float], ...]:
         """Return (name, coefficient) of the joints whose sum actuator k drives; () for others."""
         m, robot = self.m, self.robot
-        kind, target = self._kind("mjtTrn", m.actuator_trntype[k]), int(m.actuator_trnid[k][0])
+        kind, target = self._member("mjtTrn", m.actuator_trntype[k]), int(m.actuator_trnid[k][0])
         if kind == "tendon":
             return [*robot.tendons.values()][target].joints
         if kind in ("joint", "jointinparent"):
@@ -443,20 +445,20 @@ class _Reader:
                 return ((joint, 1.0),)
         return ()
 
-    def _equality(self, k: int) -> None:
+    def _add_equality(self, k: int) -> None:
         """Add equality k with its two ends: placements of bodies or sites, joints or tendons.
 
         Raises InputError for an equality of other things.
         """
         m, robot = self.m, self.robot
-        kind, data = self._kind("mjtEq", m.eq_type[k]), np.array(m.eq_data[k])
+        kind, data = self._member("mjtEq", m.eq_type[k]), np.array(m.eq_data[k])
         name = m.equality(k).name or f"equality{k + 1}"
         numbers = [int(n) for n in (m.eq_obj1id[k], m.eq_obj2id[k])]
-        sites = self._kind("mjtObj", m.eq_objtype[k]) == "site"
+        sites = self._member("mjtObj", m.eq_objtype[k]) == "site"
         if kind in ("connect", "weld"):
-            joined_parts: list[Any] = [self._end(m.site_bodyid[n], m.site_pos[n], m.site_quat[n])
-                               if sites else (n - 1, Placement(np.zeros(3), np.eye(3)))
-                               for n in numbers]
+            joined_parts: list[Any] = [
+                self._body_place(m.site_bodyid[n], m.site_pos[n], m.site_quat[n])
+                if sites else (n - 1, Placement(np.zeros(3), np.eye(3))) for n in numbers]
         elif kind in ("joint", "tendon"):
             names = self._joint_names if kind == "joint" else [*robot.tendons]
             joined_parts = [names[n] for n in numbers if n >= 0]
@@ -468,7 +470,7 @@ class _Reader:
                              "remove it.")
         robot.equalities.append(MjcfEquality(name, kind, tuple(joined_parts), sites, data))
 
-    def _key(self, k: int) -> None:
+    def _add_keyframe(self, k: int) -> None:
         """Add a keyframe; a moved mocap body is noted, as it is refused if the keyframe is chosen.
         """
         m = self.m
@@ -487,7 +489,7 @@ class _Reader:
 
 
 def _fill_names(names: Sequence[str], kind: str, first: int) -> list[str]:
-    """Return names of which empty ones are replaced by the kind and a number."""
+    """Return names of which empty ones are replaced by the kind and a number, ``first`` or more."""
     return _unique(names, [f"{kind}{number}" for number in range(first, first + len(names))])
 
 

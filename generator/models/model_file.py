@@ -165,7 +165,7 @@ def _parse_model(
     """
     if is_robot(path):
         options = read_settings(settings, text, path)
-        return ModelFile(robot_model(text, path, rep, options), [])
+        return ModelFile(robot_model(text, path, rep, options), free=[])
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set_key(content, key, value)
@@ -183,7 +183,7 @@ def _parse_model(
         model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
         model = _with_units(_with_events(model, content), content)
         if "frame" in content:
-            model = replace(model, frame=content.choice("frame", FRAMES, ""))
+            model = replace(model, frame=content.choice("frame", FRAMES, default=""))
         formulas.warn_of_unused()
         # free parameters: no other number of the file is computed from them, so that a run may
         # change them alone

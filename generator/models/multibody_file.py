@@ -125,25 +125,25 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
                   "time_scale", "contacts", "stops", "latches")
     gravity = content.vector("gravity", 3) if "gravity" in content else (0.0, 0.0, -9.81)
     builder = Multibody(name, gravity=gravity, **run_length(content))
-    bodies = _bodies(content, builder, rep)
+    bodies = _add_bodies(content, builder, rep)
     _add_other_frames(content, builder, bodies, rep)
     # paths of moving points are formulas of parameters, which otherwise follow the joints' numbers
     has_points = bool(content.tables("points"))
     if has_points:
-        _parameters(builder, formulas)
+        _add_parameters(builder, formulas)
     for table in content.tables("points"):
         bodies[table.text("name", "")] = build_from(
-            table, lambda table: _point(builder, table, formulas))
+            table, lambda table: _add_point(builder, table, formulas))
     for table in content.tables("joints"):
         build_from(table, lambda table: join(builder, bodies, table))
     # from here on, formulas may also have coordinates, measures of joints and momenta
-    position, motion = _names(builder, bodies, formulas.parameters)
+    position, motion = _symbols_of_formulas(builder, bodies, formulas.parameters)
     if not has_points:
-        _parameters(builder, formulas)
+        _add_parameters(builder, formulas)
     for table in content.tables("drives"):
-        build_from(table, lambda table: _drive(builder, table, formulas))
+        build_from(table, lambda table: _add_drive(builder, table, formulas))
     for table in content.tables("forces"):
-        build_from(table, lambda table: _force(builder, bodies, table, formulas, motion))
+        build_from(table, lambda table: _add_force(builder, bodies, table, formulas, motion))
     # t is the time, unless the file has a parameter of this name
     time = {} if "t" in formulas.parameters else {"t": builder.time}
     _add_impacts(content, builder, bodies, formulas, position | time)
@@ -162,11 +162,11 @@ def _add_other_frames(
     content: TomlTable, builder: Multibody, bodies: dict[str, Frame], rep: str | None
 ) -> None:
     """Add point masses, rotors and beams; ``bodies``, frames by name, gets theirs."""
-    for kind, make in (("point_masses", _point_mass), ("rotors", _rotor)):
+    for kind, make in (("point_masses", _add_point_mass), ("rotors", _add_rotor)):
         for table in content.tables(kind):
             bodies[table.text("name", "")] = build_from(table, partial(make, builder, bodies))
     for table in content.tables("beams"):
-        beam = build_from(table, lambda table: _beam(builder, table, rep))
+        beam = build_from(table, lambda table: _add_beam(builder, table, rep))
         bodies |= {frame.name: frame for frame in (*beam.segments, beam.first, beam.last)}
 
 
@@ -177,10 +177,10 @@ def _add_impacts(
     """Add contacts, latches and stops; ``position`` has the names that gaps may contain."""
     for kind, number_key in (("contacts", "restitution"), ("latches", "close")):
         for table in content.tables(kind):
-            build_from(table, partial(_contact, builder, bodies, formulas=formulas,
+            build_from(table, partial(_add_contact, builder, bodies, formulas=formulas,
                                       position=position, number_key=number_key))
     for table in content.tables("stops"):
-        build_from(table, lambda table: _stop(builder, table, formulas))
+        build_from(table, lambda table: _add_stop(builder, table, formulas))
 
 
 def build_model(builder: Multibody, content: TomlTable) -> Model:
@@ -195,13 +195,13 @@ def build_model(builder: Multibody, content: TomlTable) -> Model:
     return model
 
 
-def _parameters(builder: Multibody, formulas: Formulas) -> None:
+def _add_parameters(builder: Multibody, formulas: Formulas) -> None:
     """Add the file's parameters to the builder, with their values."""
     for parameter, value in formulas.numbers.values.items():
         builder.parameter(parameter, value)
 
 
-def _point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
+def _add_point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
     """Add a point of the ground that moves by formulas of t, and return it."""
     table.allow("name", "path")
     table.require("name", "path")
@@ -209,7 +209,7 @@ def _point(builder: Multibody, table: TomlTable, formulas: Formulas) -> Frame:
     return builder.moving_point(table.symbol("name", table.text("name")), path)
 
 
-def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
+def _add_drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     """Add a driven joint, whose angle is a formula of t."""
     table.allow("name", "joint", "angle")
     table.require("name", "joint", "angle")
@@ -217,7 +217,7 @@ def _drive(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     builder.drive(table.symbol("name", table.text("name")), table.text("joint"), angle=law)
 
 
-def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str, Frame]:
+def _add_bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str, Frame]:
     """Add the bodies of [[bodies]]; return frames by name, the ground among them."""
     tables = content.tables("bodies")
     count = len(tables) + sum(len(content.tables(kind))
@@ -235,11 +235,11 @@ def _bodies(content: TomlTable, builder: Multibody, rep: str | None) -> dict[str
                     "angular_velocity")
         table.require("name", "mass", "inertia")
         name = table.symbol("name", table.text("name"))
-        frames[name] = build_from(table, lambda table: _body(builder, table, rep))
+        frames[name] = build_from(table, lambda table: _add_body(builder, table, rep))
     return frames
 
 
-def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
+def _add_body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
     """Add a rigid body of [[bodies]]; ``rep``, unless None, replaces the table's."""
     representation = read_rep(table) if rep is None else rep
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
@@ -254,7 +254,7 @@ def _body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
     )
 
 
-def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
+def _add_point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
     """Add a point mass; ``bodies`` is for the signature that rotors have, too."""
     table.allow("name", "mass", "position", "velocity")
     table.require("name", "mass")
@@ -263,19 +263,19 @@ def _point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTabl
                               **cast("dict[str, Any]", vectors))
 
 
-def _rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
+def _add_rotor(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
     """Add a wheel on a body; its bearing is a joint that motors may name."""
     table.allow("name", "bodies", "mass", "inertia", *AXES, "at", "on_body", "rate")
     table.require("name", "bodies", "mass", "inertia")
     vectors = {key: table.vector(key, 3) for key in (*AXES, "at", "on_body") if key in table}
     return builder.rotor(
-        table.symbol("name", table.text("name")), *_frames(table, bodies, 1),
+        table.symbol("name", table.text("name")), *_frames(table, bodies, count=1),
         mass=table.number("mass"), inertia=table.vector("inertia", 2),
         rate=table.number("rate", RATES) if "rate" in table else 0.0,
         **cast("dict[str, Any]", vectors))
 
 
-def _beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
+def _add_beam(builder: Multibody, table: TomlTable, rep: str | None) -> Beam:
     """Add a beam or cable; ``rep``, unless None, replaces the table's."""
     table.allow(*BEAM)
     table.require(*(key for key, parameter in BEAM.items() if parameter.default is parameter.empty))
@@ -308,7 +308,7 @@ def build_from(table: TomlTable, build: Callable[[TomlTable], Any]) -> Any:
         raise table.file_error(f"{table.where}{problem}") from None
 
 
-def _names(
+def _symbols_of_formulas(
     builder: Multibody, bodies: Mapping[str, Frame], reserved: Collection[str]
 ) -> tuple[dict[str, sp.Expr], dict[str, sp.Expr]]:
     """Return name → expression of the symbols in formulas of position, and of position and motion.
@@ -349,7 +349,8 @@ def join(
     """Call the method of the joint's type with the keys of its table.
 
     The keys are the method's keyword arguments, whose annotations say whether they are vectors,
-    pairs or numbers. ``locate`` converts points and axes of the table to the builder's arguments.
+    pairs or numbers. ``locate`` converts points and axes of the table to the builder's arguments;
+    by default they are these arguments already.
     """
     # keyword arguments of the methods: the others are the name and the bodies or joints
     keys = {kind: {key: parameter for key, parameter in parameters.items()
@@ -379,7 +380,7 @@ def join(
     getattr(builder, kind)(table.symbol("name", table.text("name")), *frames, **locate(values))
 
 
-def _force(
+def _add_force(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     motion: Mapping[str, sp.Expr],
 ) -> None:
@@ -400,7 +401,7 @@ def _force(
         is_damper = kind == "joint_spring" and "damping" in table and "rest" not in table
         table.require("name", *([] if is_damper else ["stiffness"]))
         frames: Sequence[Frame | str] = (
-            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, 2))
+            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, count=2))
         numbers: dict[str, Any] = {}
         for key in FORCES[kind]:
             if key not in table or key in POINTS:
@@ -415,14 +416,14 @@ def _force(
                                **numbers, **points)
         return
     table.require(kind)
-    (body,) = _frames(table, bodies, 1)
+    (body,) = _frames(table, bodies, count=1)
     if not isinstance(body, Body | BeamEnd):
         raise table.error("bodies", "is the ground, which nothing moves; name a body.")
     entries = formulas.read_all(table, kind, motion, count=3)
     getattr(builder, kind)(body, entries, **points)
 
 
-def _contact(
+def _add_contact(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
     position: Mapping[str, sp.Expr], number_key: str,
 ) -> None:
@@ -444,7 +445,7 @@ def _contact(
         values["gap"] = formulas.read_all(table, "gap", position) if isinstance(
             table.content["gap"], list) else formulas.read(
                 table, "gap", table.formula("gap"), position)
-    # one body touches the ground
+    # one name is the body a, which touches the ground
     if "bodies" in table:
         count = 2 if len(table.strings("bodies")) == 2 else 1
         values |= zip("ab", _frames(table, bodies, count), strict=False)
@@ -454,7 +455,7 @@ def _contact(
         builder.contact(table.text("name"), **values, **_restitution(table, formulas))
 
 
-def _stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
+def _add_stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     """Add an end of the range of a joint, or both."""
     table.allow("name", "joint", "lower", "upper", "restitution")
     table.require("name", "joint")
@@ -483,7 +484,7 @@ def _restitution(table: TomlTable, formulas: Formulas) -> dict[str, Any]:
 def _kind(table: TomlTable, kinds: Mapping[str, tuple[str, ...]]) -> str:
     """Return the type of a joint or force; refuse keys other than ``kinds[type]``."""
     table.require("type")
-    kind = table.choice("type", tuple(kinds), "")
+    kind = table.choice("type", tuple(kinds), default="")
     frames_key = "joints" if kind in ON_JOINTS else "bodies"
     table.require(frames_key)
     table.allow("name", "type", frames_key, *kinds[kind])

@@ -132,7 +132,7 @@ def reference_of(robot: Robot) -> tuple[dict[str, Floats], dict[str, Floats]]:
 def base_pose(options: SdfOptions) -> Placement:
     """Return the pose of the base in space by the options ``position`` and ``quaternion``."""
     return Placement(vector("position", options.get("position", np.zeros(3))),
-                     rotation(attitude("the base", options.get("quaternion"), None)))
+                     rotation(attitude("the base", options.get("quaternion"), matrix=None)))
 
 
 def start_of(robot: Robot, options: SdfOptions) -> Start:
@@ -149,7 +149,7 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
     Joints that follow others follow the new values. Raises InputError for names of no joint, for
     followers, and for values that a joint cannot have.
     """
-    leaders = {follower.name: follower for follower in robot.followers}
+    follower_of = {follower.name: follower for follower in robot.followers}
     joint_names = [name for name in robot.joints if name]
     for key, argument, values in (
             ("angles", angles, start.coordinates), ("rates", rates, start.rates)):
@@ -159,27 +159,27 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
                 raise InputError(f"{key} names {shown(name)}, which is no joint that moves; "
                                  f"choose {join_or(joint_names or ['none'])}"
                                  f"{proposal(name, joint_names)}.")
-            if name in leaders:
+            if name in follower_of:
                 raise InputError(f"{key} names {shown(name)}, which follows "
-                                 f"{shown(leaders[name].leader)}; set that one.")
+                                 f"{shown(follower_of[name].leader)}; set that one.")
             values[name] = _joint_values(key, robot.joints[name], value)
         # offsets belong to angles alone: rates follow by the ratio
-        for name in leaders:
-            values[name] = _evaluate_follower(leaders, name, values, key == "angles")
+        for name in follower_of:
+            values[name] = _evaluate_follower(follower_of, name, values, is_angle=key == "angles")
 
 
 def _evaluate_follower(
-    leaders: Mapping[str, Follower], name: str, values: Mapping[str, Floats], is_angle: bool
+    follower_of: Mapping[str, Follower], name: str, values: Mapping[str, Floats], is_angle: bool
 ) -> Floats:
-    """Return the coordinate or rate of a joint, by its leader's: c = ratio · c_leader + offset.
+    """Return the coordinate or rate of a joint; of one that follows, ratio · c_leader + offset.
 
-    ``leaders``: name of a follower → its law; ``values``: name of a joint → its coordinates, or its
-    rates, shape (numbers,). Rates (``is_angle`` false) have no offset.
+    ``follower_of``: name of a joint that follows → its law; ``values``: name of a joint → its
+    coordinates, or its rates, shape (numbers,). Rates (``is_angle`` false) have no offset.
     """
-    if name not in leaders:
+    if name not in follower_of:
         return values[name]
-    follower = leaders[name]
-    leader = _evaluate_follower(leaders, follower.leader, values, is_angle)
+    follower = follower_of[name]
+    leader = _evaluate_follower(follower_of, follower.leader, values, is_angle)
     value: Floats = follower.ratio * leader + (follower.offset if is_angle else 0.0)
     return value
 
@@ -187,7 +187,8 @@ def _evaluate_follower(
 def _joint_values(key: str, joint: RobotJoint, entry: Any) -> Floats:
     """Return the value of the option ``key`` for a joint, shape (numbers of qpos or qvel,)."""
     if joint.kind in ("hinge", "slide"):
-        return np.array([_coordinate_value(key, joint.name, joint.kind == "hinge", entry)])
+        return np.array([_coordinate_value(
+            key, joint.name, is_angle=joint.kind == "hinge", entry=entry)])
     count = joint.count if key == "angles" else joint.freedoms
     values = real_array(entry)
     if values is None or values.shape != (count,) or not np.isfinite(values).all():
@@ -214,10 +215,11 @@ def _coordinate_value(key: str, name: str, is_angle: bool, entry: Any) -> float:
     about = f"{key[:-1]} of {name!r}"
     if isinstance(entry, str):
         try:
-            return float(finite(about, parse_number(entry, _UNITS[key] if is_angle else {}), ()))
+            units = _UNITS[key] if is_angle else {}
+            return float(finite(about, parse_number(entry, units), shape=()))
         except InputError as error:
             raise InputError(f"The {about} is {shown(entry)}: {error}") from None
-    number = float(finite(about, entry, ()))
+    number = float(finite(about, entry, shape=()))
     if is_angle and key == "angles":
         warn_of_degrees(f"The {about}", [number], cure=(
             f'"{number:.6g} deg"; "{number:.6g} rad" says that radians are'))
@@ -294,12 +296,12 @@ class RobotBuilder:
         velocities = body_velocities(robot, self.poses, self.start.rates)
         # all bodies before all joints: a joint names two of them
         for limb in limbs:
-            self._body(limb, velocities[limb])
+            self._add_body(limb, velocities[limb])
         for limb in limbs:
             self._join_and_name(limb)
         for joint in robot.joints.values():
-            self._quantities(joint)
-            self._springs(joint)
+            self._add_quantities(joint)
+            self._add_springs(joint)
         for follower in robot.followers:
             self.builder.couple(
                 self.joint_names.free(f"{follower.name}_mimic"), self.coordinates[follower.leader],
@@ -309,7 +311,7 @@ class RobotBuilder:
         mounts = self.mounts()
         for loop in robot.loops:
             name = self.joint_names.free(loop.name, "loop")
-            self._loop_springs(loop, loop.close(self.builder, name, mounts))
+            self._add_loop_springs(loop, loop.close(self.builder, name, mounts))
         self.builder._describes_start = False
         return self.builder
 
@@ -329,7 +331,7 @@ class RobotBuilder:
 
     # ------------------------------------------------------------ bodies
 
-    def _body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
+    def _add_body(self, limb: int, motion: tuple[Floats, Floats]) -> None:
         """Add the body of a limb with its pose and velocity at the start.
 
         ``motion`` is the velocity of the limb's origin, m/s, and its angular velocity, rad/s, both
@@ -384,7 +386,7 @@ class RobotBuilder:
 
         A free joint, or three independent slides of the ground and a ball, need no constraint. One
         joint is one of the builder's; several with armatures are a chain of coordinates; other
-        combinations have a joint of their own (``_special``), or are refused.
+        combinations have a joint of their own (``_add_combined_joint``), or are refused.
         """
         robot, build = self.robot, self.builder
         joints, parent = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
@@ -413,8 +415,8 @@ class RobotBuilder:
                 build.prismatic(name, *frames, **line, travel=coordinate))
         # coordinates with inertias of their own need no bodies between the joints
         elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
-            self._chain(limb, frames, axes, points)
-        elif not self._special(limb, frames, axes, points):
+            self._add_chain(limb, frames, axes, points)
+        elif not self._add_combined_joint(limb, frames, axes, points):
             raise InputError(
                 f"{robot.part} {shown(robot.bodies[limb].name)} has the joints {', '.join(kinds)} "
                 "in a row, and not each has an inertia; write armature=\"…\" above 0 for each, or "
@@ -430,7 +432,7 @@ class RobotBuilder:
                                          inertia=joint.armature)
         self.coordinates[joint.name] = link
 
-    def _chain(
+    def _add_chain(
         self, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats],
     ) -> None:
@@ -449,7 +451,7 @@ class RobotBuilder:
         for joint, link in zip(joints, chain.links, strict=True):
             self.coordinates[joint.name] = link.coordinate
 
-    def _special(
+    def _add_combined_joint(
         self, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats],
     ) -> bool:
@@ -464,28 +466,30 @@ class RobotBuilder:
         joints, build = self.robot.bodies[limb].joints, self.builder
         kinds = [joint.kind for joint in joints]
         coordinates = [float(self.start.coordinates[joint.name][0]) for joint in joints]
-        # the number of slides before the first hinge
-        slides = kinds.index("hinge") if "hinge" in kinds else len(kinds)
+        # the number of joints before the first hinge
+        slide_count = kinds.index("hinge") if "hinge" in kinds else len(kinds)
         has_armature = any(joint.armature for joint in joints)
         name = self.joint_name[joints[-1].name]
-        if set(kinds[:slides]) == {"slide"} and frames[0] is GROUND and len(kinds) <= 3 and (
-                len(kinds) - slides <= 1) and self._slides(name, limb, frames, axes, points):
+        if (set(kinds[:slide_count]) == {"slide"} and frames[0] is GROUND and len(kinds) <= 3
+                and len(kinds) - slide_count <= 1
+                and self._add_slides(name, limb, frames, axes, points)):
             return True
         if kinds in (["hinge", "slide"], ["slide", "hinge"]) and axes[0] @ axes[1] > 1 - _SAME:
             hinge, slide = kinds.index("hinge"), kinds.index("slide")
             link = build.cylindrical(name, *frames, axis_in_space=axes[hinge], at=points[hinge],
                                      angle=coordinates[hinge], travel=coordinates[slide])
             self.coordinates[joints[slide].name] = link
+            # with an armature, for which it has no flywheel, the caller refuses the file
             return not has_armature
         if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not has_armature:
-            return self._cross(name, limb, frames, axes, points)
+            return self._add_universal(name, limb, frames, axes, points)
         if kinds == ["hinge"] * 3 and not has_armature and all(
                 np.allclose(points[0], point, rtol=0, atol=_SAME) for point in points):
             build.ball(name, *frames, at=points[0])
             return True
         return False
 
-    def _slides(
+    def _add_slides(
         self, name: str, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats]
     ) -> bool:
@@ -513,6 +517,7 @@ class RobotBuilder:
             build._join(Translation(name, *frames, at=point, normal=normal))
         # d = Σ s_i e_i has s_i = d · dual_i
         duals = np.linalg.pinv(directions).T
+        # a hinge, which is the last joint, has no direction of travel
         for joint, dual in zip(joints, duals, strict=False):
             label = self.joint_names.free(f"{joint.name}_slide")
             self._set_coordinate(joint, build._join(Slide(
@@ -521,7 +526,7 @@ class RobotBuilder:
                 travel=float(self.start.coordinates[joint.name][0]))))
         return True
 
-    def _cross(
+    def _add_universal(
         self, name: str, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats]
     ) -> bool:
@@ -551,27 +556,30 @@ class RobotBuilder:
             return self.builder.angle(link), self.builder.rate(link)
         return self.builder.travel(link), self.builder.speed(link)
 
-    def _quantities(self, joint: RobotJoint) -> None:
+    def _add_quantities(self, joint: RobotJoint) -> None:
         """Add angle and rate, or travel and speed, of a joint as quantities of the model."""
         if joint.name in self.coordinates:
             names = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
             for measure, symbol in zip(names, self._symbols(joint.name), strict=True):
                 self.builder.quantity(f"{self.joint_name[joint.name]}_{measure}", symbol)
 
-    def _springs(self, joint: RobotJoint) -> None:
+    def _add_springs(self, joint: RobotJoint) -> None:
         """Add spring, damper and limits of a joint; refuse those of a joint without a coordinate.
 
         Limits are stops, or springs beyond the range, as the option ``limits`` says.
         """
         build, limits = self.builder, self.robot.limits
-        limited = None not in (limits, joint.range) and joint.kind != "ball"
+        # the range of a ball joint is counted among the parts that no model here has
+        is_limited = None not in (limits, joint.range) and joint.kind != "ball"
         if joint.name in self.coordinates:
             if joint.stiffness or joint.damping:
                 build.joint_spring(
                     self.joint_names.free(f"{joint.name}_spring"), self.coordinates[joint.name],
                     stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
-            if limited:
-                self._limit(joint.name, self.coordinates[joint.name], joint.range or (0.0, 0.0))
+            if is_limited:
+                # the range is not None here, which type checkers do not see
+                self._add_limits(joint.name, self.coordinates[joint.name],
+                                 joint.range or (0.0, 0.0))
             return
         # a joint without a coordinate: a ball has a damper, a single one an armature, else nothing
         is_single = (joint.kind in ("ball", "free")
@@ -579,25 +587,25 @@ class RobotBuilder:
         elements = " and ".join(
             [key for key in ("stiffness", "damping", "armature")
              if getattr(joint, key) and not (is_single and key == "armature")]
-            + ["range"] * limited)
+            + ["range"] * is_limited)
         if joint.kind == "ball" and elements == "damping":
-            self._ball_damper(joint)
+            self._add_ball_damper(joint)
         elif elements:
             row = "" if joint.kind in ("ball", "free") else " in a row without armature"
             raise InputError(f"joint {shown(joint.name)} has {elements}, which a {joint.kind} joint"
                              f"{row} has not here; write 0, or armature for each joint of its "
                              f"{self.robot.part}.")
 
-    def _loop_springs(self, loop: LoopJoint, connection: Connection) -> None:
+    def _add_loop_springs(self, loop: LoopJoint, connection: Connection) -> None:
         """Add spring, damper and limits of a joint that closes a loop."""
         if loop.damping or loop.stiffness:
             self.builder.joint_spring(
                 self.joint_names.free(f"{connection.name}_spring"), connection,
                 damping=loop.damping, stiffness=loop.stiffness, rest=loop.rest)
         if None not in (self.robot.limits, loop.range):
-            self._limit(connection.name, connection, loop.range or (0.0, 0.0))
+            self._add_limits(connection.name, connection, loop.range or (0.0, 0.0))
 
-    def _limit(self, name: str, connection: Connection, bounds: tuple[float, float]) -> None:
+    def _add_limits(self, name: str, connection: Connection, bounds: tuple[float, float]) -> None:
         """Add the ends of the range of a coordinate: stops, or springs beyond them."""
         build, limits, (lower, upper) = self.builder, self.robot.limits, bounds
         label = self.joint_names.free(f"{name}_limits")
@@ -613,7 +621,7 @@ class RobotBuilder:
         """The parameter of all stops at ends of ranges."""
         return self.builder.parameter(self.parameter_names.free("restitution"), 1.0)
 
-    def _ball_damper(self, joint: RobotJoint) -> None:
+    def _add_ball_damper(self, joint: RobotJoint) -> None:
         """Add the torque −c (ω_b − ω_a) of a ball joint on the limb b, and its opposite on a.
 
         ω is in space; torques are in the axes of the body on which they act.
@@ -636,13 +644,13 @@ class RobotBuilder:
         """
         for k, body in enumerate(self.robot.bodies):
             placement = self.robot.inner(k)
-            self._lift(f"{body.name}_gravcomp", k, placement.x + placement.R @ body.link.centre,
+            self._add_lift(f"{body.name}_gravcomp", k, placement.x + placement.R @ body.link.centre,
                        body.gravcomp * body.link.mass)
             for joint in body.joints:
                 if joint.kind == "free":
-                    self._lift(f"{joint.name}_weightless", k, np.zeros(3), joint.armature)
+                    self._add_lift(f"{joint.name}_weightless", k, np.zeros(3), joint.armature)
 
-    def _lift(self, name: str, body: int, point: Floats, mass: float) -> None:
+    def _add_lift(self, name: str, body: int, point: Floats, mass: float) -> None:
         """Add m g·x, which cancels the weight of a mass m at a point of a body of the file.
 
         ``name`` is the name of the parameter m.

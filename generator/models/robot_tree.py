@@ -447,17 +447,19 @@ def grow_tree(
 
 def free_base() -> RobotJoint:
     """Return the free joint of a floating root, which has no name."""
-    return RobotJoint("", "free", 0, np.array([0.0, 0.0, 1.0]), np.zeros(3))
+    # a free joint has no axis; ``grow_tree`` sets the number of the body
+    return RobotJoint(name="", kind="free", body=0, axis=np.array([0.0, 0.0, 1.0]),
+                      point=np.zeros(3))
 
 
 def check_followers(robot: Robot) -> None:
     """Refuse followers of a fixed joint, and cycles of followers."""
-    leaders = {follower.name: follower.leader for follower in robot.followers}
+    leader_of = {follower.name: follower.leader for follower in robot.followers}
     moving = [name for name, joint in robot.joints.items() if joint.kind in ("hinge", "slide")]
-    for name in leaders:
+    for name in leader_of:
         chain = [name]
-        while chain[-1] in leaders:
-            leader = leaders[chain[-1]]
+        while chain[-1] in leader_of:
+            leader = leader_of[chain[-1]]
             if leader not in moving:
                 raise InputError(f"joint {shown(chain[-1])} follows {shown(leader)}, which is no "
                                  f"joint that moves{proposal(leader, moving)}; correct its "

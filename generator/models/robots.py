@@ -107,7 +107,7 @@ def load_robot(
     if not is_robot(file):
         raise InputError(f"The model file {str(file)!r} is no robot's; give a file ending in "
                          ".urdf, .xml or .sdf, or build the bodies in Python.")
-    builder = _read_robot(model_text(file), file, rep, options)[0]
+    builder, _ = _read_robot(model_text(file), file, rep, options)
     builder._visuals = locate_all(builder._visuals, file)
     return builder
 
@@ -154,7 +154,8 @@ def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> d
     keys = robot_format(text, path).options
     options: dict[str, Any] = {"angles": {}, "rates": {}}
     for key, value in settings.items():
-        # a key that is no option of the format is the name of a joint
+        # a key that is no option of the format is the name of a joint, and so are "angles" and
+        # "rates", which no command sets as a whole
         if key not in keys or key in options:
             joint, _, rate = key.rpartition(".")
             kind, name = ("rates", joint) if rate == "rate" else ("angles", key)

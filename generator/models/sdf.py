@@ -92,8 +92,8 @@ def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Mul
     if base is not None:
         choose("base", base, BASES)
     left_out, pose = as_names(options.get("ignore", ())), base_pose(options)
-    weight = optional_vector("gravity", options.get("gravity"))
-    stiffness = ends_of_ranges(options.get("limits"))
+    gravity = optional_vector("gravity", options.get("gravity"))
+    limits = ends_of_ranges(options.get("limits"))
     try:
         top = read_xml(text)
         model = _only_model(top)
@@ -101,12 +101,12 @@ def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Mul
         scopes = _Scopes(top, model)
         links, joints = _read(scopes)
         # without the option limits, ranges of joints are elements that no model here has
-        if stiffness is None:
+        if limits is None:
             extras["limits"] = sum(joint.range is not None for joint in joints)
         refuse_extras(extras, EXTRAS, left_out)
         robot = _tree(scopes, links, joints, pose, base)
-        robot.gravity = np.array(_gravity(top)) if weight is None else weight
-        robot.limits = stiffness
+        robot.gravity = np.array(_gravity(top)) if gravity is None else gravity
+        robot.limits = limits
         robot_builder = RobotBuilder(robot, start_of(robot, options), rep)
         builder, mounts = robot_builder.build(), robot_builder.mounts()
         assumed = [name for name, element in scopes.elements_of_kind("link").items()
@@ -134,7 +134,7 @@ def _only_model(top: Element) -> Element:
 def _gravity(top: Element) -> list[float]:
     """Return gravity of the world in m/s², which files before version 1.6 have in <physics>.
 
-    Raises InputError for different ones.
+    Raises InputError if the file has several that differ.
     """
     elements = [e for world in top.all("world") for owner in (world, *world.all("physics"))
                 for e in owner.all("gravity")]
@@ -444,8 +444,8 @@ def _loop(joint: PlacedJoint, places: Mapping[str, Placement]) -> LoopJoint:
     placement = Placement(joint.place.x, np.eye(3))
     parent, child = (places[link].inverse().then(placement) for link in (joint.parent, joint.child))
     return LoopJoint(f"{joint.name}_loop", joint.kind, (joint.parent, joint.child),
-                     (parent, child), joint.axis, None, joint.stiffness, joint.rest, joint.damping,
-                     joint.range, has_axes_on_b=True)
+                     (parent, child), joint.axis, across=None, stiffness=joint.stiffness,
+                     rest=joint.rest, damping=joint.damping, range=joint.range, has_axes_on_b=True)
 
 
 # ---------------------------------------------------------------- looks

@@ -110,16 +110,17 @@ def _read_formulas(content: TomlTable, formulas: Formulas, has_tensor: bool) -> 
     forces = content.table("forces")
     # the moments of inertia; the entries of a tensor are among the parameters
     letters = () if has_tensor else moments
-    position = _place(letters)
+    position = _position_symbols(letters)
     # t is the time, unless the file has a parameter of this name
     symbols = position if "t" in formulas.parameters else position | {"t": rigid_body.time}
     potential = sp.Integer(0)
     if "potential" in content:
         potential = formulas.read(content, "potential", content.formula("potential"), symbols,
                                   letters)
-    motion = position | _motion(INVERSE if has_tensor else moments)
+    motion = position | _motion_symbols(INVERSE if has_tensor else moments)
     forces.allow("torque")
-    torque = formulas.read_all(forces, "torque", motion, letters, 3) if "torque" in forces else []
+    torque = formulas.read_all(forces, "torque", motion, letters, count=3) if (
+        "torque" in forces) else []
     quantities = formulas.quantities(motion, letters)
     scales = [formulas.read(content, "time_scale", content.formula("time_scale"), motion, letters)
               ] if "time_scale" in content else []
@@ -179,14 +180,14 @@ def _add_tensor(inertia: Inertia, formulas: Formulas) -> None:
         formulas.parameters[str(symbol)] = symbol
 
 
-def _place(letters: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
+def _position_symbols(letters: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
     """Return name → expression for formulas of the attitude: q0…, ``letters`` and R11…R33."""
     R = rigid_body.rotation_matrix(q)
     entries = {f"R{i + 1}{j + 1}": R[i, j] for i in range(3) for j in range(3)}
     return {str(symbol): symbol for symbol in (*q, *letters)} | entries
 
 
-def _motion(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
+def _motion_symbols(inertia: Sequence[sp.Symbol]) -> dict[str, sp.Expr]:
     """Return name → expression for formulas of the motion: p0…, t and omega1…omega3."""
     omega = rigid_body.angular_velocity(inertia=inertia)
     return {str(symbol): symbol for symbol in (*p, rigid_body.time)} | {

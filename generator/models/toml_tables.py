@@ -44,7 +44,7 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
     # TOMLDecodeError is a ValueError, and so is the error for an integer of 5000 digits
     except ValueError as problem:
         raise error(f"it is not TOML ({shorten(str(problem), 120)}); correct that place.") from None
-    return TomlTable(content, "", error)
+    return TomlTable(content, where="", error=error)
 
 
 def number_of_text(text: str) -> Any:
@@ -156,14 +156,14 @@ class TomlTable:
 
     def names(self, key: str) -> list[str]:
         """Return a list of names of symbols."""
-        entries = self._list(key, None, "names in quotes")
+        entries = self._list(key, count=None, content="names in quotes")
         for i, value in enumerate(entries, 1):
             self.symbol(f"{key}, entry {i},", value)
         return list(entries)
 
     def strings(self, key: str) -> list[str]:
         """Return a list of texts, none if the key is not there."""
-        entries = self._list(key, None, "texts in quotes")
+        entries = self._list(key, count=None, content="texts in quotes")
         for i, value in enumerate(entries, 1):
             if not isinstance(value, str) or not value.isprintable() or len(value) > 100:
                 raise self.error(f"{key}, entry {i},", f"is {describe(value)}; write a short text "
@@ -211,8 +211,9 @@ class TomlTable:
     def rows(self, key: str, width: int) -> list[list[float]]:
         """Return rows of ``width`` numbers, any number of them."""
         # a table whose keys name the rows in errors
-        rows = TomlTable(dict(enumerate_rows(key, self._list(key, None, f"rows of {width}"))),
-                         self.where, self.file_error, self.constants)
+        entries = self._list(key, count=None, content=f"rows of {width}")
+        rows = TomlTable(dict(enumerate_rows(key, entries)), self.where, self.file_error,
+                         self.constants)
         return [rows.vector(row, width) for row in rows.content]
 
     def items(self) -> Iterator[str]:

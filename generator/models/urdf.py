@@ -82,13 +82,13 @@ def parse_urdf(
     """
     base = choose("base", options.get("base", "fixed"), BASES)
     left_out, pose = as_names(options.get("ignore", ())), base_pose(options)
-    weight = optional_vector("gravity", options.get("gravity"))
-    stiffness = ends_of_ranges(options.get("limits"))
+    gravity = optional_vector("gravity", options.get("gravity"))
+    limits = ends_of_ranges(options.get("limits"))
     try:
         top = read_xml(text)
-        robot = _read(top, left_out, stiffness, pose, base == "floating")
-        if weight is not None:
-            robot.gravity = weight
+        robot = _read(top, left_out, limits, pose, floats=base == "floating")
+        if gravity is not None:
+            robot.gravity = gravity
         robot_builder = RobotBuilder(robot, start_of(robot, options), rep)
         builder = robot_builder.build()
         mounts = robot_builder.mounts()
@@ -127,6 +127,7 @@ def _read(
     # reading the joints adds each <mimic> to the robot's followers
     robot = Robot(top.attributes.get("name", "robot"), "a URDF", "link", limits=limits)
     edges = _read_all(top, "joint", partial(_joint, version, robot.followers))
+    # without the option limits, ranges of joints are elements that no model here has
     if limits is None:
         extras["limits"] = sum(edge.joint is not None and edge.joint.range is not None
                                for edge in edges.values())

@@ -84,7 +84,7 @@ def count_extras(top: Element, schema: Schema) -> Counter[str]:
     Raises InputError, "line 3: …; cure.", for the first part that is in no class, twice, or
     refused.
     """
-    return Counter(_extras(top, "", "", schema))
+    return Counter(_extras(top, above="", owner="", schema=schema))
 
 
 class _Part(NamedTuple):
@@ -104,7 +104,7 @@ class _Part(NamedTuple):
 def _parts_in(element: Element) -> Iterator[_Part]:
     """Yield the attributes and then the children of an element."""
     for key, text in element.attributes.items():
-        yield _Part(f"@{key}", text, element.line, None)
+        yield _Part(f"@{key}", text, element.line, child=None)
     for child in element.children:
         yield _Part(child.name, child.text, child.line, child)
 
@@ -175,6 +175,7 @@ def _refuse_unknown_or_repeated(
 def _is_same(text: str, default: str) -> bool:
     """Return whether two texts have the same words, numbers by value."""
     words, default_words = text.split(), default.split()
+    # words that are no numbers have the value None, by which they are not equal
     return len(words) == len(default_words) and all(
         word == default_word or _value(word) == _value(default_word) is not None
         for word, default_word in zip(words, default_words, strict=True))
