@@ -133,6 +133,7 @@ def _refusal(
     ``bound``: its first parameter is self. The first reason that applies: former and unknown
     names, too many arguments, one given twice, missing ones.
     """
+    # of a bound function without the first one
     parameters = list(inspect.signature(function).parameters.values())[bound:]
     by_place = [parameter.name for parameter in parameters
                 if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.POSITIONAL_OR_KEYWORD)]

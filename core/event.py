@@ -218,6 +218,7 @@ def as_events(argument: Any, quantities: Sequence[str]) -> tuple[Event, ...]:
         return ()
     events = (argument,) if isinstance(argument, Event | Impact) else argument
     if isinstance(events, Sequence):
+        # runs take impacts by ``as_impacts``: here they come from sweeps and sections alone
         refuse_together(impacts=any(isinstance(event, Impact) for event in events) and "an impact",
                         other_runs="sweeps and sections")
     if not isinstance(events, Sequence) or not all(isinstance(event, Event) for event in events):
@@ -266,5 +267,6 @@ def event_of_text(
         raise InputError(f'The event {text!r} is not read; write "height=0", "height=0 down" or '
                          '"height=0 up stop": a quantity, its level, up, down or both, and stop '
                          "where the run shall end there.")
-    return Event(match["quantity"], level, DIRECTIONS[directions[0]] if directions else 0,
-                 "stop" in words, name)
+    return Event(match["quantity"], level,
+                 direction=DIRECTIONS[directions[0]] if directions else 0,
+                 terminal="stop" in words, name=name)

@@ -64,6 +64,7 @@ def exact(value: Any) -> Fraction | float | None:
     """
     if isinstance(value, Rounded):
         return value.whole
+    # NumPy's bools, complex numbers and texts are none either
     if isinstance(value, bool) or getattr(getattr(value, "dtype", None), "kind", "f") not in "fiu":
         return None
     if hasattr(value, "_mpf_"):  # of mpmath, and SymPy's Float
@@ -183,7 +184,8 @@ def as_double(value: Fraction) -> float:
 def digits_of(number: Any) -> Any:
     """Return a double, long double or mpf of 113 bits as JSON can hold it, for ``decimal``.
 
-    As a float if it is one, else as text: the shortest of at least 33 digits that gives it back.
+    As a float if it is one or NaN, else as text: the shortest of at least 33 digits that gives it
+    back.
     """
     return float(number) if float(number) == number or number != number else wide_text(number)
 

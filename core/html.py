@@ -39,8 +39,8 @@ def table(rows: Iterable[Sequence[object]], heads: Sequence[object] = ()) -> Raw
         """Return a row of the table in HTML."""
         # A corner without a text is no head of its column: screen readers would announce it.
         tags = [tag if cell else "td" for cell in cells] if tag == "th" else [tag] * len(cells)
-        cells_html = "".join(f'<{tag} style="text-align:left">{_escape(cell)}</{tag}>'
-                             for tag, cell in zip(tags, cells, strict=True))
+        cells_html = "".join(f'<{cell_tag} style="text-align:left">{_escape(cell)}</{cell_tag}>'
+                             for cell_tag, cell in zip(tags, cells, strict=True))
         return f"<tr>{cells_html}</tr>"
 
     top = f"<thead>{line(heads, 'th')}</thead>" if heads else ""

@@ -245,8 +245,10 @@ def refuse_impossible_inertias(
         # also where a singular J⁻¹ has made them NaN
         impossible = ~(largest - sums_of_smaller <= _TWO_DIGITS * largest)
         if impossible.any():
+            # the first body, and the row of it where parameters are columns
             body, *row = np.argwhere(impossible)[0].tolist()
             inertia = values[(body, slice(None), *row)].tolist()
+            # raises the error
             as_inertia(inertia if count == 3 else tensor_of_inverse(inertia),
                        f"inertia of {list(names)[body]!r}")
 
@@ -275,7 +277,8 @@ def _moments_of_inverses(values: Floats) -> Floats:
     """
     upper = np.moveaxis(values, 1, -1)
     K = np.zeros((*upper.shape[:-1], 3, 3))
-    K[(..., *np.tril_indices(3))] = upper[..., [0, 1, 3, 2, 4, 5]]  # eigvalsh reads this half
+    # the lower half, which eigvalsh reads, row by row: K11; K12, K22; K13, K23, K33
+    K[(..., *np.tril_indices(3))] = upper[..., [0, 1, 3, 2, 4, 5]]
     inverse_moments = np.linalg.eigvalsh(K)
     moments = 1 / np.where(inverse_moments > 0, inverse_moments, np.nan)
     return np.moveaxis(moments, -1, 1)
@@ -298,7 +301,8 @@ def unit_quaternions(values: Any, label: str = "quaternion") -> Floats:
     scaled = q / sizes  # so that no square leaves the range of doubles
     norms = np.linalg.norm(scaled, axis=-1, keepdims=True)
     lengths = norms * sizes
-    unit: Floats = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)  # or as it is
+    # of length 1 they stay as they are
+    unit: Floats = np.where(abs(lengths - 1) <= 4 * _EPS, q, scaled / norms)
     _warn_of_length(label, values, lengths.ravel())
     _warn_of_order(label, values, unit)
     return unit
@@ -334,6 +338,7 @@ def _warn_of_order(label: str, values: Any, unit: Floats) -> None:
     quaternion = np.atleast_2d(unit)[0]
     scalar_first, scalar_last = (
         math.degrees(2 * math.acos(min(abs(float(x)), 1.0))) for x in quaternion[[0, 3]])
+    # + 0.0 makes 0 of −0
     scalar_first_text = ", ".join(f"{x + 0.0:.6g}" for x in quaternion[[3, 0, 1, 2]])
     warn(f"The {label} {shown(values)} is read scalar first, a turn by {scalar_first:.0f}°. If its "
          f"scalar stands last, a turn by {scalar_last:.0f}°, write ({scalar_first_text}); else "

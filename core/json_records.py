@@ -85,7 +85,7 @@ def _refuse(value: Any, expected: str) -> Any:
 
 
 def _at(path: str, decode: Decoder, value: Any) -> Any:
-    """Return a decoded value; errors get its place: ``path``, before that within the value."""
+    """Return a decoded value; errors get its ``path`` in front of their place within the value."""
     try:
         return decode(value)
     except UnfitError as error:

@@ -17,9 +17,10 @@ __all__ = ["imported_for_good"]
 
 @contextlib.contextmanager
 def imported_for_good(module: str) -> Iterator[None]:
-    """Import within: if ``module`` is new, all there is afterwards is kept from the collector.
+    """Keep the collector from what a ``with`` block imports: all objects that are there at its end.
 
-    For commands alone: other programs have objects that are to go.
+    Nothing happens if ``module`` was imported before. For commands alone: other programs have
+    objects that must be collected.
     """
     if module in sys.modules or not gc.isenabled():
         yield

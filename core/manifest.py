@@ -365,7 +365,10 @@ class Manifest:
 
 
 def _is_usable(symmetry: SymmetryManifest, parameters: set[str], n: int) -> bool:
-    """Return whether A is an n × n matrix of fractions, and conditions are of the parameters."""
+    """Return whether A is an n × n matrix of fractions, and name and conditions are of parameters.
+
+    Powers are bounded as fractions are: see ``_FRACTION``.
+    """
     has_matrix = all(0 <= min(i, j) <= max(i, j) < n and _FRACTION.fullmatch(x)
                      for i, j, x in symmetry.A)
     terms = [term for polynomial in symmetry.vanishing for term in polynomial]

@@ -100,7 +100,7 @@ def _is_terminal() -> bool:
 class TerminalHandler(logging.Handler):
     """Shows the innermost task under way in the main thread; ``results`` are printed, too.
 
-    ``asked`` has the texts on a stderr that is no terminal, too.
+    With ``asked``, for ``progress=True``, tasks are shown on a stderr that is no terminal, too.
     """
 
     results = False

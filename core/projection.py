@@ -180,7 +180,7 @@ def report(
 def project_coordinates(system: Constrained, q: Array) -> Array:
     """Return a q with g(q) = 0 near the given one, by Newton's method with damping.
 
-    q ← q − θ Gᵀ(GGᵀ)⁻¹ g, where θ is halved until |g| falls or is round-off.
+    q ← q − θ Gᵀ(GGᵀ)⁻¹ g, where θ (``fraction``) is halved until |g| falls or is round-off.
     """
     g = system.g(q)
     closest_q = q  # the last step may raise |g| within round-off
@@ -206,10 +206,10 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
         q, g = q_new, g_new
     if _norm(g) <= _round_off_of_g(system.G(q), q):
         return closest_q
-    mu = int(np.argmax(np.abs(g)))
+    worst = int(np.argmax(np.abs(g)))
     raise InputError(
-        f"No state near the given one meets all constraints: {system.constraint_names[mu]!r} "
-        f"stays at |g| = {abs(g[mu]):.3e}; check its points and lengths, or give a nearer start."
+        f"No state near the given one meets all constraints: {system.constraint_names[worst]!r} "
+        f"stays at |g| = {abs(g[worst]):.3e}; check its points and lengths, or give a nearer start."
     )
 
 
@@ -228,10 +228,10 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
             return p
         if not np.isfinite(p).all():
             break
-    mu = int(np.argmax(np.abs(f)))
+    worst = int(np.argmax(np.abs(f)))
     raise InputError(
-        f"No momenta near the given ones satisfy {_names(system)[mu]!r}: "
-        f"its rate stays at {abs(f[mu]):.3e}; give a nearer start."
+        f"No momenta near the given ones satisfy {_names(system)[worst]!r}: "
+        f"its rate stays at {abs(f[worst]):.3e}; give a nearer start."
     )
 
 
@@ -262,11 +262,12 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
     left_out: list[int] = []
     null_rows = null[involved]  # coefficients of the involved rows in each dependency
     for _ in range(null.shape[1]):
-        sizes = np.linalg.norm(null_rows, axis=1)
-        pivot = np.flatnonzero(sizes > SHARE * sizes.max())[-1]
+        coefficients = np.linalg.norm(null_rows, axis=1)
+        # the last row with a large coefficient
+        pivot = np.flatnonzero(coefficients > SHARE * coefficients.max())[-1]
         left_out.append(involved[pivot])
         # one dependency is resolved by leaving out the pivot; go on with those without it
-        direction = null_rows[pivot] / sizes[pivot]
+        direction = null_rows[pivot] / coefficients[pivot]
         null_rows = null_rows - np.outer(null_rows @ direction, direction)
     return involved, sorted(left_out)
 
@@ -274,8 +275,9 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
 def _is_well_conditioned(rows: Array) -> bool:
     """Return whether RRᵀ − 1e-10 |RRᵀ|₁ has a Cholesky factor: then no row depends on others.
 
-    |RRᵀ|₁ ≥ σ_max², so that σ_min > 1e-5 σ_max: far above ``RANK_TOLERANCE``, and the shift above
-    the round-off of RRᵀ, m eps. It is quicker than singular values, which decide where it fails.
+    R are ``rows``, of length one. |RRᵀ|₁ ≥ σ_max², so that σ_min > 1e-5 σ_max: far above
+    ``RANK_TOLERANCE``, and the shift above the round-off of RRᵀ, m eps. It is quicker than singular
+    values, which decide where it fails.
     """
     if not len(rows):
         return True
@@ -316,7 +318,7 @@ def solve_sparse(W: csr_array, defect: Array) -> Array:
     scaled = _scale(W, scale)
     # positive definite by more than its round-off, or it raises; the factor itself is not used
     _factor(scaled, EPS * _norm_1(scaled))
-    x: Array = cho_solve_banded((_factor(scaled), True), scale * defect)
+    x: Array = cho_solve_banded((_factor(scaled), True), scale * defect)  # True: a lower factor
     x *= scale
     return x
 
@@ -384,12 +386,12 @@ def _newton_step(
     except np.linalg.LinAlgError:
         condition = math.inf
     if not condition < 1 / EPS:
-        raise InputError(f"The state cannot be projected. {_singular(system, as_dense(G))}")
+        raise InputError(f"The state cannot be projected. {_why_singular(system, as_dense(G))}")
     change: Array = G.T @ (scale * (inverse @ (scale * defect)))
     return change
 
 
-def _singular(system: Constrained, G: Array) -> str:
+def _why_singular(system: Constrained, G: Array) -> str:
     """Return which constraints leave the multipliers undetermined, as a sentence."""
     names = _names(system)[: len(G)]
     if not np.isfinite(G).all():

@@ -43,7 +43,7 @@ class Solver:
     def __post_init__(self) -> None:
         """Check all fields; 50.0 iterations are 50."""
         choose("solver", self.kind, get_args(SolverName))
-        bound = 1 if self.tolerance is None else exact(self.tolerance)
+        bound = 1 if self.tolerance is None else exact(self.tolerance)  # 1: none is allowed too
         if bound is None or not 0 < bound < math.inf:
             raise InputError(f"tolerance = {shown(self.tolerance)} is not positive and finite; "
                              "give none for round-off.")
