@@ -77,7 +77,7 @@ def animate(
     if shape == "auto":
         scene, meshes = with_visuals(trajectory, scene, "small", _BUDGET)
     else:
-        scene = _plain(scene, shape)
+        scene = _with_inertia_shapes(scene, shape)
     width, height = _SIZE
     figure = figure_class()(figsize=(width / _DPI, height * 1.25 / _DPI), dpi=_DPI)
     stage = _Stage(figure, scene, meshes, shown_frames)
@@ -149,6 +149,7 @@ class _Stage:
         self.image = figure.figimage(np.zeros((*_SIZE[::-1], 3), np.uint8), 0, _SIZE[1] // 4)
         self.energy = figure.add_axes((0.14, 0.085, 0.83, 0.08))
         self.now = self.energy.axvline(scene.t[0], color="#c0392b", linewidth=1)
+        # visuals of a model have colours of their own
         legend_entries = [(body.name, colour) for body, colour in zip(scene.parts, cycle(COLOURS))
                           if not body.own]
         if 1 < len(legend_entries) <= 10:
@@ -172,7 +173,7 @@ class _Stage:
         self.now.set_xdata([self.scene.t[frame]] * 2)
 
 
-def _plain(scene: Scene, shape: ShapeName) -> Scene:
+def _with_inertia_shapes(scene: Scene, shape: ShapeName) -> Scene:
     """Return a scene whose bodies are boxes or ellipsoids of their inertia, in place of other
     shapes."""
     kind: ShapeKind = "box" if shape == "box" else "sphere"

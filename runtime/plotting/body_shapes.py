@@ -142,7 +142,7 @@ def _body_shapes(body: ScenePart, joints: list[Held], thick: float, reach: float
     its proportions. ``inside``: another body lies within its box; ``thick`` is the radius of bars.
     """
     if body.rim is not None:
-        return list(_top(np.zeros(3), body.axes, body.rim.distance, body.rim.semi_axes, 0.0))
+        return list(_top(np.zeros(3), body.axes, body.rim.distance, body.rim.semi_axes, end=0.0))
     proportions = _proportions(body, joints)
     hinges, is_slim = proportions.hinges, proportions.is_slim
     # bodies around others: hinges in two directions, one of them on the outside, make a gimbal ring
@@ -330,7 +330,8 @@ def _wing_nut(body: ScenePart, half: Array) -> Iterator[Shape]:
     """Yield two rods that form a T: the longer axis is the bar across, the other the stem.
 
     Of a bar of half length 1 and a stem of length L of the same line density, the ratio of the two
-    second moments is ρ(L) = (2c² + L³/12 + L(c − L/2)²)/(2/3), c = L²/(2(2 + L)): it increases.
+    second moments is ρ(L) = (2c² + L³/12 + L(c − L/2)²)/(2/3), c = L²/(2(2 + L)): it increases. The
+    bar is at the distance c from the centre of mass.
     """
     across, along = np.argsort(half)[[2, 1]]
     low, high = 0.0, 2.0

@@ -89,8 +89,8 @@ class _Document:
         self.channels: list[dict[str, Any]] = []
         self.scene, self.mesh_files = scene, meshes
         # times of keyframes must increase, also of a run backwards
-        self.times = self._numbers((scene.t - scene.t[0]) * np.sign(scene.t[-1] - scene.t[0] or 1),
-                                   "<f4")
+        self.times = self._accessor((scene.t - scene.t[0]) * np.sign(scene.t[-1] - scene.t[0] or 1),
+                                    "<f4")
         self.reach = scene.reach(0)
         for i, body in enumerate(scene.parts):
             shapes = body.shapes or [Shape("box", body.sizes["box"], body.centre, body.axes)]
@@ -125,7 +125,7 @@ class _Document:
         size = 12 + len(json_chunk) + len(binary_chunk)  # with this header
         return struct.pack("<4sII", b"glTF", 2, size) + json_chunk + binary_chunk
 
-    def _numbers(self, array: Array, kind: str, use: int = 0) -> int:
+    def _accessor(self, array: Array, kind: str, use: int = 0) -> int:
         """Append an array to the numbers; return the index of its accessor, with its bounds.
 
         ``kind`` is a NumPy type such as "<f4"; ``use`` is glTF's number of the target of a buffer
@@ -155,6 +155,7 @@ class _Document:
                     else np.tile(r, (len(self.scene.t), 1)))
 
         a, b = path(tie.a, tie.on_a), path(tie.b, tie.on_b)
+        # above 0, also where the points coincide
         length = np.maximum(np.linalg.norm(b - a, axis=1, keepdims=True), 1e-9 * self.reach)
         third = np.array([0.0, 0.0, 1.0])
         q = np.array([_rotation(third, e) for e in (b - a) / length])
@@ -177,7 +178,7 @@ class _Document:
                 self.channels.append({"sampler": len(self.samplers), "target": {
                     "node": len(self.nodes), "path": path}})
                 self.samplers.append({"input": self.times, "interpolation": "LINEAR",
-                                      "output": self._numbers(channel, "<f4")})
+                                      "output": self._accessor(channel, "<f4")})
         self.nodes.append(node)
 
     def _primitives(self, shapes: Iterable[Shape], colour: str) -> Iterable[dict[str, Any]]:
@@ -189,8 +190,8 @@ class _Document:
                 mesh = self.mesh_files[shape.file]
                 # a mirrored mesh has its corners in the other order
                 faces = mesh.triangles if np.prod(shape.size) > 0 else mesh.triangles[:, ::-1]
-                accessor = self._numbers(shape.centre + mesh.points * shape.size @ shape.axes.T,
-                                         "<f4", _VERTICES)
+                accessor = self._accessor(shape.centre + mesh.points * shape.size @ shape.axes.T,
+                                          "<f4", _VERTICES)
                 yield self._primitive({"POSITION": accessor}, faces, shape_colour)
                 continue
             solid = mesh_of(shape)
@@ -204,14 +205,15 @@ class _Document:
                     faces=faces.reshape(-1, 3)))
         for shape_colour, solid_parts in solids.items():
             solid_mesh = join_meshes(solid_parts)
-            yield self._primitive({"POSITION": self._numbers(solid_mesh.points, "<f4", _VERTICES),
-                                   "NORMAL": self._numbers(solid_mesh.normals, "<f4", _VERTICES)},
+            yield self._primitive({"POSITION": self._accessor(solid_mesh.points, "<f4", _VERTICES),
+                                   "NORMAL": self._accessor(solid_mesh.normals, "<f4", _VERTICES)},
                                   solid_mesh.faces, shape_colour)
 
     def _primitive(self, attributes: dict[str, int], faces: Array, colour: str) -> dict[str, Any]:
         """Return a primitive: accessors of its vertices by attribute, its triangles and its
         material."""
-        return {"attributes": attributes, "indices": self._numbers(faces.ravel(), "<u4", _ELEMENTS),
+        return {"attributes": attributes,
+                "indices": self._accessor(faces.ravel(), "<u4", _ELEMENTS),
                 "material": self.materials.setdefault(colour, len(self.materials))}
 
 

@@ -201,12 +201,13 @@ def _content(
         "ground": _shapes_content(scene.ground, mesh_numbers),
         "title": scene.title, "shape": shape, "remarks": scene.remarks,
         "up": scene.up.tolist(), "gravity": scene.gravity,
-        "t": _bytes(scene.t - scene.t[0]), "start": float(scene.t[0]),
-        "energy": _bytes(scene.energy_error), "impacts": _bytes(scene.impacts - scene.t[0]),
+        "t": _as_base64(scene.t - scene.t[0]), "start": float(scene.t[0]),
+        "energy": _as_base64(scene.energy_error),
+        "impacts": _as_base64(scene.impacts - scene.t[0]),
         "bodies": [{
-            "name": body.name, "q": _bytes(body.q), "centre": body.centre.tolist(),
+            "name": body.name, "q": _as_base64(body.q), "centre": body.centre.tolist(),
             # a body that stays has one row for all frames
-            "x": _bytes(body.x if np.ptp(body.x, axis=0).any() else body.x[:1]),
+            "x": _as_base64(body.x if np.ptp(body.x, axis=0).any() else body.x[:1]),
             "axes": body.axes.T.tolist(), "tip": body.tip.tolist(),
             "sizes": {kind: size.tolist() for kind, size in body.sizes.items()},
             "scaled": body.to_scale, "shapes": _shapes_content(body.shapes, mesh_numbers),
@@ -230,6 +231,6 @@ def _shapes_content(
             for shape in shapes]
 
 
-def _bytes(array: Any) -> str:
+def _as_base64(array: Any) -> str:
     """Return numbers as base64 of little-endian 32-bit floats, NaN as 0."""
     return base64.b64encode(np.nan_to_num(array).astype("<f4").tobytes()).decode("ascii")

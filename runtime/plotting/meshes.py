@@ -43,7 +43,7 @@ class IndexedMesh:
     @staticmethod
     def of(corners: Array) -> IndexedMesh:
         """Return the mesh of triangles, shape (m, 3, 3), with each vertex once."""
-        points = corners.reshape(-1, 3) + 0.0  # of one sign where they are 0
+        points = corners.reshape(-1, 3) + 0.0  # −0 becomes 0: equal points have equal bytes
         first, index = _unique_rows(points)
         return IndexedMesh(points[first], index.reshape(-1, 3)).clean()
 
@@ -138,4 +138,4 @@ def encode(mesh: IndexedMesh) -> Mapping[str, Any]:
              + np.diff(corners, prepend=0).astype("<u4").tobytes())
     return {"low": low.tolist(), "width": width.tolist(), "vertices": len(points),
             "triangles": len(mesh.triangles),
-            "data": base64.b64encode(zlib.compress(words, 6)).decode("ascii")}
+            "data": base64.b64encode(zlib.compress(words, level=6)).decode("ascii")}

@@ -414,10 +414,11 @@ def _meshes(scene: Scene, frame: int, files: Mapping[str, IndexedMesh],
             ) -> Iterator[_DrawnMesh]:
     """Yield the meshes of ground, bodies and ties in a frame, its number in ``scene.t``."""
     reach = scene.reach(frame)
+    # light = 0, here and below: no faces are lighter than others
     for shape in (*scene.ground, *scene.joints_on(-1, reach)):
         mesh = mesh_of_file(shape, files[shape.file]) if shape.file else mesh_of(shape)
         yield _DrawnMesh(replace(mesh, light=0 * mesh.light), colour_of(shape.colour or STAND))
-    # many bodies are small on the picture
+    # segments of a circle: few of them if there are many shapes, which are small on the picture
     around = (COARSE,) * (sum(len(body.shapes) for body in scene.parts) > _COARSE)
     for i, body in enumerate(scene.parts):
         R, x = rotation_matrix(body.q[frame]), body.x[frame]
@@ -447,7 +448,7 @@ def _supports(scene: Scene, frame: int, floor: float) -> Iterator[_DrawnMesh]:
     up, metal = scene.up, colour_of(STAND)
     r = JOINT * scene.reach(frame)
     for body, pivot, axis in _pivots(scene):
-        if body.own:
+        if body.own:  # the model's visuals show what holds it
             continue
         hangs = float(np.max(body.at(body.centre)[:, 0] @ up)) < pivot @ up
         R = rotation_matrix(body.q[frame])
@@ -492,11 +493,11 @@ def _pivots(scene: Scene) -> Iterator[_Pivot]:
     """Yield the pivots of the bodies that a point or a hinge fixes to the ground."""
     for i, body in enumerate(scene.parts):
         if is_held(scene.parts, scene.ties, i):
-            yield _Pivot(body, body.x[0], None)
+            yield _Pivot(body, body.x[0], axis=None)
     for tie in scene.ties:
         if min(tie.a, tie.b) < 0 and tie.kind in ("ball", "hinge") and not tie.slides:
             body = scene.parts[max(tie.a, tie.b)]
-            axis = tie.axis
+            axis = tie.axis  # in the axes of b
             if axis is not None and tie.b >= 0:
                 axis = rotation_matrix(body.q[0]) @ axis
             yield _Pivot(body, tie.on_a if tie.a < 0 else tie.on_b, axis)
@@ -575,7 +576,7 @@ def _camera(points: Array, eye: Array, axes: Array, width: int, height: int) -> 
     focus = fill · min(width/Δx, height/Δy), of the extents Δx and Δy of the points as projected
     with the focus 1.
     """
-    pixels = Camera(eye, axes, 1.0, np.zeros(2)).project(points)[:, :2]
+    pixels = Camera(eye, axes, focus=1.0, middle=np.zeros(2)).project(points)[:, :2]
     lowest, highest = pixels.min(axis=0), pixels.max(axis=0)
     span = np.maximum(highest - lowest, 1e-12)
     focus = _FILL * float(min(width / span[0], height / span[1]))
@@ -613,8 +614,9 @@ def _ribbons(camera: Camera, lines: list[Array], colours: list[Array], width: fl
     if not n:
         return Triangles(np.zeros((0, 3, 3)), np.zeros((0, 3, 3)), np.zeros((0, 3)),
                          np.zeros(0, np.int64), np.zeros(0))
+    # −2 is no solid: lines have no outline
     return Triangles(np.concatenate(corners), np.zeros((n, 3, 3)), np.concatenate(shades),
-                     np.full(n, -2), np.ones(n))
+                     part=np.full(n, -2), alpha=np.ones(n))
 
 
 def _cell(reach: float) -> float:

@@ -200,6 +200,8 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
         In space.
     ribbons : Triangles
         Lines, on the screen as ``Camera.project`` has it, without light.
+    camera, size : Camera, (int, int)
+        The camera of a picture with this width and height in pixels.
     floor : float, optional
         Height of the floor along ``up``; none without.
     cell : float
@@ -217,7 +219,7 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
 
     everything = Triangles(*(np.concatenate([getattr(solid, name), getattr(ribbons, name)])
                              for name in ("corners", "normals", "colours", "part", "alpha")))
-    lit = np.arange(len(screen_corners)) < len(solid.part)
+    lit = np.arange(len(screen_corners)) < len(solid.part)  # behind the solids are the ribbons
     visible = np.flatnonzero(opaque)
     index, depth = rasterize(screen_corners[visible], width, height)
     _paint(image, index, visible, screen_corners, everything, lit, zoom, lamp)
@@ -448,4 +450,5 @@ def encode_png(pixels: NDArray[np.uint8]) -> bytes:
     # 8 bits a channel, colour type 2 (RGB), and the only methods there are
     head = struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)
     return (b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head)
-            + chunk(b"IDAT", zlib.compress(filtered_rows.tobytes(), 9)) + chunk(b"IEND", b""))
+            + chunk(b"IDAT", zlib.compress(filtered_rows.tobytes(), level=9))
+            + chunk(b"IEND", b""))

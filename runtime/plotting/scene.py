@@ -215,9 +215,9 @@ def scene_of(trajectory: Trajectory, frames: int, *, include: int | None = None)
         f"{trajectory.manifest.system.name}, {trajectory.manifest.scheme.method}",
         t[state_indices].astype(float), error[state_indices].astype(float), bodies_with_shapes,
         ties,
-        np.array([0.0, 0.0, 1.0]) if up is None else up,
-        up is not None or any(body.rim is not None for body in parts),
-        list(_remarks(trajectory, parts, state_indices)),
+        up=np.array([0.0, 0.0, 1.0]) if up is None else up,
+        gravity=up is not None or any(body.rim is not None for body in parts),
+        remarks=list(_remarks(trajectory, parts, state_indices)),
         impacts=_impact_times(trajectory))
 
 

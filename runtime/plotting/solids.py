@@ -64,14 +64,16 @@ def mesh_of(shape: Shape, around: int = _AROUND) -> Mesh:
     elif shape.kind == "sphere":
         # from pole to pole
         angles = np.linspace(0, np.pi, around // 3 + 1)
-        unit = _revolve(_column(np.sin(angles), -np.cos(angles)), 4, around)
+        unit = _revolve(_column(np.sin(angles), -np.cos(angles)), sectors=4, around=around)
         scale = shape.size
     elif shape.kind == "bar":
         angles = np.linspace(0, np.pi / 2, 5)
         lower = _column(r * np.sin(angles), -c - r * np.cos(angles))
-        unit = _revolve(lower + [(x, -z) for x, z in reversed(lower)], 0, min(around, 18))
+        unit = _revolve(lower + [(x, -z) for x, z in reversed(lower)], sectors=0,
+                        around=min(around, 18))
     else:
-        unit = _revolve(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), 6, around)
+        unit = _revolve(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), sectors=6,
+                        around=around)
     # a surface scaled by S has the normals S⁻¹ n
     normals = unit.normals / scale @ shape.axes.T
     length = np.linalg.norm(normals, axis=1, keepdims=True)
@@ -92,7 +94,7 @@ def encoded_solids() -> Mapping[str, list[dict[str, Any]]]:
               "disc": mesh_of(Shape("disc", np.ones(3)), _ON_PAGES),
               "wheel": replace(wheel, points=wheel.points / flat),
               "sphere": mesh_of(sphere, _ON_PAGES), "ball": mesh_of(sphere, COARSE),
-              "tube": _revolve([(1, -1), (1, 1)], 0, COARSE)}
+              "tube": _revolve([(1, -1), (1, 1)], sectors=0, around=COARSE)}
 
     def by_tint(mesh: Mesh) -> list[dict[str, Any]]:
         """Return a mesh for each lightness of faces: pages draw each in one colour."""
@@ -200,8 +202,8 @@ def _grid(points: Array, normals: Array, light: Array | None = None) -> Mesh:
 def _revolve(profile: Profile, sectors: int, around: int) -> Mesh:
     """Return a surface of revolution about the third axis; every second sector is lighter.
 
-    ``profile`` is a line of (radius, height). Neighbouring pieces that meet at a small angle share
-    their normals, so that they look smooth.
+    With 0 ``sectors`` no part is lighter. ``profile`` is a line of (radius, height). Neighbouring
+    pieces that meet at a small angle share their normals, so that they look smooth.
     """
     line = np.array(profile, float)
     step = np.diff(line, axis=0)

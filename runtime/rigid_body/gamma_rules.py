@@ -102,7 +102,8 @@ def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float
         raise InputError(f"Parameter {name} is left to a search ({rule.name}), which looks at a "
                          "single run; give a number, such as that of gyrospark.tune(step, start, "
                          "dt=..., gamma='auto').parameters.")
-    # most calls give moments as floats, for which the mean needs no further checks
+    # most calls give moments as floats, for which the mean needs no further checks; entries of J⁻¹
+    # come first, as in ``known_inertia``
     for names_of_inertia in reversed(inertia_names(name)):
         inertia = tuple(map(parameters.get, names_of_inertia))
         if {*map(type, inertia)} == {float}:

@@ -105,7 +105,8 @@ class Problem:
         # mgl of the free body, which a system without gravity does not have
         zero_parameters = {name for name, value in self.parameters.items() if value == 0}
         return Start(self.q0, self.p0, self.parameters).of_model(
-            dict.fromkeys(("gamma", "alpha"), self.inertia), {}, frozenset(zero_parameters))
+            dict.fromkeys(("gamma", "alpha"), self.inertia), rules={},
+            spare=frozenset(zero_parameters))
 
     def __post_init__(self) -> None:
         """Check all fields, and convert numbers; q0 and p0 become read-only arrays."""
@@ -198,6 +199,7 @@ def regular_precession(
     if rate == 0:
         raise InputError("The precession rate is 0 rad/s and ψ̇ would be infinite; choose another.")
     theta = math.pi / 3
+    # I₁ = I₂, so that the last two of the three moments are I₁ and I₃
     I1, I3 = principal_moments((3 * m * (r * r / 4 + h * h) / 5,) * 2 + (3 * m * r * r / 10,))[1:]
     mgl = m * _finite(gravity, "gravity", "m/s²") * 3 * h / 4
     # the spin with which the cone neither rises nor falls: θ̈ = 0 at θ₀
