@@ -23,16 +23,16 @@ def site_pages():
 
 
 def bundle(*outputs):
-    """Return the output of a cell as myst-nb keeps it, a container for each type, and its image."""
-    made = nodes.container(nb_element="mime_bundle")
+    """Return the output of a cell as myst-nb stores it, a container a type, and its image."""
+    container = nodes.container(nb_element="mime_bundle")
     for kind, content in outputs:
-        made += nodes.container("", content, mime_type=kind)
-    return next(iter(made.findall(nodes.image)))
+        container += nodes.container("", content, mime_type=kind)
+    return next(iter(container.findall(nodes.image)))
 
 
 def test_pictures_of_bodies_are_told_from_figures(site_pages):
-    def text(what):
-        return "text/plain", nodes.literal_block(what, what)
+    def text(content):
+        return "text/plain", nodes.literal_block(content, content)
 
     def png():
         return "image/png", nodes.image(uri="x.png")

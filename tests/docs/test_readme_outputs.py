@@ -1,4 +1,4 @@
-"""What README says that its commands print: typed again; ``pytest --update`` pastes the answers.
+"""Outputs of commands in README, typed again; ``pytest --update`` pastes the answers.
 
 Times vary and stay as they were pasted, for tests compile without optimisation; errors at the level
 of round-off vary with the processor: words are compared to the letter, numbers by ``close``.
@@ -37,15 +37,15 @@ def differences(old: str, new: str) -> list[tuple[str, str]]:
 
 
 def compare(pattern: str, printed: str, request) -> None:
-    """Compare the block that a pattern finds, or paste what was printed in its place."""
+    """Compare the block of a pattern with the printed text, or paste the text in its place."""
     text = README.read_text(encoding="utf-8")
-    (found,) = re.finditer(pattern, text, flags=re.DOTALL)
-    times = iter(TIME.findall(found[1]))
+    (block,) = re.finditer(pattern, text, flags=re.DOTALL)
+    times = iter(TIME.findall(block[1]))
     printed = TIME.sub(lambda time: next(times, time[0]), printed)
-    if request.config.getoption("--update") and differences(found[1], printed):
-        README.write_text(text[:found.start(1)] + printed + text[found.end(1):], "utf-8")
+    if request.config.getoption("--update") and differences(block[1], printed):
+        README.write_text(text[:block.start(1)] + printed + text[block.end(1):], "utf-8")
         return
-    assert differences(found[1], printed) == [], "stale: `make generated`, or pytest --update"
+    assert differences(block[1], printed) == [], "stale: `make generated`, or pytest --update"
 
 
 def test_output_of_the_demo_is_up_to_date(request, gyrospark, gl3):

@@ -1,4 +1,4 @@
-"""The site: cells of its pages run, the reference is whole, and it builds without a warning."""
+"""The site: cells of its pages run, its reference is complete, and it builds without a warning."""
 
 from __future__ import annotations
 
@@ -53,9 +53,9 @@ def names(path: Path) -> str:
 
 def cells(path: Path) -> list[str]:
     text = path.read_text(encoding="utf-8")
-    found = CELL.findall(text)
-    assert len(found) == text.count("\n```{code-cell}")
-    return [documents.quick(cell) for cell in found]
+    texts = CELL.findall(text)
+    assert len(texts) == text.count("\n```{code-cell}")
+    return [documents.quick(cell) for cell in texts]
 
 
 #: Those that compile little; the build runs all, too.
@@ -94,12 +94,12 @@ def test_pages_with_cells_can_be_opened_as_notebooks():
 
 
 def module(name: str):
-    """Return a module that the site is made with."""
+    """Return a module of the site's build."""
     spec = importlib.util.spec_from_file_location(name, DOCS / f"{name}.py")
-    made = importlib.util.module_from_spec(spec)
-    sys.modules[name] = made
-    spec.loader.exec_module(made)
-    return made
+    loaded = importlib.util.module_from_spec(spec)
+    sys.modules[name] = loaded
+    spec.loader.exec_module(loaded)
+    return loaded
 
 
 @pytest.fixture(scope="module")
@@ -113,8 +113,8 @@ def tables(uses):
 
 
 def test_the_reference_has_every_public_name_once(tables):
-    told = [name for page in tables.API.values() for name in page if "." not in name]
-    assert sorted([*told, "__version__"]) == sorted(gs.__all__)
+    names = [name for page in tables.API.values() for name in page if "." not in name]
+    assert sorted([*names, "__version__"]) == sorted(gs.__all__)
     results = {f"gyrospark.{name}" for page in tables.API.values() for name in page if "." in name}
     assert results == set(RESULT_CLASSES)
     for page in tables.API:
@@ -151,45 +151,45 @@ def test_words_that_are_searched_for_lead_to_headings_that_exist(search):
     assert len(words) == len({word.lower() for word in words})
     assert {"reaction wheel", "timestep", "lyapunov", "limits", "hinge", "degrees of freedom",
             "gimbal lock", "dae", "controller", "step size"} <= set(words)
-    for place in search.SYNONYMS:
-        page, _, heading = place.partition("#")
+    for address in search.SYNONYMS:
+        page, _, heading = address.partition("#")
         text = (DOCS / f"{page}.md").read_text(encoding="utf-8")
-        assert not heading or heading in documents.headings(text), place
+        assert not heading or heading in documents.headings(text), address
 
 
 def literals() -> str:
-    """Return the strings of the package, with … in place of what is filled in."""
+    """Return the strings of the package, with … in place of inserted values."""
     def text(node: ast.AST) -> str:
         if isinstance(node, ast.JoinedStr):
             return "".join(map(text, node.values))
         return str(node.value) if isinstance(node, ast.Constant) else "…"
 
-    found = [text(node) for folder in ("core", "runtime/compilation", "runtime/integration",
+    texts = [text(node) for folder in ("core", "runtime/compilation", "runtime/integration",
                                        "storage")
              for path in sorted((ROOT / folder).rglob("*.py"))
              for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
              if isinstance(node, ast.JoinedStr | ast.Constant)]
-    return "\n".join(" ".join(one.split()) for one in found)
+    return "\n".join(" ".join(text.split()) for text in texts)
 
 
 def test_quoted_sentences_are_printed_by_the_program():
     text = (DOCS / "troubleshooting.md").read_text(encoding="utf-8")
-    quotes = [" ".join(found.replace("\n> ", " ")[2:].split())
-              for found in re.findall(r"^> .*(?:\n> .*)*", text, flags=re.MULTILINE)]
+    quotes = [" ".join(quote.replace("\n> ", " ")[2:].split())
+              for quote in re.findall(r"^> .*(?:\n> .*)*", text, flags=re.MULTILINE)]
     assert len(quotes) >= 4
     printed = literals()
-    for sentence in (one for quote in quotes for one in re.split(r"(?<=[.;]) ", quote)):
+    for sentence in (piece for quote in quotes for piece in re.split(r"(?<=[.;]) ", quote)):
         assert re.search(re.escape(sentence).replace("…", "[^\n]*?"), printed), sentence
 
 
 @pytest.mark.parametrize("page", ["cheat_sheet", "coming_from"])
 def test_names_of_a_table_exist(page):
-    """``build.revolute``, ``run.joint`` and so on."""
+    """Names such as ``build.revolute`` and ``run.joint`` exist."""
     owners = {"gs": gs, "build": gs.Multibody, "step": gs.Stepper, "run": gs.Trajectory,
               "sim": gs.Simulation, "model": gs.Model}
     spans = re.findall(r"`([^`\n]+)`", (DOCS / f"{page}.md").read_text(encoding="utf-8"))
-    named = {found for span in spans
-             for found in re.findall(r"\b(gs|build|step|run|sim|model)\.(\w+)", span)}
+    named = {name_of_owner for span in spans
+             for name_of_owner in re.findall(r"\b(gs|build|step|run|sim|model)\.(\w+)", span)}
     assert len(named) >= 20 or page == "cheat_sheet"
     fields = {name for owner in owners.values() if isinstance(owner, type)
               for name in inspect.signature(owner).parameters} | {"ground", "redundancy",
@@ -200,10 +200,10 @@ def test_names_of_a_table_exist(page):
 
 
 def test_a_script_has_the_text_of_a_page_as_comments():
-    made = module("site_downloads").script({"cells": [
+    script = module("site_downloads").script({"cells": [
         {"cell_type": "markdown", "source": ["# Title\n", "\n", "Text."]},
         {"cell_type": "code", "source": "x = 1\nx", "outputs": []}]}, "page")
-    assert made == "# %% [markdown]\n# # Title\n#\n# Text.\n\n# %%\nx = 1\nx\n"
+    assert script == "# %% [markdown]\n# # Title\n#\n# Text.\n\n# %%\nx = 1\nx\n"
 
 
 @pytest.mark.parametrize(("cell", "kinds", "program"), [
@@ -216,9 +216,9 @@ def test_a_script_has_the_text_of_a_page_as_comments():
 def test_what_a_cell_shows_is_printed_or_written_by_its_script(cell, kinds, program):
     outputs = [{"output_type": "stream", "text": ""},
                {"output_type": "execute_result", "data": dict.fromkeys(kinds, "")}]
-    made = module("site_downloads").script({"cells": [
+    script = module("site_downloads").script({"cells": [
         {"cell_type": "code", "source": cell, "outputs": outputs}]}, "page")
-    assert made == f"# %%\n{program}\n"
+    assert script == f"# %%\n{program}\n"
 
 
 def test_cells_run_in_a_fork(tmp_path):
@@ -281,25 +281,25 @@ def site(tmp_path_factory):
 def test_the_site_asks_nothing_of_other_machines(site):
     for path in site.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
-        wanted = re.findall(r'<(?:script|img|iframe|source|video)\b[^>]* src="([^"]*)"', text)
-        wanted += re.findall(r'<link\b[^>]* href="([^"]*)"', text)
-        assert not [url for url in wanted if url.startswith(("http", "//"))], path
+        sources = re.findall(r'<(?:script|img|iframe|source|video)\b[^>]* src="([^"]*)"', text)
+        sources += re.findall(r'<link\b[^>]* href="([^"]*)"', text)
+        assert not [url for url in sources if url.startswith(("http", "//"))], path
     for path in site.rglob("*.css"):
         assert not re.search(r"url\(['\"]?(https?:)?//", path.read_text(encoding="utf-8")), path
 
 
 @pytest.mark.slow
 def test_every_link_of_the_site_leads_somewhere(site):
-    there = {path: set(map(html.unescape, re.findall(r'\bid="([^"]*)"', path.read_text("utf-8"))))
-             for path in site.rglob("*.html")}
-    for path in there:
+    anchors = {path: set(map(html.unescape, re.findall(r'\bid="([^"]*)"', path.read_text("utf-8"))))
+               for path in site.rglob("*.html")}
+    for path in anchors:
         for link in re.findall(r'<a\b[^>]* href="([^"]*)"', path.read_text(encoding="utf-8")):
             if re.match(r"[a-z]+:", link) or link == "#":
                 continue
-            file, _, place = unquote(html.unescape(link)).partition("#")
+            file, _, anchor = unquote(html.unescape(link)).partition("#")
             target = (path.parent / file).resolve() if file else path
             assert target.exists(), (path, link)
-            assert not place or target not in there or place in there[target], (path, link)
+            assert not anchor or target not in anchors or anchor in anchors[target], (path, link)
 
 
 @pytest.mark.slow
@@ -349,9 +349,9 @@ console.log(vm.runInContext(`JSON.stringify(queries.map(query => {
 @pytest.mark.slow
 @pytest.mark.skipif(shutil.which("node") is None, reason="the search is JavaScript")
 def test_the_search_leads_to_the_right_page_first(site, search):
-    wanted = {word.strip(): place.removesuffix("-γ")  # ids in HTML are ASCII
-              for place, words in search.SYNONYMS.items() for word in words.split(",")}
+    expected = {word.strip(): address.removesuffix("-γ")  # ids in HTML are ASCII
+                for address, words in search.SYNONYMS.items() for word in words.split(",")}
     options = {"FILE_SUFFIX": ".html", "BUILDER": "html", "LINK_SUFFIX": ".html"}
-    done = call(["node", "-e", SEARCH, site, json.dumps(list(wanted)), json.dumps(options)])
+    done = call(["node", "-e", SEARCH, site, json.dumps(list(expected)), json.dumps(options)])
     assert done.returncode == 0, done.stderr
-    assert dict(zip(wanted, json.loads(done.stdout), strict=True)) == wanted
+    assert dict(zip(expected, json.loads(done.stdout), strict=True)) == expected

@@ -55,17 +55,17 @@ class Case:
         state = unpack(self.binding, self.sound, self.events)
         assert state is not None
         assert pack(self.binding, state).tobytes() == self.sound.tobytes()
-        report, work = (self.binding.image(part).size
-                        for part in (state.run.record, state.run.work))
+        report, work = (self.binding.image(struct).size
+                        for struct in (state.run.record, state.run.work))
         numbers = 2 * len(gs.runtime.bindings.real_numbers.as_bytes(state.run.q).reshape(-1))
         with tempfile.TemporaryDirectory() as folder:
-            found = integers_of(stepper.name, stepper.files, Path(folder))
-        at = {"report": 48 + numbers, "work": 48 + numbers + report}
-        at["fast"] = at["work"]
+            integers = integers_of(stepper.name, stepper.files, Path(folder))
+        offsets = {"report": 48 + numbers, "work": 48 + numbers + report}
+        offsets["fast"] = offsets["work"]
         self.integers = [(32, 8), (40, 8)] + [
-            (at[kind] + one.offset + i, one.item) for kind, places in found.items()
-            for one in places for i in range(0, one.size, one.item)]
-        behind = at["work"] + work
+            (offsets[kind] + integer.offset + i, integer.item) for kind, places in integers.items()
+            for integer in places for i in range(0, integer.size, integer.item)]
+        behind = offsets["work"] + work
         if self.events:
             self.integers += 3 * [(behind + 8 * i, 8) for i in range(1 + 2 * len(self.events))]
 
@@ -73,8 +73,8 @@ class Case:
         chunk, rows, seconds = recorder.COMMIT_SECONDS, array_layout._MOST_ROWS, recorder.next_chunk
         recorder.COMMIT_SECONDS, array_layout._MOST_ROWS = 0.0, 16
 
-        def small(run: Any, done: int, most: int, *room: int) -> tuple[int, int]:
-            return seconds(run, done, min(most, 6), *room)
+        def small(run: Any, done: int, limit: int, *room: int) -> tuple[int, int]:
+            return seconds(run, done, min(limit, 6), *room)
 
         def progress(done: int) -> None:
             if done > 70:
@@ -108,36 +108,36 @@ def check(data: bytes) -> str:
     choices = Choices(data)
     with warnings.catch_warnings(), np.errstate(all="ignore"):
         warnings.simplefilter("ignore")  # of numbers that mean nothing
-        one, state = case(choices.below(4)), None
+        stored, state = case(choices.below(4)), None
         try:
-            state = unpack(one.binding, forged(choices, one), one.events)
+            state = unpack(stored.binding, forged(choices, stored), stored.events)
         except ValueError as error:
             if "checkpoint" not in str(error):  # none of ours
                 raise
             return "refused"
         if state is None or state.status or state.steps > 2**40:
             return "accepted"
-        status = one.binding.integrate(one.run.constants(one.binding), STEPS, 1, state.run,
-                                       Rows.allocate(one.binding, STEPS))
+        status = stored.binding.integrate(stored.run.constants(stored.binding), STEPS, 1, state.run,
+                                          Rows.allocate(stored.binding, STEPS))
     return "went on" if status == 0 else "step failed"
 
 
-def forged(choices: Choices, one: Case) -> np.ndarray:
+def forged(choices: Choices, stored: Case) -> np.ndarray:
     """Return a checkpoint of the right length with a digest that is mostly right."""
-    body = bytearray(one.sound[32:].tobytes())
+    body = bytearray(stored.sound[32:].tobytes())
     for _ in range(1 + choices.below(3)):
         kind = choices.below(8)
         if kind < 5:
-            start, size = choices.pick(one.integers)
+            start, size = choices.pick(stored.integers)
             number = choices.pick(EDGES) if kind else choices.below(2**20) - 100
             body[start - 32 : start - 32 + size] = (number % 2 ** (8 * size)).to_bytes(
                 size, "little")
         elif kind < 7:
-            at = choices.below(len(body))
-            body[at] ^= 1 << choices.below(8)
+            offset = choices.below(len(body))
+            body[offset] ^= 1 << choices.below(8)
         else:
-            at = 8 * choices.below(len(body) // 8)
-            body[at : at + 8] = np.float64(choices.double()).tobytes()
+            offset = 8 * choices.below(len(body) // 8)
+            body[offset : offset + 8] = np.float64(choices.double()).tobytes()
     digest = hashlib.sha256(bytes(body)).digest()
     if choices.one_in(32):
         digest = changed_bytes(digest, choices).ljust(32, b"\0")[:32]

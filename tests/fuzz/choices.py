@@ -35,14 +35,14 @@ class Choices:
         return self.data[self.at - 1] if self.at <= len(self.data) else 0
 
     def bytes(self, count: int) -> bytes:
-        taken = self.data[self.at : self.at + count]
+        chunk = self.data[self.at : self.at + count]
         self.at += count
-        return taken.ljust(count, b"\0")
+        return chunk.ljust(count, b"\0")
 
     def rest(self) -> bytes:
-        taken = self.data[self.at :]
+        remainder = self.data[self.at :]
         self.at = len(self.data)
-        return taken
+        return remainder
 
     def below(self, count: int) -> int:
         """Return a whole number from 0 to count − 1."""
@@ -79,7 +79,7 @@ class Choices:
         return 10 ** self.pick((20, 308, 309, 400, 4299, 5000))
 
     def value(self) -> Any:
-        """Return anything that JSON or TOML can say where a number is expected."""
+        """Return any value of JSON or TOML where a number is expected."""
         kind = self.below(12)
         if kind < 3:
             return self.double()
@@ -89,9 +89,9 @@ class Choices:
             return self.text()
         return self.pick((True, False, None, "", [], {}, [0.0], {"a": 1}, [[]], "nan", "1e999"))
 
-    def text(self, most: int = 12) -> str:
-        """Return a text, of characters that mean something somewhere."""
-        return "".join(self.pick(CHARACTERS) for _ in range(self.below(most)))
+    def text(self, limit: int = 12) -> str:
+        """Return a text, of characters that have a meaning somewhere."""
+        return "".join(self.pick(CHARACTERS) for _ in range(self.below(limit)))
 
 
 CHARACTERS = (

@@ -18,7 +18,7 @@ __all__ = ["ENTRANCES", "Entrance"]
 
 @dataclass(frozen=True)
 class Entrance:
-    """A way in: what is checked, how long one input may take, its share of all inputs."""
+    """A way in: its check, the time limit of one input, its share of all inputs."""
 
     name: str
     about: str

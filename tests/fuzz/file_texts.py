@@ -183,7 +183,7 @@ def examples(pattern: str) -> list[str]:
 
 
 def model_value(choices: Choices) -> Any:
-    """Return what may stand for a value: of any kind, a formula, a list, a name of the format."""
+    """Return a value of any kind, a formula, a list, or a name of the format."""
     kind = choices.below(5)
     if kind == 0:
         return formula(choices, NAMES)
@@ -249,10 +249,10 @@ class Format:
     def check(self, data: bytes) -> str:
         """Read one file; a model's with or without a rep chosen at the command line."""
         choices, path = Choices(data), scratch() / self.file
-        more = [choices.pick((None, None, "gamma", "alpha"))] if self is MODEL else []
+        rep = [choices.pick((None, None, "gamma", "alpha"))] if self is MODEL else []
         path.write_bytes(self.content(choices))
         try:
-            self.read(path, *more)
+            self.read(path, *rep)
         except GyrosparkError as error:
             refuse_unless_sentence(error, *([] if self is STUDY else [self.file]))
             return "refused"

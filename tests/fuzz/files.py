@@ -1,6 +1,6 @@
 """Trajectory files, damaged: as bytes, or as sound archives with other arrays or JSON inside.
 
-What is loaded all the same must answer every question about itself.
+A file that is loaded all the same must answer every question about itself.
 """
 
 from __future__ import annotations
@@ -78,10 +78,10 @@ def content(choices: Choices) -> bytes:
         name = choices.pick(sorted(members))
         members[name] = changed_bytes(members[name], choices)
     elif kind == 6:
-        name, other = choices.pick(sorted(members)), choices.pick(sorted(members))
-        members[name] = members[other]
+        name, source = choices.pick(sorted(members)), choices.pick(sorted(members))
+        members[name] = members[source]
         if choices.one_in(3):
-            del members[other]
+            del members[source]
     else:
         return choices.rest()
     return zipped(members)
@@ -133,5 +133,5 @@ def question(loaded: gs.Trajectory) -> None:
                 ask()
             except GyrosparkError as error:
                 refuse_unless_sentence(error)
-    again = gs.load(loaded.save(scratch() / "again.npz"))
-    assert again.q.tobytes() == loaded.q.tobytes()
+    loaded_again = gs.load(loaded.save(scratch() / "again.npz"))
+    assert loaded_again.q.tobytes() == loaded.q.tobytes()

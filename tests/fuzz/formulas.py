@@ -43,8 +43,9 @@ def grown(choices: Choices, names: Sequence[str], depth: int = 4) -> str:
         count = abs(FUNCTIONS[function][1]) + choices.below(2) * (FUNCTIONS[function][1] < 0)
         if function == "if":
             a = f"{a} {choices.pick(SIGNS)} {grown(choices, names, depth - 1)}"
-        more = "".join(f", {grown(choices, names, depth - 1)}" for _ in range(count - 1))
-        return f"{function}({a}{more})"
+        further_arguments = "".join(f", {grown(choices, names, depth - 1)}"
+                                    for _ in range(count - 1))
+        return f"{function}({a}{further_arguments})"
     if kind == 4:
         return f"-({a})"
     if kind == 5:

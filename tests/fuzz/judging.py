@@ -34,7 +34,7 @@ class HangError(BaseException):
 
 @dataclass(frozen=True)
 class Failure:
-    """What went wrong, and where: equal places are taken for one bug."""
+    """The kind of a failure, and its place: equal places count as one bug."""
 
     kind: str
     place: str
@@ -55,7 +55,7 @@ class Verdict:
 
 
 def judge(check: Check, data: bytes, limit: float) -> Verdict:
-    """Return what an entrance does with an input."""
+    """Return the verdict of an entrance on an input."""
     start = time.perf_counter()
     failure = None
     outcome = "failed"
@@ -104,10 +104,10 @@ def memory_limit() -> Iterator[None]:
         return
     before = resource.getrlimit(resource.RLIMIT_AS)
     size = int(Path("/proc/self/statm").read_text().split()[0]) if STATM else 0
-    most = size * resource.getpagesize() + 2**32
+    limit = size * resource.getpagesize() + 2**32
     if before[1] != resource.RLIM_INFINITY:
-        most = min(most, before[1])
-    resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+        limit = min(limit, before[1])
+    resource.setrlimit(resource.RLIMIT_AS, (limit, before[1]))
     try:
         yield
     finally:
@@ -120,9 +120,9 @@ def random_input(name: str, seed: int, number: int) -> bytes:
     One in eight is a file of the corpus with some of its bytes changed.
     """
     rng = random.Random(f"{name} {seed} {number}")
-    known = corpus(name)
-    if known and rng.random() < 0.125:
-        content = bytearray(rng.choice(known).read_bytes())
+    files = corpus(name)
+    if files and rng.random() < 0.125:
+        content = bytearray(rng.choice(files).read_bytes())
         for _ in range(rng.randint(1, 8)):
             if content:
                 content[rng.randrange(len(content))] = rng.randrange(256)
@@ -131,7 +131,7 @@ def random_input(name: str, seed: int, number: int) -> bytes:
 
 
 def corpus(name: str) -> list[Path]:
-    """Return the inputs that are kept for an entrance: each once found a bug, or nearly."""
+    """Return the stored inputs for an entrance: each once triggered a bug, or nearly."""
     folder = CORPUS / name
     return sorted(path for path in folder.glob("*") if path.is_file()) if folder.is_dir() else []
 
@@ -141,17 +141,17 @@ def shrunk(data: bytes, fails: Callable[[bytes], bool], seconds: float = 20.0) -
     end = time.perf_counter() + seconds
     size = max(len(data) // 2, 1)
     while size and time.perf_counter() < end:
-        at = 0
-        while at < len(data) and time.perf_counter() < end:
-            shorter = data[:at] + data[at + size :]
+        offset = 0
+        while offset < len(data) and time.perf_counter() < end:
+            shorter = data[:offset] + data[offset + size :]
             if fails(shorter):
                 data = shorter
             else:
-                at += size
+                offset += size
         size //= 2
-    for at in range(len(data)):
-        plainer = data[:at] + b"\0" + data[at + 1 :]
-        if data[at] and time.perf_counter() < end and fails(plainer):
+    for offset in range(len(data)):
+        plainer = data[:offset] + b"\0" + data[offset + 1 :]
+        if data[offset] and time.perf_counter() < end and fails(plainer):
             data = plainer
     return data
 
@@ -168,7 +168,7 @@ def refuse_unless_sentence(error: Exception, *words: str) -> None:
 @cache
 def scratch() -> Path:
     """Return this process's folder; it goes when the process ends."""
-    place = MEMORY if MEMORY.is_dir() else None
-    folder = Path(tempfile.mkdtemp(prefix="gyrospark-fuzz-", dir=place))
+    parent = MEMORY if MEMORY.is_dir() else None
+    folder = Path(tempfile.mkdtemp(prefix="gyrospark-fuzz-", dir=parent))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -1,4 +1,4 @@
-"""Changes of texts and of trees (what JSON and TOML hold), each told by ``Choices``."""
+"""Changes of texts and of trees (as in JSON and TOML), each drawn from ``Choices``."""
 
 from __future__ import annotations
 
@@ -18,36 +18,37 @@ def changed_text(text: str, choices: Choices, words: Sequence[str]) -> str:
     for _ in range(1 + choices.below(4)):
         if not pieces:
             break
-        at = choices.below(len(pieces))
+        index = choices.below(len(pieces))
         kind = choices.below(7)
         if kind == 0:
-            pieces[at] = choices.pick(words)
+            pieces[index] = choices.pick(words)
         elif kind == 1:
-            del pieces[at : at + 1 + choices.below(5)]
+            del pieces[index : index + 1 + choices.below(5)]
         elif kind == 2:
-            pieces.insert(at, choices.text(4))
+            pieces.insert(index, choices.text(4))
         elif kind == 3:
-            other = choices.below(len(pieces))
-            pieces[at], pieces[other] = pieces[other], pieces[at]
+            second = choices.below(len(pieces))
+            pieces[index], pieces[second] = pieces[second], pieces[index]
         elif kind == 4:
-            pieces[at:at] = pieces[at : at + 1 + choices.below(20)] * (1 + choices.below(3))
+            pieces[index:index] = pieces[index : index + 1 + choices.below(20)] * (
+                1 + choices.below(3))
         elif kind == 5:
-            pieces[at] = repr(choices.double())
+            pieces[index] = repr(choices.double())
         else:
-            pieces[at] = str(choices.below(10)) * (1 + choices.below(120))
+            pieces[index] = str(choices.below(10)) * (1 + choices.below(120))
     return "".join(pieces)
 
 
 def changed_tree(
-    tree: Any, choices: Choices, value: Callable[[Choices], Any], most: int = 4
+    tree: Any, choices: Choices, value: Callable[[Choices], Any], limit: int = 4
 ) -> Any:
-    """Return a copy of a tree with one to ``most`` places changed.
+    """Return a copy of a tree with one to ``limit`` places changed.
 
-    A place is left out, doubled, renamed, wrapped in a list, replaced by what ``value`` returns,
-    or by a copy of another place.
+    A place is left out, doubled, renamed, wrapped in a list, replaced by a result of ``value``, or
+    by a copy of another place.
     """
     root = [copy.deepcopy(tree)]  # so that the tree itself has a place too
-    for _ in range(1 + choices.below(most)):
+    for _ in range(1 + choices.below(limit)):
         parent, key = choices.pick(places(root))
         kind = choices.below(8)
         if kind < 4:
@@ -55,8 +56,8 @@ def changed_tree(
         elif kind == 4 and parent is not root:
             del parent[key]
         elif kind == 5:
-            other, name = choices.pick(places(root))
-            parent[key] = copy.deepcopy(other[name])
+            source, name = choices.pick(places(root))
+            parent[key] = copy.deepcopy(source[name])
         elif kind == 6:
             parent[key] = [parent[key]] * choices.below(4)
         elif isinstance(parent, dict):
@@ -68,16 +69,16 @@ def changed_tree(
 
 def places(tree: Any) -> list[tuple[Any, Any]]:
     """Return every (parent, key) below a tree."""
-    found: list[tuple[Any, Any]] = []
+    pairs: list[tuple[Any, Any]] = []
     open_ones = [tree]
-    while open_ones and len(found) < 5000:
+    while open_ones and len(pairs) < 5000:
         parent = open_ones.pop()
         keys = list(parent) if isinstance(parent, dict) else range(len(parent))
         for key in keys:
-            found.append((parent, key))
+            pairs.append((parent, key))
             if isinstance(parent[key], (dict, list)):
                 open_ones.append(parent[key])
-    return found
+    return pairs
 
 
 def changed_bytes(data: bytes, choices: Choices) -> bytes:
@@ -86,17 +87,18 @@ def changed_bytes(data: bytes, choices: Choices) -> bytes:
     for _ in range(1 + choices.below(6)):
         if not content:
             break
-        at = choices.below(len(content))
+        start = choices.below(len(content))
         kind = choices.below(5)
         if kind == 0:
-            content[at] ^= 1 << choices.below(8)
+            content[start] ^= 1 << choices.below(8)
         elif kind == 1:
-            content[at] = choices.byte()
+            content[start] = choices.byte()
         elif kind == 2:
-            del content[at : at + 1 + choices.below(40)]
+            del content[start : start + 1 + choices.below(40)]
         elif kind == 3:
-            content[at:at] = content[at : at + 1 + choices.below(40)]
+            content[start:start] = content[start : start + 1 + choices.below(40)]
         else:
             width = choices.pick((1, 2, 4, 8))
-            content[at : at + width] = choices.pick((b"\0", b"\xff", b"\x7f", b"\x80")) * width
+            content[start : start
+                    + width] = choices.pick((b"\0", b"\xff", b"\x7f", b"\x80")) * width
     return bytes(content)

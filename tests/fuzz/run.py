@@ -29,12 +29,12 @@ GRACE = 15.0
 
 
 def work(options: argparse.Namespace) -> None:
-    """Try inputs in this process; say on stdout what became of each."""
+    """Try inputs in this process; write the outcome of each to stdout."""
     from fuzz.entrances import ENTRANCES
 
-    entrance, known = ENTRANCES[options.entrance], set[str]()
+    entrance, keys = ENTRANCES[options.entrance], set[str]()
     warnings.simplefilter("error")  # nor shall a warning reach the user
-    told = os.dup(1)
+    output = os.dup(1)
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what an entrance prints is not for the parent
 
     def failure_of(data: bytes) -> Failure | None:
@@ -45,13 +45,13 @@ def work(options: argparse.Namespace) -> None:
         data = random_input(entrance.name, options.seed, number)
         faulthandler.dump_traceback_later(entrance.seconds + GRACE, exit=True)
         verdict = judge(entrance.check, data, entrance.seconds)
-        if (failure := verdict.failure) is not None and failure.key not in known:
-            known.add(failure.key)
+        if (failure := verdict.failure) is not None and failure.key not in keys:
+            keys.add(failure.key)
             if failure.kind != "HangError":
                 data = shrunk(data, lambda d, key=failure.key: (
                     getattr(failure_of(d), "key", None) == key))
             save(options, number, data, failure)
-        os.write(told, f"{verdict.outcome}\n".encode())
+        os.write(output, f"{verdict.outcome}\n".encode())
 
 
 def save(options: argparse.Namespace, number: int, data: bytes, failure: Failure) -> None:
@@ -64,7 +64,7 @@ def save(options: argparse.Namespace, number: int, data: bytes, failure: Failure
 
 
 def run_entrance(options: argparse.Namespace) -> Counter[str]:
-    """Return what became of the inputs, tried by one worker after the other."""
+    """Return the outcomes of the inputs, tried by one worker after the other."""
     outcomes: Counter[str] = Counter()
     while (done := outcomes.total()) < options.inputs:
         command = [sys.executable, __file__, "--worker", "--entrance", options.entrance, "--seed",
@@ -105,12 +105,12 @@ def main() -> int:
         print(verdict.outcome, f"{verdict.seconds:.3f} s", verdict.failure or "")
         return 0 if verdict.failure is None else 1
     chosen = [ENTRANCES[options.entrance]] if options.entrance else [*ENTRANCES.values()]
-    whole, shares, failed = options.inputs, sum(e.share for e in chosen), 0
-    for one in chosen:
-        options.entrance, options.inputs = one.name, max(1, round(whole * one.share / shares))
+    total, shares, failed = options.inputs, sum(e.share for e in chosen), 0
+    for entry in chosen:
+        options.entrance, options.inputs = entry.name, max(1, round(total * entry.share / shares))
         outcomes = run_entrance(options)
         failed += outcomes["failed"] + outcomes["crashed"]
-        print(f"{one.name}: {options.inputs:,} inputs:", ", ".join(
+        print(f"{entry.name}: {options.inputs:,} inputs:", ", ".join(
             f"{kind} {count:,}" for kind, count in sorted(outcomes.items())), flush=True)
     return 1 if failed else 0
 

@@ -1,4 +1,4 @@
-"""The steppers that calls are fuzzed with: of each kind of generated code one."""
+"""Steppers for the fuzzing of calls: one of each kind of generated code."""
 
 from __future__ import annotations
 

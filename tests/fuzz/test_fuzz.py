@@ -1,6 +1,7 @@
 """Every entrance with inputs from outer space, for seconds; ``fuzz/run.py`` does it for hours.
 
-Each input that once found a bug is a file in ``fuzz/corpus/<entrance>/`` and is tried again here.
+Each input that once triggered a bug is a file in ``fuzz/corpus/<entrance>/`` and is tried again
+here.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ def test_driver_counts_what_it_tries(tmp_path):
 
 @pytest.mark.slow
 def test_driver_survives_a_crash(tmp_path, monkeypatch):
-    """An input that kills the process is noted with its bytes; the others are done."""
+    """An input that kills the process is saved; the other inputs are tried all the same."""
     (tmp_path / "sitecustomize.py").write_text(
         "import os, sys\n"
         "if '--worker' in sys.argv:\n"
@@ -121,6 +122,6 @@ def test_driver_survives_a_crash(tmp_path, monkeypatch):
     out = tmp_path / "failures"
     done = drive("--inputs", "100", "--entrance", "formula", folder=out)
     assert done.returncode == 1
-    found = [*out.glob("formula-*.bin")]
-    assert found
-    assert all(path.read_bytes()[:1] < b"\x08" for path in found)
+    inputs = [*out.glob("formula-*.bin")]
+    assert inputs
+    assert all(path.read_bytes()[:1] < b"\x08" for path in inputs)

@@ -19,12 +19,12 @@ THETA = np.array([*TOP.parameters.values(), 0.0016])
 Q, P = np.array(TOP.q0), np.array(TOP.p0)
 
 
-def of_theta(make, steps=12, **more):
-    """Return a CasADi function of the parameters: what ``make(F, theta)`` makes of F(theta)."""
-    flow = gc.run(stepper_of("top"), steps=steps, dt=1e-3, **more)
+def of_theta(make, steps=12, **options):
+    """Return a CasADi function of the parameters: the result of ``make(F, theta)`` for F(theta)."""
+    flow = gc.run(stepper_of("top"), steps=steps, dt=1e-3, **options)
     theta = casadi.MX.sym("theta", 5)
-    made = make(casadi.vertcat(*flow(Q, P, theta)), theta)
-    return casadi.Function("f", [theta], [made])(THETA).full()
+    expression = make(casadi.vertcat(*flow(Q, P, theta)), theta)
+    return casadi.Function("f", [theta], [expression])(THETA).full()
 
 
 def test_values_and_derivatives_are_those_of_the_flow():
@@ -45,14 +45,14 @@ def test_inputs_of_a_run():
     q, p, parameters, dt, _ = start_of("pushed")
     function, u = gc.run(stepper_of("pushed"), steps=3, dt=dt), casadi.MX.sym("u", 2, 3)
     F = casadi.vertcat(*function(q, p, parameters, inputs=u.T))
-    found = casadi.Function("f", [u], [F, casadi.jacobian(F, u)])
-    value, J = found(inputs_of("pushed", 3).T)
+    values_and_jacobian = casadi.Function("f", [u], [F, casadi.jacobian(F, u)])
+    value, J = values_and_jacobian(inputs_of("pushed", 3).T)
     assert np.array_equal(value.full()[:, 0], flow.value(x[None])[0])
     assert close(J.full(), flow.jacobian(x[None])[0][:, flow.fields["inputs"]])
     row = np.array([0.3, -0.2])
-    held = casadi.vertcat(*function(q, p, parameters, inputs=row))
-    alike, _ = found(np.tile(row, (3, 1)).T)
-    assert np.array_equal(casadi.evalf(held).full(), alike.full())
+    constant_inputs = casadi.vertcat(*function(q, p, parameters, inputs=row))
+    alike, _ = values_and_jacobian(np.tile(row, (3, 1)).T)
+    assert np.array_equal(casadi.evalf(constant_inputs).full(), alike.full())
 
 
 def test_second_derivatives_are_exact_or_differences_or_refused():
@@ -61,11 +61,11 @@ def test_second_derivatives_are_exact_or_differences_or_refused():
     with pytest.raises(RuntimeError, match="second_order"):  # CasADi's, with our sentence
         of_theta(hessian, second_order="refuse")
     flow, x = flow_of("top", 12)
-    wanted = flow.second(flow.adjoint, x[None], np.tile(w, (1, 5, 1)),
-                         np.eye(flow.size)[None, 8:13])[0, :, 8:13]
+    expected = flow.second(flow.adjoint, x[None], np.tile(w, (1, 5, 1)),
+                           np.eye(flow.size)[None, 8:13])[0, :, 8:13]
     scale = np.outer(THETA, THETA)
-    assert close(of_theta(hessian) * scale, wanted * scale, 1e-14)
-    assert close(of_theta(hessian, second_order="differences") * scale, wanted * scale, 1e-8)
+    assert close(of_theta(hessian) * scale, expected * scale, 1e-14)
+    assert close(of_theta(hessian, second_order="differences") * scale, expected * scale, 1e-8)
 
 
 def test_a_failed_step_is_nan():
@@ -78,7 +78,7 @@ def test_a_failed_step_is_nan():
 
 @pytest.mark.parametrize("second_order", ["refuse", "exact"])
 def test_opti_swings_a_pendulum(second_order):
-    """From below to a given angle at rest; the controls, integrated again, lead there."""
+    """The pendulum swings from below to an angle at rest; a run with the controls ends there."""
     step, count, angle = stepper_of("pushed"), 6, 0.8
     advance = gc.step(step, dt=0.2, second_order=second_order)
     opti = casadi.Opti()
@@ -94,14 +94,14 @@ def test_opti_swings_a_pendulum(second_order):
     opti.minimize(casadi.sumsqr(u))
     opti.set_initial(q, np.tile([[0.0], [-1.0]], count + 1))
     opti.set_initial(u, 0.1)
-    own = {"hessian_approximation": "limited-memory"} if second_order == "refuse" else {}
-    opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"} | own)
-    found = opti.solve()
+    solver_options = {"hessian_approximation": "limited-memory"} if second_order == "refuse" else {}
+    opti.solver("ipopt", {"print_time": False}, {"print_level": 0, "sb": "yes"} | solver_options)
+    solution = opti.solve()
     run = step.integrate([0, -1], [0, 0], dt=0.2, steps=count, parameters={"k": 1.3},
-                         inputs=found.value(u).T)
-    assert np.abs(run.q.T - found.value(q)).max() < 1e-8
+                         inputs=solution.value(u).T)
+    assert np.abs(run.q.T - solution.value(q)).max() < 1e-8
     assert np.abs(run.q[-1] - [np.sin(angle), -np.cos(angle)]).max() < 1e-7
-    assert found.value(casadi.sumsqr(u)) == pytest.approx(opti.value(opti.f))
+    assert solution.value(casadi.sumsqr(u)) == pytest.approx(opti.value(opti.f))
 
 
 def test_one_input_is_a_column():
@@ -111,13 +111,13 @@ def test_one_input_is_a_column():
     F = casadi.vertcat(*flow([0.3], [0.2], {"k": 1.3}, inputs=u))
     rows = np.linspace(-1, 1, 5)[:, None]
     run = step.integrate([0.3], [0.2], dt=0.05, steps=5, parameters={"k": 1.3}, inputs=rows)
-    found = casadi.Function("f", [u], [F])(rows).full()[:, 0]
-    assert np.array_equal(found, [*run.q[-1], *run.p[-1]])
+    end = casadi.Function("f", [u], [F])(rows).full()[:, 0]
+    assert np.array_equal(end, [*run.q[-1], *run.p[-1]])
 
 
 def test_expressions_outlive_the_function_that_made_them():
-    theta, wanted = casadi.MX.sym("theta", 5), of_theta(casadi.jacobian)
+    theta, expected = casadi.MX.sym("theta", 5), of_theta(casadi.jacobian)
     F = casadi.vertcat(*gc.run(stepper_of("top"), steps=12, dt=1e-3)(Q, P, theta))
     collect()
-    found = casadi.Function("f", [theta], [casadi.jacobian(F, theta)])(THETA).full()
-    assert np.array_equal(found, wanted)
+    jacobian = casadi.Function("f", [theta], [casadi.jacobian(F, theta)])(THETA).full()
+    assert np.array_equal(jacobian, expected)

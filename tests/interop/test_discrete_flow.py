@@ -26,25 +26,25 @@ def test_the_value_has_the_bits_of_integrate(case):
 
 @pytest.mark.parametrize("case", CASES)
 def test_one_step_has_the_derivatives_of_jvp_and_vjp(case):
-    """Along directions that are tangent to the constraints; ``vjp`` projects the others, too."""
+    """Directions are tangent to the constraints; ``vjp`` projects the others, too."""
     flow, x = flow_of(case, 1)
     q, p, parameters, dt, t0 = start_of(case)
     step, n, inputs = stepper_of(case), flow.n, inputs_of(case, 1)
-    more = {"dt": dt, "inputs": None if inputs is None else inputs[0]}
-    *_, back = step.vjp(gs.Start(q, p, t=t0), parameters=parameters, **more)
+    arguments = {"dt": dt, "inputs": None if inputs is None else inputs[0]}
+    *_, back = step.vjp(gs.Start(q, p, t=t0), parameters=parameters, **arguments)
     dx, w = directions(x, 1)[0, 0], np.random.default_rng(1).normal(size=2 * n)
     gradient = back(w[:n], w[n:])
     dx[: 2 * n] = gradient.basis @ (gradient.basis.T @ dx[: 2 * n])
     names = [*flow.names, "dt", "t0", *flow.input_names]
     *_, dq1, dp1 = step.jvp(gs.Start(q, p, t=t0), dx[:n], dx[n : 2 * n], parameters=parameters,
-                            **more, d=dict(zip(names, dx[2 * n :], strict=True)))
+                            **arguments, d=dict(zip(names, dx[2 * n :], strict=True)))
     assert close(flow.tangent(x[None], dx[None, None])[0, 0], np.concatenate([dq1, dp1]), 1e-13)
-    found = flow.adjoint(x[None], w[None, None])[0, 0]
-    assert close(gradient.basis.T @ found[: 2 * n], gradient.start, 1e-13)
-    wanted = np.array([gradient[name] for name in names[: len(names) - len(flow.input_names)]])
-    assert close(found[2 * n : 2 * n + len(wanted)], wanted, 1e-13)
+    cotangent = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close(gradient.basis.T @ cotangent[: 2 * n], gradient.start, 1e-13)
+    expected = np.array([gradient[name] for name in names[: len(names) - len(flow.input_names)]])
+    assert close(cotangent[2 * n : 2 * n + len(expected)], expected, 1e-13)
     if inputs is not None:
-        assert close(found[flow.fields["inputs"]], gradient.inputs[0], 1e-13)
+        assert close(cotangent[flow.fields["inputs"]], gradient.inputs[0], 1e-13)
 
 
 @pytest.mark.parametrize("case", [
@@ -64,8 +64,8 @@ def test_a_run_has_the_derivatives_of_runs(case):
     assert close(flow.tangent(x[None], dx)[0].T / sizes, ends / sizes, 1e-12)
     w = np.random.default_rng(1).normal(size=2 * n)
     gradient = step.gradient(run, {"q": w[:n], "p": w[n:]}, wrt=names)
-    found = flow.adjoint(x[None], w[None, None])[0, 0]
-    assert close(found[2 * n :], gradient.vector(), 1e-12)
+    cotangent = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close(cotangent[2 * n :], gradient.vector(), 1e-12)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -102,13 +102,14 @@ def test_tangents_are_the_limit_of_differences(case):
 def test_a_start_off_the_constraints_is_projected():
     flow, x = flow_of("top", 3)
     q, p, parameters, *_ = start_of("top")
-    far = x.copy()
-    far[:4] *= 1.1
-    near = np.concatenate(stepper_of("top").project(1.1 * q, p, parameters=parameters))
-    there = np.concatenate([near, x[8:]])
+    off_constraints = x.copy()
+    off_constraints[:4] *= 1.1
+    projected = np.concatenate(stepper_of("top").project(1.1 * q, p, parameters=parameters))
+    on_constraints = np.concatenate([projected, x[8:]])
     dx = directions(x, 2)
-    assert close(flow.value(far[None]), flow.value(there[None]), 1e-14)
-    assert close(flow.tangent(far[None], dx), flow.tangent(there[None], dx), 1e-13)
+    assert close(flow.value(off_constraints[None]), flow.value(on_constraints[None]), 1e-14)
+    assert close(flow.tangent(off_constraints[None], dx), flow.tangent(on_constraints[None], dx),
+                 1e-13)
 
 
 def test_a_row_that_fails_is_nan_and_says_why():
@@ -118,10 +119,10 @@ def test_a_row_that_fails_is_nan_and_says_why():
     rows[2, flow.fields["dt"]] = 1e6
     rows[3, 0] = np.nan
     dx, w = np.ones((5, 1, flow.size)), np.ones((5, 1, 8))
-    for found in (flow.value(rows), flow.tangent(rows, dx), flow.adjoint(rows, w)):
-        assert np.isnan(found[1:4]).all()
-        assert np.isfinite(found[[0, 4]]).all()
-        assert np.array_equal(found[0], found[4])
+    for values in (flow.value(rows), flow.tangent(rows, dx), flow.adjoint(rows, w)):
+        assert np.isnan(values[1:4]).all()
+        assert np.isfinite(values[[0, 4]]).all()
+        assert np.array_equal(values[0], values[4])
     assert len(flow.failures) == 9
     assert "I1" in flow.failures[0]
     assert "Step 1" in flow.failures[1]
@@ -137,9 +138,9 @@ def test_a_step_of_no_length_and_a_state_that_cannot_be_projected_are_failures()
 
 
 def test_a_compiler_that_fails_is_no_failure_of_a_row(monkeypatch):
-    """Of tangents, adjoints and their derivatives, whose code is compiled when it is needed."""
+    """Tangents, adjoints and their derivatives compile their code when it is needed."""
     flow, x = flow_of("top", 3)
-    known, dx, w = len(flow.failures), np.ones((1, 1, flow.size)), np.ones((1, 1, 8))
+    failures_before, dx, w = len(flow.failures), np.ones((1, 1, flow.size)), np.ones((1, 1, 8))
 
     def binding():
         raise CompilerError("no compiler")
@@ -149,11 +150,11 @@ def test_a_compiler_that_fails_is_no_failure_of_a_row(monkeypatch):
                  lambda: flow.second(flow.adjoint, x[None], w, dx)):
         with pytest.raises(CompilerError, match="no compiler"):
             call()
-    assert len(flow.failures) == known
+    assert len(flow.failures) == failures_before
 
 
 def test_second_derivatives_are_differences_of_first_ones():
-    """Exact ones, against differences of the adjoint."""
+    """Exact second derivatives agree with differences of first ones."""
     flow, x = flow_of("driven", 1)
     w, dx = np.random.default_rng(1).normal(size=(1, 1, 4)), directions(x, 1)
     differences = DiscreteFlow(flow.stepper, 1, exact=False)
@@ -161,13 +162,14 @@ def test_second_derivatives_are_differences_of_first_ones():
     dx *= [name in ("g", "c", "dt", "push")
            for name in ("", "", "", "", *flow.names, "dt", "t0", *flow.input_names)]
     for first, along in ((flow.adjoint, w), (flow.tangent, directions(x, 1, seed=2))):
-        found, wanted = (one.second(getattr(one, first.__name__), x[None], along, dx)
-                         for one in (flow, differences))
-        assert close(found, wanted, 1e-9)
+        exact, expected = (derivatives_of.second(getattr(derivatives_of, first.__name__), x[None],
+                                                 along, dx)
+                           for derivatives_of in (flow, differences))
+        assert close(exact, expected, 1e-9)
 
 
 def test_second_derivatives_along_a_curve_on_the_constraints():
-    """d²/ds² of wᵀF on a great circle, against differences of wᵀF'."""
+    """d²/ds² of wᵀF on a great circle agrees with differences of wᵀF'."""
     flow, x = flow_of("top", 3)
     q = x[:4]
     across = np.array([-q[1], q[0], -q[3], q[2]])
@@ -181,23 +183,23 @@ def test_second_derivatives_along_a_curve_on_the_constraints():
         return float(flow.adjoint(curve(s)[None], w)[0, 0] @ tangent)
 
     h = 1e-3
-    wanted = (8 * (slope(h) - slope(-h)) - (slope(2 * h) - slope(-2 * h))) / (12 * h)
+    expected = (8 * (slope(h) - slope(-h)) - (slope(2 * h) - slope(-2 * h))) / (12 * h)
     dx = np.concatenate([across, np.zeros(flow.size - 4)])
     bend = np.concatenate([-q, np.zeros(flow.size - 4)])
-    at = curve(0)[None]
-    found = (flow.second(flow.adjoint, at, w, dx[None, None])[0, 0] @ dx
-             + flow.adjoint(at, w)[0, 0] @ bend)
-    assert abs(found - wanted) <= 1e-9 * abs(wanted)
+    start = curve(0)[None]
+    second = (flow.second(flow.adjoint, start, w, dx[None, None])[0, 0] @ dx
+              + flow.adjoint(start, w)[0, 0] @ bend)
+    assert abs(second - expected) <= 1e-9 * abs(expected)
 
 
 def test_threads_share_nothing():
     flow, x = flow_of("top", 12)
     rows = x * (1 + 1e-3 * np.arange(8)[:, None] * (np.arange(x.size) == 8))
     w = np.ones((8, 1, 8))
-    one = flow.adjoint(rows, w)
+    at_once = flow.adjoint(rows, w)
     with ThreadPoolExecutor(4) as pool:
-        many = list(pool.map(lambda i: flow.adjoint(rows[i : i + 1], w[:1]), range(8)))
-    assert np.array_equal(np.concatenate(many), one)
+        by_threads = list(pool.map(lambda i: flow.adjoint(rows[i : i + 1], w[:1]), range(8)))
+    assert np.array_equal(np.concatenate(by_threads), at_once)
 
 
 def test_parameters_are_refused_by_name():

@@ -36,34 +36,35 @@ def top(steps=12, **more):
 def test_values_have_the_bits_of_the_flow():
     flow, x = flow_of("top", 12)
     _, F = top()
-    wanted = flow.value(x[None])[0]
+    expected = flow.value(x[None])[0]
     for function in (F, jax.jit(F)):
-        assert np.array_equal(function(Q, P, THETA), wanted)
+        assert np.array_equal(function(Q, P, THETA), expected)
     assert np.array_equal(jnp.concatenate(gj.step(stepper_of("top"))(Q, P, PARAMETERS, dt=1e-3)),
                           flow_of("top", 1)[0].value(x[None])[0])
 
 
 def test_jacobians_forward_and_reverse_are_those_of_the_flow():
     flow, x = flow_of("top", 12)
-    wanted = np.split(flow.jacobian(x[None])[0], [4, 8, 13], axis=1)[:3]
+    expected = np.split(flow.jacobian(x[None])[0], [4, 8, 13], axis=1)[:3]
     _, F = top()
     for jacobian in (jax.jacfwd, jax.jacrev):
-        found = jax.jit(jacobian(F, (0, 1, 2)))(Q, P, THETA)
-        assert all(close(one, other) for one, other in zip(found, wanted, strict=True))
+        blocks = jax.jit(jacobian(F, (0, 1, 2)))(Q, P, THETA)
+        assert all(close(block, expected_block)
+                   for block, expected_block in zip(blocks, expected, strict=True))
 
 
 def test_maps_have_the_bits_of_single_calls():
     _, F = top()
     loss = lambda q, p, theta: jnp.sum((F(q, p, theta) - 0.5) ** 2)  # noqa: E731
-    many = THETA * (1 + 0.01 * np.arange(3)[:, None])
+    thetas = THETA * (1 + 0.01 * np.arange(3)[:, None])
     for function in (F, jax.grad(loss, 2), jax.jacfwd(F, 2), jax.jacrev(F, 2)):
         single = jax.jit(function)
-        one = np.array([single(Q, P, theta) for theta in many])
-        beside = jax.jit(jax.vmap(function, (None, None, 1), out_axes=1))(Q, P, many.T)
-        assert np.array_equal(np.moveaxis(beside, 1, 0), one)
+        singles = np.array([single(Q, P, theta) for theta in thetas])
+        beside = jax.jit(jax.vmap(function, (None, None, 1), out_axes=1))(Q, P, thetas.T)
+        assert np.array_equal(np.moveaxis(beside, 1, 0), singles)
     once = jax.vmap(F, (None, None, 0))
-    twice = jax.jit(jax.vmap(once, (0, None, None)))(np.stack([Q, Q]), P, many)
-    assert np.array_equal(twice[1], once(Q, P, many))
+    twice = jax.jit(jax.vmap(once, (0, None, None)))(np.stack([Q, Q]), P, thetas)
+    assert np.array_equal(twice[1], once(Q, P, thetas))
 
 
 def test_a_scan_of_steps_has_the_gradient_of_a_run():
@@ -75,11 +76,11 @@ def test_a_scan_of_steps_has_the_gradient_of_a_run():
                                  (jnp.array(Q), jnp.array(P)), None, length=12)
         return q.sum()
 
-    found = jax.jit(jax.grad(scanned))(PARAMETERS)
-    wanted = jax.grad(lambda parameters: flow(Q, P, parameters)[0].sum())(PARAMETERS)
-    assert found.keys() == PARAMETERS.keys()
+    gradient = jax.jit(jax.grad(scanned))(PARAMETERS)
+    expected = jax.grad(lambda parameters: flow(Q, P, parameters)[0].sum())(PARAMETERS)
+    assert gradient.keys() == PARAMETERS.keys()
     for name in TOP.parameters:
-        assert close(found[name], wanted[name], 1e-10), name
+        assert close(gradient[name], expected[name], 1e-10), name
 
 
 def test_inputs_dt_and_t0():
@@ -87,14 +88,15 @@ def test_inputs_dt_and_t0():
     function = gj.run(stepper_of("pushed"), steps=3)
     q, p, parameters, dt, t0 = start_of("pushed")
     u, w = inputs_of("pushed", 3), np.arange(1.0, 5)
-    found = jax.grad(lambda k, dt, t0, u: w @ jnp.concatenate(function(
+    gradients = jax.grad(lambda k, dt, t0, u: w @ jnp.concatenate(function(
         q, p, {"k": k}, dt=dt, t0=t0, inputs=u)), (0, 1, 2, 3))(parameters["k"], dt, t0, u)
-    wanted = flow.adjoint(x[None], w[None, None])[0, 0]
-    assert close(np.concatenate([np.ravel(one) for one in found]), wanted[4:])
-    same = jax.grad(lambda u: w @ jnp.concatenate(function(q, p, parameters, dt=dt, inputs=u)))
-    alike = jax.grad(lambda u: w @ jnp.concatenate(function(
+    expected = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close(np.concatenate([np.ravel(gradient) for gradient in gradients]), expected[4:])
+    of_constant = jax.grad(lambda u: w @ jnp.concatenate(function(
+        q, p, parameters, dt=dt, inputs=u)))
+    of_rows = jax.grad(lambda u: w @ jnp.concatenate(function(
         q, p, parameters, dt=dt, inputs=jnp.stack([u, u, u]))))
-    assert close(same(u[0]), alike(u[0]))
+    assert close(of_constant(u[0]), of_rows(u[0]))
 
 
 def test_second_derivatives_are_exact_or_differences_or_refused():
@@ -107,14 +109,14 @@ def test_second_derivatives_are_exact_or_differences_or_refused():
     loss = lambda theta: w @ F(Q, P, theta)  # noqa: E731
     inner, x = flow_of("top", 12)
     directions = np.eye(inner.size)[None, 8:13]
-    wanted = inner.second(inner.adjoint, x[None], np.tile(w, (1, 5, 1)), directions)[0, :, 8:13]
+    expected = inner.second(inner.adjoint, x[None], np.tile(w, (1, 5, 1)), directions)[0, :, 8:13]
     scale = np.outer(THETA, THETA)
     for hessian in (jax.hessian(loss), jax.jacfwd(jax.jacfwd(loss))):
-        found = np.asarray(jax.jit(hessian)(THETA))
-        assert close(found * scale, wanted * scale, 1e-14)
-        assert close(found * scale, (found * scale).T, 1e-14)
-    found = jax.hessian(lambda theta: w @ rough(Q, P, theta))(THETA)
-    assert close(found * scale, wanted * scale, 1e-8)
+        second = np.asarray(jax.jit(hessian)(THETA))
+        assert close(second * scale, expected * scale, 1e-14)
+        assert close(second * scale, (second * scale).T, 1e-14)
+    second = jax.hessian(lambda theta: w @ rough(Q, P, theta))(THETA)
+    assert close(second * scale, expected * scale, 1e-8)
     mapped = jax.jit(jax.vmap(jax.hessian(loss)))(np.stack([THETA, THETA * 1.01]))
     assert np.array_equal(mapped[0], jax.jit(jax.hessian(loss))(THETA))
     with pytest.raises(InputError, match=r"jax\.hessian"):
@@ -125,20 +127,20 @@ def test_second_derivatives_are_exact_or_differences_or_refused():
 
 def test_a_failed_step_is_nan():
     flow, _ = top()
-    many = np.stack([THETA, -THETA, THETA])
-    found = jax.jit(jax.vmap(lambda theta: flow(Q, P, theta)[0]))(many)
-    assert np.isnan(found[1]).all()
-    assert np.isfinite(found[::2]).all()
+    thetas = np.stack([THETA, -THETA, THETA])
+    ends = jax.jit(jax.vmap(lambda theta: flow(Q, P, theta)[0]))(thetas)
+    assert np.isnan(ends[1]).all()
+    assert np.isfinite(ends[::2]).all()
     assert "I1" in flow.failures[-1]
 
 
 def test_threads_run_one_compiled_program():
     flow, _ = top()
     gradient = jax.jit(jax.grad(lambda theta: flow(Q, P, theta)[0].sum()))
-    many = [THETA * (1 + 0.01 * i) for i in range(8)]
+    thetas = [THETA * (1 + 0.01 * i) for i in range(8)]
     with ThreadPoolExecutor(4) as pool:
-        found = list(pool.map(gradient, many))
-    assert np.array_equal(found, [gradient(theta) for theta in many])
+        gradients = list(pool.map(gradient, thetas))
+    assert np.array_equal(gradients, [gradient(theta) for theta in thetas])
 
 
 def test_unusable_arguments_are_refused():

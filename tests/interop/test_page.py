@@ -20,26 +20,26 @@ HEAD, *SECTIONS = (ROOT / "docs" / "interop.md").read_text(encoding="utf-8").spl
 
 
 def blocks(text):
-    return "\n".join(found[2] for found in FENCE.finditer(text) if found[1] in ("py", "python"))
+    return "\n".join(block[2] for block in FENCE.finditer(text) if block[1] in ("py", "python"))
 
 
-def check_jax(there):
-    assert there["loss"](there["parameters"]) > 0
-    assert there["jax"].vmap(there["end"])(there["many"]).shape == (16, 8)
+def check_jax(namespace):
+    assert namespace["loss"](namespace["parameters"]) > 0
+    assert namespace["jax"].vmap(namespace["end"])(namespace["many"]).shape == (16, 8)
 
 
-def check_pytorch(there):
-    assert abs(float(there["scale"].grad) - 10.8) < 0.05
+def check_pytorch(namespace):
+    assert abs(float(namespace["scale"].grad) - 10.8) < 0.05
 
 
-def check_casadi(there):
-    run = there["swing"].integrate([0, -1], [0, 0], dt=0.1, steps=20, parameters={"g": 9.81},
-                                   inputs=there["controls"][:, None])
+def check_casadi(namespace):
+    run = namespace["swing"].integrate([0, -1], [0, 0], dt=0.1, steps=20, parameters={"g": 9.81},
+                                       inputs=namespace["controls"][:, None])
     assert np.abs(run.q[-1] - [0, 1]).max() < 1e-6
 
 
-def check_scipy(there):
-    assert np.abs(there["fit"].x - 1).max() < 1e-9
+def check_scipy(namespace):
+    assert np.abs(namespace["fit"].x - 1).max() < 1e-9
 
 
 CHECKS = {"JAX": ("jax", check_jax), "PyTorch": ("torch", check_pytorch),
@@ -52,23 +52,23 @@ def test_blocks_of_a_section(title):
     package, check = CHECKS[title]
     if find_spec(package) is None:
         pytest.skip(f"{title} is not installed: the extra {package} brings it")
-    (section,) = (one for one in SECTIONS if one.startswith(f"{title}\n"))
-    there: dict[str, object] = {}
+    (section,) = (text for text in SECTIONS if text.startswith(f"{title}\n"))
+    namespace: dict[str, object] = {}
     try:
-        exec(blocks(HEAD) + blocks(section), there)
-        check(there)
+        exec(blocks(HEAD) + blocks(section), namespace)
+        check(namespace)
     finally:
         if package == "jax":
-            there["jax"].config.update("jax_enable_x64", False)
+            namespace["jax"].config.update("jax_enable_x64", False)
 
 
 def test_each_section_with_code_is_run():
-    assert {one.partition("\n")[0] for one in SECTIONS if blocks(one)} == CHECKS.keys()
+    assert {section.partition("\n")[0] for section in SECTIONS if blocks(section)} == CHECKS.keys()
 
 
 @pytest.mark.parametrize("name", ["jax", "torch", "casadi"])
 def test_a_missing_package_is_named(name, monkeypatch):
-    for module in [one for one in sys.modules if one.partition(".")[0] == name]:
+    for module in [loaded for loaded in sys.modules if loaded.partition(".")[0] == name]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, name, None)
     monkeypatch.delitem(sys.modules, f"gyrospark.interop.{name}", raising=False)
@@ -78,7 +78,7 @@ def test_a_missing_package_is_named(name, monkeypatch):
 
 
 def test_minimize_finds_inputs():
-    """Little effort that turns a pendulum nearly into a given state, by the adjoint."""
+    """By the adjoint, little effort turns a pendulum nearly into a prescribed state."""
     step, steps = stepper_of("pushed"), 20
     q, p, parameters, dt, _ = start_of("pushed")
     goal = np.array([0.0, 1.0])
@@ -94,10 +94,10 @@ def test_minimize_finds_inputs():
         value, gradient = f(x)
         return value + 1e-6 * x @ x, gradient + 2e-6 * x
 
-    found = minimize(loss, np.full(2 * steps, 0.1), jac=True, method="L-BFGS-B",
-                     options={"maxiter": 100})
-    assert found.success
-    assert found.nfev < 60
+    result = minimize(loss, np.full(2 * steps, 0.1), jac=True, method="L-BFGS-B",
+                      options={"maxiter": 100})
+    assert result.success
+    assert result.nfev < 60
     run = step.integrate(q, p, dt=dt, steps=steps, parameters=parameters,
-                         inputs=found.x.reshape(steps, 2))
+                         inputs=result.x.reshape(steps, 2))
     assert np.abs(run.q[-1] - goal).max() < 1e-2

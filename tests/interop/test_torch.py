@@ -35,24 +35,26 @@ def test_values_and_jacobians_are_those_of_the_flow():
     flow, x = flow_of("top", 12)
     _, F = top()
     assert np.array_equal(F(Q, P, THETA), flow.value(x[None])[0])
-    wanted = np.split(flow.jacobian(x[None])[0], [4, 8, 13], axis=1)[:3]
+    expected = np.split(flow.jacobian(x[None])[0], [4, 8, 13], axis=1)[:3]
     for jacobian in (torch.func.jacfwd, torch.func.jacrev):
-        found = jacobian(F, (0, 1, 2))(Q, P, THETA)
-        assert all(close(one, other) for one, other in zip(found, wanted, strict=True))
+        blocks = jacobian(F, (0, 1, 2))(Q, P, THETA)
+        assert all(close(block, expected_block)
+                   for block, expected_block in zip(blocks, expected, strict=True))
     by_hand = torch.autograd.functional.jacobian(F, (Q, P, THETA))
-    assert all(close(one, other) for one, other in zip(by_hand, wanted, strict=True))
+    assert all(close(block, expected_block)
+               for block, expected_block in zip(by_hand, expected, strict=True))
 
 
 def test_backward_and_dual_numbers_are_transposes():
     _, F = top()
-    given = [x.clone().requires_grad_() for x in (Q, P, THETA)]
+    leaves = [x.clone().requires_grad_() for x in (Q, P, THETA)]
     w = tensor(np.arange(1.0, 9))
-    (F(*given) @ w).backward()
+    (F(*leaves) @ w).backward()
     directions = [x.flip(0) for x in (Q, P, THETA)]
     with torch.autograd.forward_ad.dual_level():
         duals = map(torch.autograd.forward_ad.make_dual, (Q, P, THETA), directions)
         ahead = torch.autograd.forward_ad.unpack_dual(F(*duals)).tangent
-    back = sum(x.grad @ dx for x, dx in zip(given, directions, strict=True))
+    back = sum(x.grad @ dx for x, dx in zip(leaves, directions, strict=True))
     assert close(back, ahead @ w)
     _, pull = torch.func.vjp(lambda theta: F(Q, P, theta), THETA)
     by_w = torch.func.jacrev(lambda w: pull(w)[0])(w)
@@ -64,27 +66,27 @@ def test_backward_and_dual_numbers_are_transposes():
 
 def test_maps_have_the_bits_of_single_calls():
     _, F = top()
-    many = THETA * (1 + 0.01 * torch.arange(3)[:, None])
+    thetas = THETA * (1 + 0.01 * torch.arange(3)[:, None])
     gradient = torch.func.grad(lambda q, p, theta: ((F(q, p, theta) - 0.5) ** 2).sum(), (0, 2))
     functions = [F, lambda *z: gradient(*z)[0], lambda *z: gradient(*z)[1],
                  torch.func.jacfwd(F, 2), torch.func.jacrev(F, 2)]
     for function in functions:
-        one = torch.stack([function(Q, P, theta) for theta in many])
-        assert torch.equal(torch.func.vmap(function, (None, None, 0))(Q, P, many), one)
-        beside = torch.func.vmap(function, (None, None, 1), out_dims=1)(Q, P, many.T)
-        assert torch.equal(beside.movedim(1, 0), one)
+        singles = torch.stack([function(Q, P, theta) for theta in thetas])
+        assert torch.equal(torch.func.vmap(function, (None, None, 0))(Q, P, thetas), singles)
+        beside = torch.func.vmap(function, (None, None, 1), out_dims=1)(Q, P, thetas.T)
+        assert torch.equal(beside.movedim(1, 0), singles)
 
 
 def test_inputs_dt_and_parameters_by_name():
     flow, x = flow_of("pushed", 3)
     function = gt.run(stepper_of("pushed"), steps=3)
     q, p, parameters, dt, _ = start_of("pushed")
-    k, h, u = (tensor(one).requires_grad_() for one in (parameters["k"], dt,
-                                                        inputs_of("pushed", 3)))
+    k, h, u = (tensor(value).requires_grad_() for value in (parameters["k"], dt,
+                                                            inputs_of("pushed", 3)))
     w = np.arange(1.0, 5)
     (torch.cat(function(q, p, {"k": k}, dt=h, inputs=u)) @ tensor(w)).backward()
-    wanted = flow.adjoint(x[None], w[None, None])[0, 0]
-    assert close([k.grad, h.grad, *u.grad.ravel()], wanted[[4, 5, *range(7, 13)]])
+    expected = flow.adjoint(x[None], w[None, None])[0, 0]
+    assert close([k.grad, h.grad, *u.grad.ravel()], expected[[4, 5, *range(7, 13)]])
 
 
 def test_second_derivatives_are_exact_or_differences_or_refused():
@@ -97,12 +99,12 @@ def test_second_derivatives_are_exact_or_differences_or_refused():
     loss = lambda theta: F(Q, P, theta) @ w  # noqa: E731
     scale = np.outer(THETA, THETA)
     inner, x = flow_of("top", 12)
-    wanted = inner.second(inner.adjoint, x[None], np.tile(w, (1, 5, 1)),
-                          np.eye(inner.size)[None, 8:13])[0, :, 8:13]
+    expected = inner.second(inner.adjoint, x[None], np.tile(w, (1, 5, 1)),
+                            np.eye(inner.size)[None, 8:13])[0, :, 8:13]
     for hessian in (torch.func.hessian(loss), torch.func.jacfwd(torch.func.jacfwd(loss))):
-        assert close(np.asarray(hessian(THETA)) * scale, wanted * scale, 1e-14)
-    found = torch.func.hessian(lambda theta: rough(Q, P, theta) @ w)(THETA)
-    assert close(np.asarray(found) * scale, wanted * scale, 1e-8)
+        assert close(np.asarray(hessian(THETA)) * scale, expected * scale, 1e-14)
+    second = torch.func.hessian(lambda theta: rough(Q, P, theta) @ w)(THETA)
+    assert close(np.asarray(second) * scale, expected * scale, 1e-8)
     for reverse in (torch.func.jacrev(torch.func.jacrev(loss)),
                     lambda theta: torch.autograd.functional.hessian(loss, theta)):
         with pytest.raises(InputError, match=r"torch\.func\.hessian"):
@@ -111,17 +113,17 @@ def test_second_derivatives_are_exact_or_differences_or_refused():
 
 def test_a_failed_step_is_nan():
     flow, _ = top()
-    found = torch.func.vmap(lambda theta: flow(Q, P, theta)[0])(torch.stack([THETA, -THETA]))
-    assert torch.isfinite(found[0]).all()
-    assert torch.isnan(found[1]).all()
+    ends = torch.func.vmap(lambda theta: flow(Q, P, theta)[0])(torch.stack([THETA, -THETA]))
+    assert torch.isfinite(ends[0]).all()
+    assert torch.isnan(ends[1]).all()
     assert "I1" in flow.failures[-1]
 
 
 def test_tensors_are_double_and_on_the_cpu():
     flow, _ = top()
-    for other in (Q.float(), Q.to("meta")):
+    for tensor_of_other_kind in (Q.float(), Q.to("meta")):
         with pytest.raises(InputError, match="float64"):
-            flow(other, P, THETA)
+            flow(tensor_of_other_kind, P, THETA)
     assert flow(list(map(float, Q)), P, PARAMETERS)[0].dtype is torch.float64
 
 

@@ -27,29 +27,29 @@ RECORDED = ("simple-pendulum", "spherical-pendulum", "four-bar", "bricard", "bri
     pytest.param(name, marks=[pytest.mark.slow] * (
         name in ("bricard", "bricard-pushed", "four-bar"))) for name in RECORDED])
 def test_a_scene_starts_where_the_model_does(name):
-    """Masses, moments and places, read off the record, give back the state and its numbers."""
+    """Masses, moments and places, read off the record, reproduce the state and its numbers."""
     problem = REFERENCES[name]
     model = problem.make().in_type(float)
     scene = scene_reference(problem)
     end = scene.scene.end(at_start(scene.scene))
     assert end.q[0] == pytest.approx(model.q0.astype(float), rel=0, abs=1e-15)
     assert end.p[0] == pytest.approx(model.p0.astype(float), rel=1e-14, abs=1e-15)
-    found = scene.read(at_start(scene.scene))
-    assert set(found) == set(problem.groups)
+    groups = scene.read(at_start(scene.scene))
+    assert set(groups) == set(problem.groups)
 
 
 @pytest.mark.slow  # derives both Lagrangians again
 def test_andrews_and_the_governor_start_as_their_lagrangians_do():
-    """Angles of bodies, but for whole turns, against coordinates."""
+    """Angles of bodies equal coordinates up to full turns."""
     for name in ("andrews", "flyball-governor-stiff"):
         problem = REFERENCES[name]
         model = problem.make().in_type(float)
         scene = scene_reference(problem)
-        found = scene.read(at_start(scene.scene))
-        off = np.subtract(found["positions"], model.q0.astype(float))
+        groups = scene.read(at_start(scene.scene))
+        off = np.subtract(groups["positions"], model.q0.astype(float))
         assert off - 2 * np.pi * np.round(off / (2 * np.pi)) == pytest.approx(0, abs=1e-13)
         speeds = [2 * np.pi, 0, 0.05] if "governor" in name else [0] * 7
-        assert found["velocities"] == pytest.approx(speeds, rel=1e-14, abs=1e-14)
+        assert groups["velocities"] == pytest.approx(speeds, rel=1e-14, abs=1e-14)
 
 
 def test_a_top_has_a_weight_with_the_moment_of_its_potential():
@@ -74,19 +74,19 @@ def test_what_is_no_weight_and_what_is_no_record_is_said():
 
 @pytest.mark.parametrize("name", [x for x in REFERENCES if REFERENCES[x].no_bodies])
 def test_what_is_no_bodies_on_joints_is_left_out_with_a_reason(name):
-    said = []
-    assert list(measure_bodies(REFERENCES[name], watch=said.append)) == []
-    assert len(said) == 1
-    assert f"{name}: {REFERENCES[name].no_bodies}." in said[0]
+    remarks = []
+    assert list(measure_bodies(REFERENCES[name], watch=remarks.append)) == []
+    assert len(remarks) == 1
+    assert f"{name}: {REFERENCES[name].no_bodies}." in remarks[0]
 
 
 def test_a_package_that_is_missing_is_said(monkeypatch):
     for module in ("exudyn", "mujoco"):
         monkeypatch.setitem(sys.modules, module, None)
-    said = []
-    assert list(measure_bodies(REFERENCES["kovalevskaya"], watch=said.append)) == []
+    remarks = []
+    assert list(measure_bodies(REFERENCES["kovalevskaya"], watch=remarks.append)) == []
     for package in ("exudyn", "mujoco"):
-        assert any(f"pip install {package})" in line for line in said)
+        assert any(f"pip install {package})" in line for line in remarks)
 
 
 def test_loops_are_closed_by_balls_where_there_are():
@@ -112,9 +112,9 @@ def test_andrews_of_bodies_moves_as_its_lagrangian_does():
     motions = {name: scenes.SceneMotion(body.attitude[-1], body.position()[-1], body.velocity()[-1],
                                         body.angular_velocity()[-1])
                for name in scene.scene.bodies for body in (run.body(name),)}
-    found = scene.read(motions)
+    groups = scene.read(motions)
     for group, names in problem.groups.items():
-        assert largest_error(found[group], [problem.truth.value(x) for x in names]) < 1e-9
+        assert largest_error(groups[group], [problem.truth.value(x) for x in names]) < 1e-9
 
 
 def _errors(name, peer, scheme):

@@ -87,7 +87,7 @@ def test_digits_are_those_of_another_code(name):
 
 @every
 def test_digits_are_made_by_the_script(name):
-    """What is stored agrees two ways; names are those of the problem, with 24 digits each."""
+    """The stored digits agree in two ways; names are the problem's, with 24 digits each."""
     problem = REFERENCES[name]
     true = problem.truth
     assert 0 < true.agreement <= 2e-25
@@ -101,7 +101,7 @@ def test_digits_are_made_by_the_script(name):
     *(pytest.param(name, marks=pytest.mark.slow) for name in (
         "spherical-pendulum", "dzhanibekov", "free-body"))])  # quadratures in 32 digits
 def test_closed_forms(name):
-    """They begin where the model does and give the stored digits."""
+    """They begin at the model's start and agree with the stored digits."""
     problem, form = REFERENCES[name], make_digits.CLOSED[name]
     model = problem.make().in_type(float)
     group, *_ = problem.groups
@@ -109,15 +109,15 @@ def test_closed_forms(name):
         start, end = form(mp.mpf(0)), form(mp.mpf(problem.seconds))
         assert np.abs(np.array(start[group], dtype=float) - model.q0).max() < 2e-15
         for group, names in problem.groups.items():
-            found = [Fraction(mp.nstr(x, 30)) for x in end[group]]
-            assert largest_error(found, [problem.truth.value(x) for x in names]) < 1e-18
+            values = [Fraction(mp.nstr(x, 30)) for x in end[group]]
+            assert largest_error(values, [problem.truth.value(x) for x in names]) < 1e-18
 
 
 @pytest.mark.slow
 @every
 def test_the_script_gives_the_stored_digits(name):
-    found = make_digits.digits(REFERENCES[name])
-    assert found["values"] == dict(REFERENCES[name].truth.values)
+    computed = make_digits.digits(REFERENCES[name])
+    assert computed["values"] == dict(REFERENCES[name].truth.values)
 
 
 #: A point; each other compiles a stepper of its own.
@@ -127,11 +127,11 @@ FEW = ("spherical-pendulum",)
 @pytest.mark.parametrize("name", [
     pytest.param(name, marks=[pytest.mark.slow] * (name not in FEW)) for name in REFERENCES])
 def test_a_scheme_reaches_the_digits(name):
-    """To 1e-12, and no worse with more steps until then."""
+    """The error reaches 1e-12, and does not grow with more steps until then."""
     runs = list(measure(REFERENCES[name], rounds=1, quick=True))
     assert reached(runs)
-    for few, many in pairwise(runs):
-        assert many.error < max(few.error, LIMIT)
+    for coarser, finer in pairwise(runs):
+        assert finer.error < max(coarser.error, LIMIT)
     assert all(run.cpu_seconds > 0 for run in runs)
     assert all(run.invariants["constraints"] < 1e-14 for run in runs)
     assert all(moved < 1e-10 for moved in runs[-1].invariants.values())
@@ -143,9 +143,9 @@ def test_a_stiff_damper_lingers_with_gauss_and_not_with_radau():
     problem = REFERENCES["flyball-governor-stiff"]
     by_scheme = replace(problem, attempts=[
         Attempt("G-L", 4, (5,)), Attempt("Radau-L", 3, (5, 500))])
-    gauss, radau, many = (run.error for run in measure(by_scheme, rounds=1))
+    gauss, radau, radau_500 = (run.error for run in measure(by_scheme, rounds=1))
     assert radau < 1e-8 < 1e-4 < gauss
-    assert many < LIMIT
+    assert radau_500 < LIMIT
 
 
 @pytest.mark.parametrize(("motion", "here"), [
@@ -155,12 +155,12 @@ def test_a_stiff_damper_lingers_with_gauss_and_not_with_radau():
                  marks=pytest.mark.slow),
 ])
 def test_loops_by_quadrature(motion, here):
-    """At other times than that of the digits, beside another code."""
-    time, known = here
+    """Positions at other times than the digits' agree with another code."""
+    time, expected = here
     with mp.workdps(20):
-        found = motion(mp.mpf(time))["positions"]
-    for place, text in known.items():
-        assert float(found[place]) == pytest.approx(float(text), abs=1e-12)
+        positions = motion(mp.mpf(time))["positions"]
+    for index, text in expected.items():
+        assert float(positions[index]) == pytest.approx(float(text), abs=1e-12)
 
 
 def test_a_loop_begins_with_the_rate_it_is_given():
@@ -172,7 +172,7 @@ def test_a_loop_begins_with_the_rate_it_is_given():
 
 
 def test_a_parallelogram_goes_through_a_hundred_change_points():
-    """Where φ is an odd multiple of π/2: counted by the closed form, and told in the title."""
+    """At φ an odd multiple of π/2; the closed form counts them, and the title has their number."""
     problem = REFERENCES["parallelogram"]
     c = make_digits.forms.four_bar_constant(1)
     m, w = 4 * c / (1 + 4 * c), mp.sqrt(1 + 4 * c) / 2
@@ -195,7 +195,7 @@ def test_redundant_constraints_are_left_out_by_themselves(name, left_out):
 
 @pytest.mark.slow  # seconds of derivation
 def test_bennetts_constraints_stay_independent():
-    """Rounding does not grow with steps, for what is left out is not nearly needed on the way."""
+    """Rounding does not grow with steps, for omitted constraints are not nearly needed."""
     problem = REFERENCES["bennett"]
     model = problem.make().in_type(float)
     run = gs.stepper("G-L", 3, system=model.system).integrate(
@@ -247,19 +247,19 @@ def test_the_command(gyrospark, tmp_path):
     assert {"name", "scheme", "steps", "error", "cpu_seconds"} <= set(answer.document[0])
     assert answer.document[-1]["steps"] == 4000
     scene_reference = (tmp_path / "page.md").read_text(encoding="utf-8")
-    kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
+    stored = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
     assert "](error.svg)" in scene_reference
-    written = scene_reference.replace("](error.svg)", "](references.png)")
-    assert written.partition("\n|")[0] == kept.partition("\n|")[0]
-    said = gyrospark("reference", "list").stdout
-    assert all(name in said for name in REFERENCES)
+    with_stored_picture = scene_reference.replace("](error.svg)", "](references.png)")
+    assert with_stored_picture.partition("\n|")[0] == stored.partition("\n|")[0]
+    output = gyrospark("reference", "list").stdout
+    assert all(name in output for name in REFERENCES)
     rows = gyrospark("reference", "list", "--json").document
     assert [row["name"] for row in rows] == list(gs.references.names())
     assert rows[1]["published"]["off_by"]["gamma'"] > 1e-8
 
 
 def test_peers_reach_the_digits_by_themselves():
-    """Equations without multipliers in SciPy; what is not installed is left out and told."""
+    """Equations without multipliers in SciPy; a missing program is left out, with a remark."""
     scene_reference = []
     runs = list(measure_peers(REFERENCES["neumann"], rounds=1, watch=scene_reference.append))
     scipy = [run for run in runs if run.peer == "SciPy"]
@@ -285,16 +285,16 @@ def test_refusals(arguments, said, gyrospark):
 
 
 def test_the_page_is_what_the_command_writes():
-    """Titles, digits and tables' heads; times are of the machine that wrote it."""
-    kept = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
+    """Titles, digits and heads of tables agree; times depend on the machine that wrote them."""
+    stored = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")
     run = gs.references.WorkPrecisionRun("", "G-L", 1, 1.0, 1.0, {"energy": 0.0})
-    made = page([(problem, [run]) for problem in REFERENCES.values()], "references.png")
-    assert _fixed(made) == _fixed(kept)
-    assert "missed" not in kept
+    written = page([(problem, [run]) for problem in REFERENCES.values()], "references.png")
+    assert _fixed(written) == _fixed(stored)
+    assert "missed" not in stored
     assert 0 < (ROOT / "docs" / "references.png").stat().st_size < 300_000
 
 
 def _fixed(text):
-    """Lines that no run changes: all but rows of schemes, of the summary, and invariants."""
+    """Return the lines that no run changes: no rows of schemes, no summary, no invariants."""
     changing = re.compile(r"\| (`|\d-|G-L|LIIIA|EMS|IMS|SciPy|heyoka|exudyn|MuJoCo)|Invariants: ")
     return [line for line in text.splitlines() if not changing.match(line)]

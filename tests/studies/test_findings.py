@@ -48,8 +48,8 @@ def test_claims_on_the_energy_hold_for_gains_of_their_runs(claim: Any, times: in
         return SimpleNamespace(method=method, energy_gain=lambda times: of[times],
                                at_round_off=lambda times=1: of[times] == 0)
 
-    good, other = trial("IMS", short=2.0, long=3.0), trial("EMS", short=0, long=0)
-    assert claim(BODIES[0], [good, other]).holds
+    good, without_gain = trial("IMS", short=2.0, long=3.0), trial("EMS", short=0, long=0)
+    assert claim(BODIES[0], [good, without_gain]).holds
     bad = trial("G-L", **{"short": 3.0, "long": 3.0, "short" if times == 1 else "long": 0.9})
     assert not claim(BODIES[0], [good, bad]).holds
 
@@ -167,21 +167,22 @@ def test_exact_motion_stays_on_its_constraints() -> None:
 @pytest.mark.parametrize("s", [3, 2])
 def test_expansion_is_that_of_the_compiled_step(s: int) -> None:
     gamma, dt = 0.7, 0.04
-    top = [[float(v) for v in part] for part in (STATE.l, STATE.vertical, STATE.inverse_inertia)]
+    top = [[float(v) for v in vector]
+           for vector in (STATE.l, STATE.vertical, STATE.inverse_inertia)]
     step = stepper("LIIIA-B", s, "gamma")
     inertia = [1 / j for j in top[2]]
     parameters = dict(zip(("I1", "I2", "I3"), inertia, strict=True)) | {
         "mgl": float(STATE.mgl), "gamma": gamma}
     q, p = _state(top[0], top[1], inertia)
     series = energy_error(lobatto_iiiab(s), STATE, 2 * s + 2)
-    left = []
+    remainders = []
     for h in (dt, 2 * dt, 4 * dt):
         q1, p1 = step.step(q, p, dt=h, parameters=parameters)
         change = float(step.energy(q1, p1, parameters=parameters)
                        - step.energy(q, p, parameters=parameters))
         expected = sum(float(a) * h**n * gamma**g for (n, g), a in series.terms.items())
-        left.append(abs(change - expected))
-        assert left[-1] < 0.02 * h**2 * abs(expected) + 1e-15
+        remainders.append(abs(change - expected))
+        assert remainders[-1] < 0.02 * h**2 * abs(expected) + 1e-15
     assert QQ(0) == series.coefficient(2 * s - 2)
 
 

@@ -107,10 +107,11 @@ def test_only_the_intended_term_is_dropped(rep):
         D = D - 1 / by_name["gamma"]
     u = D * (left(q) @ p) / 4
     expected = np.column_stack([left(e).T @ u for e in np.eye(4)])
-    at = [[[float(e.subs(values)) for e in row] for row in matrix]
-          for matrix in (exact.H_pq, inexact.H_pq, dropped_term(exact).tolist())]
-    np.testing.assert_allclose(at[2], expected, rtol=1e-12, atol=1e-12)
-    np.testing.assert_allclose(np.array(at[0]) - at[1], expected, rtol=1e-12, atol=1e-12)
+    matrices = [[[float(e.subs(values)) for e in row] for row in matrix]
+                for matrix in (exact.H_pq, inexact.H_pq, dropped_term(exact).tolist())]
+    np.testing.assert_allclose(matrices[2], expected, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(np.array(matrices[0]) - matrices[1], expected, rtol=1e-12,
+                               atol=1e-12)
     for name in ("H_q", "H_p", "H_qq", "H_pp", "G"):
         assert getattr(inexact, name) == getattr(exact, name)
 

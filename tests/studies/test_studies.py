@@ -141,13 +141,13 @@ def test_scheme_names():
 
 
 def test_a_case_runs_once():
-    seen: list[str] = []
-    engine = Engine(watch=seen.append)
+    messages: list[str] = []
+    engine = Engine(watch=messages.append)
     case = Case("fast-top", "IMS", None, "gamma", "m", 0.001, 10)
     assert engine.trajectory(case) is engine.trajectory(case)
     assert engine.mean(case, "H") == pytest.approx(
         engine.trajectory(case).report.energy_error_mean, rel=1e-12)
-    assert seen == ["fast-top, IMS-γ"]
+    assert messages == ["fast-top, IMS-γ"]
 
 
 def test_lines_and_crossings():
@@ -209,8 +209,8 @@ def test_claims_hold(study, engine):
 def test_lobatto_laws(sweep, engine):
     x, y = parameter.measure(engine, sweep)
     inverse, direct = fit_line(x, y), fit_line([1 / a for a in x], y)
-    law, other = (inverse, direct) if parameter.follows_inverse(sweep) else (direct, inverse)
-    assert law.r_squared >= 0.999 > other.r_squared
+    law, rejected = (inverse, direct) if parameter.follows_inverse(sweep) else (direct, inverse)
+    assert law.r_squared >= 0.999 > rejected.r_squared
 
 
 @pytest.mark.parametrize("stages", [2, 3])
@@ -234,10 +234,10 @@ def test_page_has_every_number_and_picture(files, accuracy_tables):
     table = accuracy_tables[0]
     for row in {cell.row for cell in table.cells}:
         cells = [cell for cell in table.cells if cell.row == row]
-        shown, = (line for line in rows if line[0] == "| " + row.replace("|", "\\|")
-                  and len(line) == 1 + len(cells)
-                  and float(line[1].split()[0]) == pytest.approx(cells[0].ours, rel=1e-3))
-        for text, cell in zip(shown[1:], cells, strict=True):
+        line_of_row, = (line for line in rows if line[0] == "| " + row.replace("|", "\\|")
+                        and len(line) == 1 + len(cells)
+                        and float(line[1].split()[0]) == pytest.approx(cells[0].ours, rel=1e-3))
+        for text, cell in zip(line_of_row[1:], cells, strict=True):
             ours, paper = re.findall(r"[\d.]+(?:e[+-]\d+)?", text)
             assert float(ours) == pytest.approx(cell.ours, rel=1e-3)
             assert float(paper) == pytest.approx(cell.paper, rel=1e-2)
@@ -268,8 +268,8 @@ def test_drawings_follow_the_page():
     assert len(axes) == 3
     _, _, width, height = map(float, root.get("viewBox").split())
     assert width > 1.2 * height / 2 * 1.5  # two columns, two rows
-    one = ET.fromstring(draw([panel], 2))
-    assert float(one.get("viewBox").split()[2]) == pytest.approx(width / 2)
+    single = ET.fromstring(draw([panel], 2))
+    assert float(single.get("viewBox").split()[2]) == pytest.approx(width / 2)
 
 
 def test_json_holds_the_contract_and_no_nan(quick_results):
@@ -372,11 +372,11 @@ def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monk
 
 @pytest.mark.parametrize(("what", "met"), [("holds", 17), ("known", 14), ("unknown", 12)])
 def test_what_is_known_of_table_10_is_bounded(what, met):
-    """Fewer cells than it has always met are news."""
+    """Fewer agreeing cells than ever are news."""
     cells = [Cell("r", f"c{i}", 1.0, 1.0, "agrees" if i < met else "differs", "n")
              for i in range(19)]
-    found = _near_claim("cells", cells, 17, certain=13)
-    assert (found.holds, bool(found.known)) == (what == "holds", what == "known")
+    claim = _near_claim("cells", cells, 17, certain=13)
+    assert (claim.holds, bool(claim.known)) == (what == "holds", what == "known")
 
 
 @pytest.mark.parametrize("folder", ["/dev/null/report", "file/report", "file", "page.html"])
@@ -399,7 +399,7 @@ def test_catalogue_is_complete():
     "table-2", "table-4", "table-6", "table-7", "figure-5", "figure-9",
     *(pytest.param(name, marks=pytest.mark.slow) for name in ("table-5", "figure-10"))])
 def test_committed_summary_is_what_is_computed(name, engine):
-    """These results are the same in the short version; the whole file is checked by -m slow."""
+    """These results are the same in the short version; -m slow checks the entire file."""
     committed = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")
     result = study_registry.RESULTS[name](engine)
     assert section(result) in committed
@@ -413,8 +413,8 @@ def test_whole_committed_summary_is_what_is_computed():
     """
     results = study_registry.compute(study_registry.chosen("all"), Engine())
     computed, committed = (
-        [re.sub(r"\d[\d.,]*(e[-+]\d+)?", "#", text) for text in whole.split("\n## ")]
-        for whole in (page(results), (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")))
+        [re.sub(r"\d[\d.,]*(e[-+]\d+)?", "#", text) for text in page_text.split("\n## ")]
+        for page_text in (page(results), (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")))
     sections = list(zip(computed, committed, strict=True))
     exact = [pair for pair in sections if not any("last bits decide" in text for text in pair)]
     assert 0 < len(sections) - len(exact) <= 7  # the verdicts, Tables 9 to 14
