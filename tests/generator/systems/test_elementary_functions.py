@@ -18,9 +18,9 @@ x, y, u, v = sp.symbols("x y u v", real=True)
 a, b = sp.symbols("a b", positive=True)
 @cache
 def particle():
-    """A particle in the plane, in every elementary function; it goes round and round the origin.
+    """Return a particle of the plane that circles the origin in a V of all elementary functions.
 
-    Morse's exponential, a galaxy's logarithm, Toda's lattice, arcs, powers, and an angle that
+    V has Morse's exponential, a galaxy's logarithm, Toda's lattice, arcs, powers, and an angle that
     crosses the cut of atan2 in every turn.
     """
     V = (a * (1 - sp.cos(x)) + a * (1 - sp.exp(-b * y)) ** 2 + sp.exp(x - y)
@@ -33,7 +33,7 @@ def particle():
 PARAMETERS = {"a": 1.4, "b": 0.3}
 START = np.array([0.7, 0.2]), np.array([-0.4, 1.3])
 RUN = {"dt": 0.01, "parameters": PARAMETERS}
-#: What H adds up.
+#: The size of the terms of H.
 SIZE = 12
 
 
@@ -50,10 +50,10 @@ def test_EMS_keeps_the_energy_to_round_off_over_many_steps(step):
 
 
 def test_jacobian_is_that_of_the_residual(step):
-    """Against central differences; all cardinal functions have their derivatives in it."""
-    at = step.guess(*START, **RUN) * 1.1
-    J = step.jacobian(at, *START, **RUN)
-    assert np.abs(jacobian_by_differences(step, at, *START, **RUN) - J).max() <= (
+    """The Jacobian, which has derivatives of all cardinal functions, equals central differences."""
+    unknowns = step.guess(*START, **RUN) * 1.1
+    J = step.jacobian(unknowns, *START, **RUN)
+    assert np.abs(jacobian_by_differences(step, unknowns, *START, **RUN) - J).max() <= (
         1e-7 * np.abs(J).max())
 
 
@@ -66,7 +66,7 @@ def test_conditions_hold_and_say_how_they_were_found():
 
 
 def test_a_state_outside_the_domain_of_H_fails_as_not_finite(step):
-    """The arc sine ends at x = 9."""
+    """A state beyond x = 9, where the arc sine ends, is refused as not finite."""
     with pytest.raises(gs.StepFailed, match="not finite"):
         step.integrate([8.0, 0.2], [900.0, 0.0], steps=50, **RUN)
 

@@ -43,28 +43,27 @@ def test_a_hanging_chain_of_rods_and_a_rope_that_is_slack_at_the_start():
 
 
 def test_the_stable_one_of_two_is_found():
-    """A pendulum hangs that starts off its upper equilibrium, very close to it, or off its circle.
-    """
+    """A pendulum hangs from any start: off its upper equilibrium, close to it, off its circle."""
     system = gs.System(q, p, (g,), (p[0]**2 + p[1]**2) / 2 + g * q[1],
                        [q[0]**2 + q[1]**2 - 1], name="pendulum")
     for start in ([0.1, np.sqrt(0.99)], [1.2, -1.6], [-5.0, 3.0], [0.01, 0.2],
                   *([beside, 1.0] for beside in (1e-3, 1e-6, 1e-9, 1e-12))):
-        found, force = equilibrium(system, {"g": 2.0}, np.array(start))
-        assert np.abs(found - [0, -1]).max() <= 8 * EPS
+        position, force = equilibrium(system, {"g": 2.0}, np.array(start))
+        assert np.abs(position - [0, -1]).max() <= 8 * EPS
         assert force == pytest.approx([1.0], abs=8 * EPS)  # g + 2 λ y = 0
 
 
 @pytest.mark.parametrize("soft", [1e-4, 1e-8])
 def test_an_equilibrium_far_from_the_start(soft):
-    """A force of 1 N on a soft spring: x = 1/k."""
+    """A force of 1 N on a soft spring moves it to x = 1/k."""
     system = gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2 + k * q[0]**2 / 2 - q[0]
                        + q[1]**2 / 2, name="soft_spring")
-    rest, _ = equilibrium(system, {"k": soft}, np.zeros(2))
-    assert np.abs(rest - [1 / soft, 0]).max() <= 8 * EPS / soft
+    position, _ = equilibrium(system, {"k": soft}, np.zeros(2))
+    assert np.abs(position - [1 / soft, 0]).max() <= 8 * EPS / soft
 
 
 def test_a_net_force_on_bodies_that_nothing_holds_is_refused():
-    """Of 30 N up, 10 N down and two weights of 9.81 N, 0.38 N are left over for two points."""
+    """30 N up, 10 N down and two weights of 9.81 N leave 0.38 N on two points."""
     build = gs.Multibody("pair")
     points = [build.point_mass(name, mass=1.0, position=(0, y, 1.0))
               for name, y in (("a", 0.0), ("b", 1.0))]
@@ -76,49 +75,49 @@ def test_a_net_force_on_bodies_that_nothing_holds_is_refused():
 
 
 def test_forces_without_a_potential_and_the_time():
-    """k x = f(q, t) at t = 3, where drag is 0 at rest."""
+    """The position solves k x = f(q, t) at t = 3, where drag is 0 at rest."""
     t = sp.Symbol("t", real=True)
     system = gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2 + k * (q[0]**2 + q[1]**2) / 2,
                        forces=(t - q[1] - p[0], q[0]), time=t, name="pushed")
-    found, _ = equilibrium(system, {"k": 2.0}, np.array([1.0, 0.0]), t=3.0)
-    assert found == pytest.approx(np.linalg.solve([[2, 1], [-1, 2]], [3, 0]), abs=8 * EPS)
+    position, _ = equilibrium(system, {"k": 2.0}, np.array([1.0, 0.0]), t=3.0)
+    assert position == pytest.approx(np.linalg.solve([[2, 1], [-1, 2]], [3, 0]), abs=8 * EPS)
 
 
 @pytest.mark.parametrize(("start", "rest"), [(0.0, 1.0), (0.0, 0.0), (1.0, 0.0), (1e-16, 1.0)])
 def test_coordinates_of_zero(start, rest):
-    """V = k (x − rest)²/2 + y²/2: coordinates may be 0 at the start and at rest."""
+    """Coordinates may be 0 at the start and at rest in V = k (x − rest)²/2 + y²/2."""
     system = gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2
                        + k * (q[0] - rest)**2 / 2 + q[1]**2 / 2, name="origin")
-    found, _ = equilibrium(system, {"k": 2.0}, np.array([start, 0.0]))
-    assert np.abs(found - [rest, 0]).max() <= 8 * EPS * max(rest, 1.0)
+    position, _ = equilibrium(system, {"k": 2.0}, np.array([start, 0.0]))
+    assert np.abs(position - [rest, 0]).max() <= 8 * EPS * max(rest, 1.0)
 
 
 def test_a_pendulum_in_its_angle():
     """It hangs at angle 0, also from beside its upper equilibrium."""
     system = gs.System(q[:1], p[:1], (g,), p[0]**2 / 2 - g * sp.cos(q[0]), name="pendulum")
     for start in (0.0, 0.5, 1.5, 3.0):
-        found, _ = equilibrium(system, {"g": 2.0}, np.array([start]))
-        assert abs(found[0]) <= 8 * EPS
+        angle, _ = equilibrium(system, {"g": 2.0}, np.array([start]))
+        assert abs(angle[0]) <= 8 * EPS
 
 
 @pytest.mark.parametrize("stiff", [1e6, 1e14])
 @pytest.mark.parametrize("soft", [1.0, 1e-4])
 @pytest.mark.parametrize("start", [1.0, 1.3])
 def test_what_is_soft_comes_to_rest_beside_what_is_stiff(stiff, soft, start):
-    """V = K (x − 1)²/2 + k ((y − 1)²/2 + (y − 1)⁴/4): at the τ of K, y hardly moves."""
+    """K (x − 1)²/2 + k ((y − 1)²/2 + (y − 1)⁴/4) settles in y too, slow at the time scale of K."""
     K, x, y = sp.Symbol("K", positive=True), q[0] - 1, q[1] - 1
     system = gs.System(q, p, (K, k), (p[0]**2 + p[1]**2) / 2 + K * x**2 / 2
                        + k * (y**2 / 2 + y**4 / 4), name="two_springs")
-    rest, _ = equilibrium(system, {"K": stiff, "k": soft}, np.array([start, 0.0]))
-    assert np.abs(rest - 1).max() <= 8 * EPS
+    position, _ = equilibrium(system, {"K": stiff, "k": soft}, np.array([start, 0.0]))
+    assert np.abs(position - 1).max() <= 8 * EPS
 
 
 @pytest.mark.slow  # 131 unknowns
 def test_rods_that_turn_freely_about_themselves():
     """The platform of a delta robot comes to rest on its axis of symmetry."""
     robot = gs.models.delta_robot().equilibrium()
-    place = dict(zip(map(str, robot.system.q), robot.q0, strict=True))
-    assert np.abs([place["platform_x"], place["platform_y"]]).max() <= 64 * EPS
+    coordinates = dict(zip(map(str, robot.system.q), robot.q0, strict=True))
+    assert np.abs([coordinates["platform_x"], coordinates["platform_y"]]).max() <= 64 * EPS
 
 
 def test_refusals():
@@ -148,5 +147,5 @@ def test_a_stop_that_would_hold_a_rod_is_refused():
             with pytest.raises(gs.InputError, match="gap 'end'"):
                 build.model().equilibrium()
         else:
-            rest = build.model().equilibrium()
-            assert np.abs(rest.q0 - [1, 0, 0, 0, 0, 0, -0.5]).max() <= 8 * EPS
+            hanging = build.model().equilibrium()
+            assert np.abs(hanging.q0 - [1, 0, 0, 0, 0, 0, -0.5]).max() <= 8 * EPS

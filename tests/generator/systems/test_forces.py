@@ -1,4 +1,4 @@
-"""Forces without a potential: what their sums share, the time, and no steps."""
+"""Forces without a potential: sums shared with H_p, the time, and no steps."""
 
 import numpy as np
 import pytest
@@ -23,7 +23,7 @@ def test_the_manifest_has_forces_and_time_where_there_is_one():
 
 
 def body_with_drag(rep):
-    """A symmetric body with torque τ = −c Ω: F = 2 L(q)ᵀ τ, since Ω = 2 L(q) q̇."""
+    """Return a symmetric body with torque τ = −c Ω: F = 2 L(q)ᵀ τ, since Ω = 2 L(q) q̇."""
     free = free_body(rep)
     q, p = sp.Matrix(free.q), sp.Matrix(free.p)
     L = sp.Matrix([[-q[1], q[0], q[3], -q[2]], [-q[2], -q[3], q[0], q[1]],
@@ -38,7 +38,7 @@ def body_with_drag(rep):
 
 @pytest.mark.parametrize("rep", ["gamma", "alpha"])
 def test_what_the_fast_path_proves_of_forces(rep):
-    """The torque's L(q)p is evaluated once with H_p: no constraint force along q changes it."""
+    """The torque's L(q)p is evaluated once with H_p, for no constraint force along q changes it."""
     system, _ = hoist_constants(body_with_drag(rep))
     fast = FastSystem(system)
     assert len(fast.shared_sums) == 3
@@ -62,22 +62,22 @@ def test_nothing_is_shared_across_places():
 
 
 def test_time_at_a_failure():
-    """A step that fails is reported at the run's own time, alone and among others."""
-    step, known = stepper("breathing"), case("breathing").parameters
-    small = known | {"l": 0.1}  # an ellipse that vanishes on the way
+    """A failed step is reported at the time of its own run, alone and in an ensemble."""
+    step, usual = stepper("breathing"), case("breathing").parameters
+    small = usual | {"l": 0.1}  # an ellipse that vanishes on the way
     starts = [step.project([0.9, 0.7], [0.5, 0.4], parameters=parameters, t=0.5)
-              for parameters in (small, known)]
+              for parameters in (small, usual)]
     with pytest.raises(gs.StepFailed) as caught:
         step.integrate(gs.Start(*starts[0], t=0.5), dt=0.25, steps=100, parameters=small)
     failure = caught.value
     assert failure.step > 1
     assert failure.t == 0.5 + (failure.step - 1) * 0.25
-    many = step.integrate_ensemble(gs.Start(*map(np.array, zip(*starts, strict=True)), t=0.5),
-                                   dt=0.25, steps=100, parameters=[small, known])
-    assert list(many.failures) == [0]
-    assert many.failures[0].t == 0.5 + (many.failures[0].step - 1) * 0.25
-    assert np.isfinite(many.members[0].report.work)
-    assert many.members[0].report.work == many.members[0].work[-1]
+    ensemble = step.integrate_ensemble(gs.Start(*map(np.array, zip(*starts, strict=True)), t=0.5),
+                                       dt=0.25, steps=100, parameters=[small, usual])
+    assert list(ensemble.failures) == [0]
+    assert ensemble.failures[0].t == 0.5 + (ensemble.failures[0].step - 1) * 0.25
+    assert np.isfinite(ensemble.members[0].report.work)
+    assert ensemble.members[0].report.work == ensemble.members[0].work[-1]
 
 
 def test_no_steps_and_no_forces():
@@ -86,7 +86,7 @@ def test_no_steps_and_no_forces():
     run = step.integrate(gs.Start(q, p, t=3.0), dt=0.1, steps=0, parameters=PARAMETERS)
     assert run.t.tolist() == [3.0]
     assert run.work.tolist() == [0.0]
-    many = step.integrate_ensemble([q], [p], dt=0.1, steps=0, parameters=PARAMETERS)
-    assert many.members[0].work.tolist() == [0.0]
+    ensemble = step.integrate_ensemble([q], [p], dt=0.1, steps=0, parameters=PARAMETERS)
+    assert ensemble.members[0].work.tolist() == [0.0]
     with pytest.raises(gs.InputError, match="t = nan"):
         step.integrate(gs.Start(q, p, t=float("nan")), dt=0.1, steps=1, parameters=PARAMETERS)

@@ -1,4 +1,4 @@
-"""Systems that are no quaternion: two constraints, a quartic one, none, redundant ones.
+"""Systems without quaternions: two constraints, a quartic one, none, redundant ones.
 
     pendulum   n = 4, m = 2: two rods, a planar double pendulum in Cartesian coordinates
     runner     n = 2, m = 1: H = √(M² + p²)(1 + x²/4) + k/(2 + y), not separable and not quadratic
@@ -24,7 +24,7 @@ from strategies import EPS
 
 
 def states(name, count, step):
-    """Return consistent states near the example's, made so by ``project``."""
+    """Yield states near the example's that ``project`` makes consistent."""
     example, rng = EXAMPLES[name], np.random.default_rng(41)
     for _ in range(count):
         q, p = (np.array(x) * (1 + 0.1 * rng.standard_normal(len(x)))
@@ -47,23 +47,23 @@ pairs = pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 
 @pairs
 def test_step_and_jacobian_agree_with_the_reference(name, scheme, stages):
-    """64 ε of q and p; IMS and EMS carry along g_q what rounding g costs, δg/(Δt g_q H_pp g_qᵀ).
+    """q and p agree to 64 ε, and by IMS and EMS to the rounding of g, δg/(Δt g_q H_pp g_qᵀ).
 
-    That is 4γ/Δt · ε for a quaternion (test_step_reference.py); here masses of order one play the
-    part of γ, and g has terms up to 4. The multipliers hold it once more by Δt.
+    The rounding costs 4γ/Δt · ε for a quaternion (test_step_reference.py); here masses of order one
+    play the part of γ, and g has terms up to 4. In multipliers it is divided by Δt once more.
     """
     step, dt, example = stepper_for(name, scheme, stages), 0.03125, EXAMPLES[name]
     (q, p), run = next(states(name, 1, step)), {"dt": dt, "parameters": example.parameters}
     method = Method(example.by_hand, scheme, stages, q, p, dt)
-    exact, made = method.step(), step.integrate(q, p, steps=1, **run)
+    exact, computed = method.step(), step.integrate(q, p, steps=1, **run)
     size = largest(doubles(exact.p))
     rounding = 0.0 if stages or not step.m else 8 * EPS / dt
-    assert largest(doubles(made.q[1] - exact.q)) <= 64 * EPS * max(1.0, largest(q))
-    assert largest(doubles(made.p[1] - exact.p)) <= 64 * EPS * size + rounding
+    assert largest(doubles(computed.q[1] - exact.q)) <= 64 * EPS * max(1.0, largest(q))
+    assert largest(doubles(computed.p[1] - exact.p)) <= 64 * EPS * size + rounding
     if step.m:
-        found = made.multipliers[0].reshape(exact.multipliers.shape)
+        multipliers = computed.multipliers[0].reshape(exact.multipliers.shape)
         bound = 64 * EPS * (largest(doubles(exact.multipliers)) + 1 / dt**2)
-        assert largest(doubles(found - exact.multipliers)) <= bound
+        assert largest(doubles(multipliers - exact.multipliers)) <= bound
     x = step.guess(q, p, **run)
     x += 0.05 * np.random.default_rng(42).standard_normal(step.unknowns)
     exact = method.jacobian(x)
@@ -71,17 +71,17 @@ def test_step_and_jacobian_agree_with_the_reference(name, scheme, stages):
     assert np.all(error.max(axis=1) <= 1e-12 * np.abs(exact).max(axis=1))
     with mp.workdps(WORKING_DIGITS):
         r = doubles(step.residual(x, q, p, **run) - method.residual(mp.mpf)(numbers(x, mp.mpf)))
-    # Gravity of 15 in H_q, forces of a few times 0.05, and x/Δt are what is added up.
+    # The residual adds up gravity of 15 in H_q, forces of a few times 0.05, and x/Δt.
     assert largest(r) <= 64 * EPS * (16 + largest(x) + 0.1 / dt)
 
 
 @pytest.mark.parametrize("dt", [0.1, 0.01])
 def test_redundant_constraints_fail_clearly(dt):
-    """A constraint given twice leaves its multipliers undetermined: a clear failure, or the step.
+    """A constraint given twice is refused; if allowed, it fails clearly or makes the right step.
 
-    It is refused before; who asks for it all the same gets this. Elimination meets a pivot that is
-    zero up to rounding only. Newton may then still find q and p, which are determined, with
-    multipliers of the right sum; it must not hand over other states.
+    Its multipliers are undetermined, and elimination meets a pivot that is zero up to rounding.
+    Newton may then still find q and p, which are determined, with multipliers of the right sum; it
+    must not return other states.
     """
     x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)
     sphere = x**2 + y**2 + z**2 - 1
@@ -93,11 +93,11 @@ def test_redundant_constraints_fail_clearly(dt):
     for q, p in (([0.6, 0.0, 0.8], [0.0, 1.0, 0.0]), ([0.48, 0.6, 0.64], [0.8, 0.0, -0.6])):
         failure = None
         try:
-            found, _ = step.step(q, p, dt=dt, parameters={})
+            end, _ = step.step(q, p, dt=dt, parameters={})
         except gs.StepFailed as caught:
             failure = caught
         if failure is None:
-            assert abs(found @ found - 1) < 1e-12
+            assert abs(end @ end - 1) < 1e-12
             continue
         assert failure.step == 1
         assert failure.reason in REASONS.values()
@@ -108,7 +108,7 @@ def test_redundant_constraints_fail_clearly(dt):
 
 @pytest.mark.parametrize("mass", [1e-4, 1e4])
 def test_consistency_is_checked_in_any_units(mass):
-    """What ``project`` returns is a start, whatever the size of the mass."""
+    """States of ``project`` are starts, whatever the size of the mass."""
     step, case, rng = systems.stepper("ellipse"), systems.case("ellipse"), np.random.default_rng(43)
     parameters = case.parameters | {"m": mass, "k": mass}
     for _ in range(10):

@@ -1,4 +1,4 @@
-"""Inputs: numbers that forces have anew in every step, and that stay as they are within one.
+"""Inputs: numbers in forces that change between steps and are constant within a step.
 
 The second way is a run of one call a step, with the input as a parameter of that step.
 """
@@ -25,13 +25,14 @@ def test_names_and_numbers_of_inputs_of_simulations_and_between_steps(tmp_path):
     with pytest.raises(InputError, match="Input push"):
         sim.advance(1, push="left")
     step = stepper("pushed_pendulum")
-    what = {"dt": 0.02, "steps": 30, "parameters": {"k": 2.0}}
-    run = step.integrate(*START, inputs=[0.3, -1], **what)
-    same = step.integrate(*START, **what | {"parameters": {"k": 2.0, "push": 0.3, "pull": -1}})
-    assert np.array_equal(run.at([0.33]).q, same.at([0.33]).q)
-    varied = step.integrate(*START, inputs={"push": np.arange(30), "pull": 1}, **what)
-    found, read = varied.at([0.33]), gs.load(varied.save(tmp_path / "run.npz"))
-    for forgotten in (found, read):
+    options = {"dt": 0.02, "steps": 30, "parameters": {"k": 2.0}}
+    run = step.integrate(*START, inputs=[0.3, -1], **options)
+    constant = step.integrate(
+        *START, **options | {"parameters": {"k": 2.0, "push": 0.3, "pull": -1}})
+    assert np.array_equal(run.at([0.33]).q, constant.at([0.33]).q)
+    varied = step.integrate(*START, inputs={"push": np.arange(30), "pull": 1}, **options)
+    state, loaded = varied.at([0.33]), gs.load(varied.save(tmp_path / "run.npz"))
+    for forgotten in (state, loaded):
         with pytest.raises(InputError, match=r"'push'.*changes"):
             forgotten.at([0.33], stepper=step)
 
@@ -39,38 +40,39 @@ def test_names_and_numbers_of_inputs_of_simulations_and_between_steps(tmp_path):
 @pytest.mark.parametrize(("name", "scheme", "every"), [
     ("pushed_pendulum", "G-L", 1), ("driven_pendulum", "EMS", 7)])
 def test_a_state_between_steps_is_a_step_with_its_own_inputs(name, scheme, every) -> None:
-    """Each is one run more, of the part of a step and with the inputs of the step as parameters."""
+    """A state between steps is a run over a part of a step with its inputs as parameters."""
     step = stepper(name, scheme)
     inputs, dt, hold = step.binding.input_names, 0.02, 3
     fixed = {key: x for key, x in case(name).parameters.items() if key not in inputs}
     rows = np.random.default_rng(8).integers(-8, 8, (11, len(inputs))) / 8
     begin = timed_start(name, step)
-    what = {"dt": dt, "steps": 31, "parameters": fixed, "inputs": gs.Inputs(rows, hold=hold)}
-    whole = step.integrate(begin, **what)
+    options = {"dt": dt, "steps": 31, "parameters": fixed, "inputs": gs.Inputs(rows, hold=hold)}
+    full_run = step.integrate(begin, **options)
     shares = np.array([0.25, 3.5, 8.75, 14.125, 30.5, 2, 9.5])
     times = begin.t + shares * dt
-    found = step.integrate(begin, **what, every=every).at(times)
+    states = step.integrate(begin, **options, every=every).at(times)
     if every == 1:
-        again = step.integrate(begin, **what, t_eval=times)
-        assert np.array_equal(found.q, again.q)
-    for share, q1, p1 in zip(shares, found.q, found.p, strict=True):
+        again = step.integrate(begin, **options, t_eval=times)
+        assert np.array_equal(states.q, again.q)
+    for share, q1, p1 in zip(shares, states.q, states.p, strict=True):
         k = int(share)
-        own = dict(zip(inputs, rows[k // hold], strict=True))
-        at = step.integrate(gs.Start(whole.q[k], whole.p[k], t=whole.t[k]),
-                            dt=(share - k) * dt or dt, steps=int(share > k), parameters=fixed | own)
-        assert np.abs(q1 - at.q[-1]).max() <= 64 * EPS
-        # rounding g costs 4/Δt of that in p by EMS
-        assert np.abs(p1 - at.p[-1]).max() <= (64 + 4 / dt * (scheme == "EMS")) * EPS
+        step_inputs = dict(zip(inputs, rows[k // hold], strict=True))
+        partial_run = step.integrate(gs.Start(full_run.q[k], full_run.p[k], t=full_run.t[k]),
+                                     dt=(share - k) * dt or dt, steps=int(share > k),
+                                     parameters=fixed | step_inputs)
+        assert np.abs(q1 - partial_run.q[-1]).max() <= 64 * EPS
+        # by EMS, rounding g costs 4/Δt times ε in p
+        assert np.abs(p1 - partial_run.p[-1]).max() <= (64 + 4 / dt * (scheme == "EMS")) * EPS
 
 
 def test_events_of_runs_whose_inputs_change() -> None:
-    """x = 1/4 by a step from the last state with the inputs of the step; ensembles as runs."""
+    """A step with its own inputs leads to x = 1/4 at the time of an event, also in ensembles."""
     step, rows = stepper("pushed_pendulum"), np.random.default_rng(4).standard_normal((8, 2))
-    what = {"dt": 0.2, "steps": 40, "parameters": {"k": 2.0}}
+    options = {"dt": 0.2, "steps": 40, "parameters": {"k": 2.0}}
     pushes, back = gs.Inputs(rows, hold=5), gs.Inputs(-rows, hold=5)
     event = gs.Event("x", level=0.25)
-    run, plain = (step.integrate(*START, inputs=pushes, **what, **more)
-                  for more in ({"events": event}, {}))
+    run, plain = (step.integrate(*START, inputs=pushes, **options, **extra)
+                  for extra in ({"events": event}, {}))
     t = run.events["x"].t
     assert len(t) == 3
     assert np.array_equal(run.q, plain.q)
@@ -79,12 +81,13 @@ def test_events_of_runs_whose_inputs_change() -> None:
         there = step.integrate(plain.q[i], plain.p[i], dt=time - plain.t[i], steps=1,
                                parameters={"k": 2.0, "push": push_, "pull": pull_})
         assert abs(there.q[-1, 0] - 0.25) <= 64 * EPS
-    many = step.integrate_ensemble(*([part] * 2 for part in START), **what, events=event,
-                                   inputs=gs.Inputs(np.array([rows, -rows]), hold=5))
-    below = step.integrate(*START, inputs=back, **what, events=event).events["x"].t
-    for found, wanted in zip(many.events["x"], (t, below), strict=True):
-        assert found.t == pytest.approx(wanted, abs=1e-12)
-    stop = step.integrate(*START, inputs=pushes, **what,
+    ensemble = step.integrate_ensemble(*([component] * 2 for component in START), **options,
+                                       events=event,
+                                       inputs=gs.Inputs(np.array([rows, -rows]), hold=5))
+    below = step.integrate(*START, inputs=back, **options, events=event).events["x"].t
+    for crossings, times in zip(ensemble.events["x"], (t, below), strict=True):
+        assert crossings.t == pytest.approx(times, abs=1e-12)
+    stop = step.integrate(*START, inputs=pushes, **options,
                           events=gs.Event("x", level=0.25, terminal=True))
     assert stop.t[-1] == t[0]
     assert abs(stop.q[-1, 0] - 0.25) <= 4 * EPS
@@ -116,13 +119,13 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
     model = gs.load_model(path)
     assert [str(s) for s in model.system.inputs] == ["push"]
     assert model.parameters["push"] == 0.5
-    for bad, said in ((FILE.replace('"2*push"', '"2*x"'), "force"),
+    for bad, message in ((FILE.replace('"2*push"', '"2*x"'), "force"),
                       (FILE.replace("k = 4", "k = 4\npush = 1"), "once"),
                       (FILE.replace("k*x**2/2", "k*x**2/2 - push*x"), "as forces")):
         path.write_text(bad, encoding="utf-8")
         answer = gyrospark("run", path)
         assert answer.code == 2
-        assert said in answer.stderr
+        assert message in answer.stderr
         assert answer.stderr.count("\n") == 1
 
 
@@ -144,10 +147,10 @@ def test_inputs_that_nobody_declared_are_refused():
     with pytest.raises(InputError, match="has none"):
         gs.stepper("G-L", 2).integrate([1, 0, 0, 0], [0, 0, 0, 0], dt=0.1, steps=1, inputs=1,
                                        parameters=gs.problems.fast_top().parameters | {"gamma": 1})
-    for H, g, more in ((u**2 - push * x, [], {}), (u**2 + v**2, [x - push], {}),
+    for H, g, options in ((u**2 - push * x, [], {}), (u**2 + v**2, [x - push], {}),
                        (u**2, [], {"quantities": {"seen": push}})):
         with pytest.raises(InputError, match="as forces"):
-            gs.System((x, y), (u, v), (), H, g, inputs=(push,), name="wrong", **more)
+            gs.System((x, y), (u, v), (), H, g, inputs=(push,), name="wrong", **options)
     step = stepper("pushed_pendulum")
     with pytest.raises(InputError, match="'push'"):
         step.integrate(*START, dt=0.02, steps=8, parameters={"k": 2.0})

@@ -1,4 +1,4 @@
-"""Velocity constraints that are rates of functions of position."""
+"""Rows of velocity constraints whose combinations are rates of functions of position."""
 
 import numpy as np
 import pytest
@@ -22,10 +22,10 @@ FORWARD, ACROSS = sp.cos(th) * vx + sp.sin(th) * vy, sp.cos(th) * vy - sp.sin(th
 CAR = (FORWARD + b * w - r * w1, FORWARD - b * w - r * w2, ACROSS)
 
 
-def car(*rows, **more):
-    """A car with two driven wheels at a distance b from its middle."""
+def car(*rows, **options):
+    """Return a car with two driven wheels at a distance b from its middle."""
     return gs.System(q, p, (b, r), sum(e**2 for e in p) / 2, velocities=v, name="car",
-                     velocity_constraints=rows, **more)
+                     velocity_constraints=rows, **options)
 
 
 @pytest.mark.parametrize(("rows", "found"), [
@@ -53,15 +53,15 @@ def test_combinations_that_are_rates(rows, found):
 
 
 def test_an_integral_takes_the_place_of_a_row():
-    held = car(*CAR, velocity_constraint_names=("left rim", "right rim", "axle"))
-    made = held.with_row_integrals()
-    assert made.constraint_names == ("left rim",)
-    assert made.velocity_constraint_names == ("right rim", "axle")
+    declared = car(*CAR, velocity_constraint_names=("left rim", "right rim", "axle"))
+    reduced = declared.with_row_integrals()
+    assert reduced.constraint_names == ("left rim",)
+    assert reduced.velocity_constraint_names == ("right rim", "axle")
     values = {"b": 0.4, "r": 0.1, "left_rim_0": 0.0}
     rng = np.random.default_rng(3)
-    at, momenta = rng.standard_normal((2, 5))
-    moved = gs.consistent(made, at, momenta, parameters=values)
-    before = numeric(held, values)  # the same velocities
+    positions, momenta = rng.standard_normal((2, 5))
+    moved = gs.consistent(reduced, positions, momenta, parameters=values)
+    before = numeric(declared, values)  # the same velocities
     assert np.abs(before.A(moved.q) @ moved.p).max() < 1e-14
 
 

@@ -33,20 +33,21 @@ from time_lagrangians import c, k, one, t, wire
 
 @cache
 def andrews():
-    """What ``examples/andrews.py`` defines."""
+    """Return the names that ``examples/andrews.py`` defines."""
     return runpy.run_path(str(ROOT / "examples" / "andrews.py"))
 
 
 def test_energies_and_motion_are_those_of_the_hamiltonian_written_out():
-    """M⁻¹ in symbols: H at random states and times, and Hamilton's equations by SciPy."""
+    """H with M⁻¹ in symbols has the same values, and the same motion by SciPy."""
     step, entry = systems.stepper("shaken"), systems.case("shaken")
-    other = entry.system.legendre()
-    known = {s: entry.parameters[str(s)] for s in other.parameters}
-    H, slopes = (sp.lambdify([*other.q, *other.p, other.time], e.xreplace(known)) for e in (
-        other.H, sp.Matrix([*other.H_p, *(-e for e in other.H_q)])))
+    hamiltonian = entry.system.legendre()
+    values = {s: entry.parameters[str(s)] for s in hamiltonian.parameters}
+    H, slopes = (
+        sp.lambdify([*hamiltonian.q, *hamiltonian.p, hamiltonian.time], e.xreplace(values))
+        for e in (hamiltonian.H, sp.Matrix([*hamiltonian.H_p, *(-e for e in hamiltonian.H_q)])))
     for q, p, now in np.random.default_rng(2).standard_normal((5, 3)):
-        found = step.energy([q], [p], parameters=entry.parameters, t=now)
-        assert abs(found - H(q, p, now)) <= 64 * EPS * (1 + abs(found))
+        energy = step.energy([q], [p], parameters=entry.parameters, t=now)
+        assert abs(energy - H(q, p, now)) <= 64 * EPS * (1 + abs(energy))
     run = systems.run("shaken", step, 200, dt=0.005, t=0.0)
     exact = solve_ivp(lambda now, z: np.ravel(slopes(*z, now)), (0, 1), [run.q[0, 0], run.p[0, 0]],
                       method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
@@ -54,16 +55,16 @@ def test_energies_and_motion_are_those_of_the_hamiltonian_written_out():
 
 
 def test_the_hamiltonian_written_out_has_inputs_and_quantities():
-    """Of L = k v²/2 − x²/2 with p = k v, the quantity v² is p²/k², and u stays an input."""
+    """For L = k v²/2 − x²/2 and p = k v, the quantity v² is p²/k², and u stays an input."""
     x, v, u = sp.symbols("x v u", real=True)
     k = sp.Symbol("k", positive=True)
     system = gs.System.from_lagrangian(k * v**2 / 2 - x**2 / 2, [x], [v], [k], forces=[u - v],
                                        inputs=[u], quantities={"square": v**2}, name="driven")
-    other = system.legendre()
-    (p,) = other.p
-    assert other.inputs == (u,)
-    assert other.quantities["square"].equals(p**2 / k**2)
-    assert other.forces[0].equals(u - p / k)
+    hamiltonian = system.legendre()
+    (p,) = hamiltonian.p
+    assert hamiltonian.inputs == (u,)
+    assert hamiltonian.quantities["square"].equals(p**2 / k**2)
+    assert hamiltonian.forces[0].equals(u - p / k)
 
 
 def test_a_quantity_of_velocities_has_no_c():
@@ -73,26 +74,26 @@ def test_a_quantity_of_velocities_has_no_c():
 
 @pytest.mark.parametrize("name", ["lagrangian", "bead", "shaken"])
 def test_velocities_are_the_way_back_of_momenta(name):
-    """Of many states, each at a time of its own."""
+    """Velocities of the momenta of many states, each at its own time, are those of the start."""
     step, entry = systems.stepper(name), systems.case(name)
     rng, times = np.random.default_rng(3), np.linspace(0, 2, 12).reshape(3, 4)
     rows_q, rows_v = np.array(entry.q) + 0.1 * rng.standard_normal((2, 3, 4, step.n))
-    at = {"parameters": entry.parameters}
-    p = step.momenta(rows_q, rows_v, t=times, **at)
+    options = {"parameters": entry.parameters}
+    p = step.momenta(rows_q, rows_v, t=times, **options)
     assert p.shape == rows_q.shape
-    each = [step.momenta(*state, t=time, **at) for *state, time in zip(
+    each = [step.momenta(*state, t=time, **options) for *state, time in zip(
         rows_q.reshape(12, -1), rows_v.reshape(12, -1), times.ravel(), strict=True)]
     assert np.array_equal(p.reshape(12, -1), each)
-    back = step.velocities(rows_q, p, t=times, **at)
+    back = step.velocities(rows_q, p, t=times, **options)
     np.testing.assert_allclose(back, rows_v, rtol=0, atol=64 * EPS * np.abs(rows_v).max())
     with refused(r"\(4, 3\).*\(3, 4\)"):
-        step.momenta(rows_q, rows_v, t=times.T, **at)
+        step.momenta(rows_q, rows_v, t=times.T, **options)
     with refused(rf"\({step.n},\).*\({step.n + 1},\)"):
-        step.momenta(entry.q, [*entry.q, 0], **at)
+        step.momenta(entry.q, [*entry.q, 0], **options)
 
 
 def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
-    """Those of its times, and the slopes of its places."""
+    """Velocities of a run follow from its momenta and times, are slopes of q, and survive files."""
     step = systems.stepper("lagrangian")
     run = systems.run("lagrangian", step, 20, dt=0.01)
     at_its_times = step.velocities(run.q, run.p, t=run.t,
@@ -107,42 +108,43 @@ def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
 
 
 def test_long_kernels_are_compiled_once(tmp_path):
-    """Of the objects of a module one has the text of a kernel, what else calls it a declaration."""
+    """One object of a module has the text of a kernel; the objects that call it declare it."""
     files = generate(Spec.from_arguments("G-L", 2), system=andrews()["system"]).source.files()
     (tmp_path / "andrews_gl2.c").write_text(files["andrews_gl2.c"])
     kernel = re.compile(r"^(?!.*static).*\bvoid (\w*constraint_increment)\([^;{]*\)\s*{",
                         re.MULTILINE)
     texts = {}
-    for made in (made for part in ("runs", "lanes")
-                 for made in objects_of("andrews_gl2", files, part)):
-        (tmp_path / "andrews_gl2.h").write_text(made.header)
-        command = [*compiler(MAIN), "-E", "-P", *made.flags, "andrews_gl2.c"]
-        texts[made.name] = kernel.findall(call(command, cwd=tmp_path).stdout)
+    for unit in (unit for group in ("runs", "lanes")
+                 for unit in objects_of("andrews_gl2", files, group)):
+        (tmp_path / "andrews_gl2.h").write_text(unit.header)
+        command = [*compiler(MAIN), "-E", "-P", *unit.flags, "andrews_gl2.c"]
+        texts[unit.name] = kernel.findall(call(command, cwd=tmp_path).stdout)
     assert texts == {"object1": ["constraint_increment"], "object2": [],
                      "object4": ["lanes_constraint_increment"], "object3": []}
 
 
 def test_equal_shared_parts_are_the_same():
-    """However they came about: what is made of them is compared at once."""
+    """Shared parts of equal expressions are one object, however they came about."""
     x, y = sp.symbols("x y", real=True)
-    part = Shared(x * (1 + y))
+    shared = Shared(x * (1 + y))
     clear_cache()  # SymPy's own keeps the last thousand
-    assert Shared((y + 1) * x) is part
+    assert Shared((y + 1) * x) is shared
     assert Shared(sp.Integer(2)) == 2
-    assert pickle.loads(pickle.dumps(part)) is part
+    assert pickle.loads(pickle.dumps(shared)) is shared
 
 
 @pytest.mark.parametrize("factors", [True, False])
 def test_what_cancels_is_not_written_and_nothing_has_two_names(factors):
     x, y, z = sp.symbols("x y z", real=True)
-    one, same = share(x * y + z), Shared(Shared(z) + x * y)
-    lost = share(one * sp.sin(x))
-    made = Kernel("k", "", {"v": [x, y, z]}, {"out": [lost * (one - same) + one, same * x]},
-                  factors=factors).statements
-    used = {s for _, e in (*made.shared, *made.outputs) for s in e.free_symbols}
-    assert {symbol for symbol, _ in made.shared} <= used
-    assert not any(e.is_Symbol for _, e in made.shared)
-    assert not any(e.has(sp.sin) for _, e in made.shared)
+    first, second = share(x * y + z), Shared(Shared(z) + x * y)
+    lost = share(first * sp.sin(x))
+    statements = Kernel("k", "", {"v": [x, y, z]},
+                        {"out": [lost * (first - second) + first, second * x]},
+                        factors=factors).statements
+    used = {s for _, e in (*statements.shared, *statements.outputs) for s in e.free_symbols}
+    assert {symbol for symbol, _ in statements.shared} <= used
+    assert not any(e.is_Symbol for _, e in statements.shared)
+    assert not any(e.has(sp.sin) for _, e in statements.shared)
 
 
 def test_degrees_zeros_of_m_and_names_of_momenta():
@@ -152,7 +154,7 @@ def test_degrees_zeros_of_m_and_names_of_momenta():
     system = gs.System.from_lagrangian(L, [x, y], [v, w], [])
     assert system.mass[0, 0].subs(v, 0) == 2
     system = bead()
-    assert system.elimination.entries == 4  # three on the diagonal, r with z
+    assert system.elimination.entries == 4  # three of the diagonal, one of r with z
     assert system.elimination.products == 1
     x, v, stiffness = sp.symbols("x v p_x", real=True)
     system = gs.System.from_lagrangian(v**2 / 2 - stiffness * x**2, [x], [v], [stiffness])
@@ -189,7 +191,7 @@ def test_velocities_of_a_hamiltonian_system_are_refused(gl3):
 
 
 def test_what_needs_h_written_out_says_so():
-    """Two profiles and certificates."""
+    """Two profiles and certificates refuse Lagrangians."""
     for profile in ("control", "run"):
         with refused(f"{profile}.*Lagrangian"):
             generate(Spec.from_arguments("G-L", 2).with_profile(profile), system=double())
@@ -200,14 +202,14 @@ def test_what_needs_h_written_out_says_so():
 
 
 def test_consistent_starts_without_a_compiler():
-    """Those of the compiled projection."""
+    """Starts by SymPy equal the compiled projection's."""
     system, parameters, q, v = case(bead)
     step = systems.stepper("bead")
     p = step.momenta(q + 0.01, v, parameters=parameters)
-    found = gs.consistent(system, q + 0.01, p, parameters=parameters)
+    start = gs.consistent(system, q + 0.01, p, parameters=parameters)
     again = step.project(q + 0.01, p, parameters=parameters)
-    np.testing.assert_allclose(found.q, again[0], rtol=0, atol=16 * EPS)
-    np.testing.assert_allclose(found.p, again[1], rtol=0, atol=64 * EPS)
+    np.testing.assert_allclose(start.q, again[0], rtol=0, atol=16 * EPS)
+    np.testing.assert_allclose(start.p, again[1], rtol=0, atol=64 * EPS)
 
 
 NUMBERS = {"w": 2.5, "a": 0.3, "b": 0.25, "g": 9.0}
@@ -215,7 +217,7 @@ NUMBERS = {"w": 2.5, "a": 0.3, "b": 0.25, "g": 9.0}
 
 @pytest.mark.slow  # a stepper for this
 def test_bead_on_a_wire_that_turns():
-    """r = r₀ cosh wt, pushed by the moment 2 m w r ṙ: a rheonomic constraint in M(q)."""
+    """The bead has r = r₀ cosh wt, and the rheonomic constraint the moment 2 m w r ṙ."""
     step = gs.stepper("G-L", 3, system=wire())
     numbers = {"m": 1.5, "w": 2.0}
     p = step.momenta([0.5, 0.0], [0.0, 2.0], parameters=numbers)
@@ -231,7 +233,7 @@ def test_bead_on_a_wire_that_turns():
 
 
 def test_states_between_steps_and_crossings():
-    """``at`` against half the step, an event where a coordinate passes its level."""
+    """``at`` and events where a coordinate passes its level agree with a run of half the step."""
     step = systems.stepper("shaken")
     p = step.momenta([0.5], [0.1], parameters=NUMBERS)
     run, fine = (step.integrate([0.5], p, dt=0.02 / n, steps=100 * n, parameters=NUMBERS,
@@ -239,10 +241,10 @@ def test_states_between_steps_and_crossings():
     between = run.at(fine.t)
     np.testing.assert_allclose(between.q, fine.q, rtol=0, atol=1e-6)
     np.testing.assert_allclose(between.velocities, fine.velocities, rtol=0, atol=1e-5)
-    found, same = run.events["x"], fine.events["x"]
-    assert len(found.t) == len(same.t) >= 2
-    np.testing.assert_allclose(found.t, same.t, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(found.q, 0.2, rtol=0, atol=8 * EPS)
+    crossings, fine_crossings = run.events["x"], fine.events["x"]
+    assert len(crossings.t) == len(fine_crossings.t) >= 2
+    np.testing.assert_allclose(crossings.t, fine_crossings.t, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(crossings.q, 0.2, rtol=0, atol=8 * EPS)
 
 
 def test_time_that_nobody_declared_is_refused():

@@ -25,7 +25,7 @@ def test_laws_are_identities(make):
 
 
 def test_a_wrong_difference_is_refuted():
-    """The balance can fail: with L at the mean velocity alone it lacks ½ δᵀM δ."""
+    """The balance fails with L at the mean velocity alone, which lacks ½ δᵀM δ."""
     class Without(LagrangianEMS):
         @property
         def discrete_lagrangian(self):

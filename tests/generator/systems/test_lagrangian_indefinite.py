@@ -18,7 +18,7 @@ K = np.array([[1.3, 1 / 3], [1 / 3, 1.3]])
 
 @cache
 def coupled():
-    """M = [[e, 1], [1, e]] and a spring."""
+    """Return a system with M = [[e, 1], [1, e]] and a spring."""
     e = sp.Symbol("e", positive=True)
     x, y = Q
     L = e * (V[0] ** 2 + V[1] ** 2) / 2 + V[0] * V[1]
@@ -32,7 +32,7 @@ def stepper(*scheme):
 
 
 def closed(e, t):
-    """(x, y, p) at t: M q'' = −K q."""
+    """Return (x, y, p) at t of M q'' = −K q."""
     M = np.array([[e, 1], [1, e]])
     zero = np.zeros((2, 2))
     A = np.block([[zero, np.linalg.inv(M)], [-K, zero]])
@@ -46,12 +46,12 @@ def test_any_sign_of_the_mass_matrix(e):
     p = step.momenta(START, RATES, parameters=parameters)
     np.testing.assert_allclose(step.velocities(START, p, parameters=parameters), RATES,
                                rtol=0, atol=4 * EPS)
-    what = {"dt": 0.02, "steps": 50, "parameters": parameters}
-    run = step.integrate(START, p, **what)
-    newton = step.integrate(START, p, solver="newton", **what)
-    many = step.integrate_ensemble(np.tile(START, (5, 1)), np.tile(p, (5, 1)), **what)
+    options = {"dt": 0.02, "steps": 50, "parameters": parameters}
+    run = step.integrate(START, p, **options)
+    newton = step.integrate(START, p, solver="newton", **options)
+    ensemble = step.integrate_ensemble(np.tile(START, (5, 1)), np.tile(p, (5, 1)), **options)
     for q, momenta in ((run.q[-1], run.p[-1]), (newton.q[-1], newton.p[-1]),
-                       (many.q[3][-1], many.p[3][-1])):
+                       (ensemble.q[3][-1], ensemble.p[3][-1])):
         np.testing.assert_allclose([*q, *momenta], closed(e, 1.0), rtol=0, atol=2e-13)
 
 
@@ -73,7 +73,7 @@ def test_masses_of_bodies_need_no_pivots():
 
 @cache
 def rotating():
-    """Seen to be positive definite wherever it was looked at, which was where c > −1."""
+    """Return a stepper whose M is taken for positive definite, as it is for c > −1."""
     c = sp.Symbol("c", real=True)
     L = (V[0] ** 2 + (1 + c) * sp.sin(Q[0]) ** 2 * V[1] ** 2) / 2 - sp.cos(Q[0])
     return gs.stepper("G-L", 2, system=gs.System.from_lagrangian(L, Q, V, [c], name="polar"))

@@ -21,8 +21,8 @@ from strategies import EPS
 def numbers(matrix, q, u, values, t=0.0):
     """Return a matrix of SymPy's in numbers, at coordinates and speeds that are functions of t."""
     rates = [x.diff(T) for x in q[0]]
-    at = dict(zip(q[0], q[1], strict=True))
-    names = {**at, **dict(zip(u[0], u[1], strict=True))}
+    coordinates = dict(zip(q[0], q[1], strict=True))
+    names = {**coordinates, **dict(zip(u[0], u[1], strict=True))}
     matrix = me.msubs(matrix, dict(zip(rates, u[1], strict=True)), names)
     return np.array(matrix.subs({**{s: values[str(s)] for s in matrix.free_symbols - {T}}, T: t})
                     ).astype(float)
@@ -34,9 +34,9 @@ def state(n, seed=1):
 
 
 def particles(lift=sp.S.Zero):
-    """Two particles on massless rods in a plane, on a pivot that may be lifted by a law.
+    """Return two particles on massless rods in a plane, on a pivot that a law may lift.
 
-    Frame, coordinates, points with velocities, bodies.
+    The four items are frame, coordinates, points with velocities, and bodies.
     """
     q = me.dynamicsymbols("q1 q2")
     m, length = sp.symbols("m l", positive=True)
@@ -56,22 +56,22 @@ def particles(lift=sp.S.Zero):
 VALUES = {"m": 1.3, "l": 0.7, "g": 9.81, "k": 0.4, "I1": 0.3, "I2": 0.2, "c": 0.6, "a": 0.2,
           "w": 3.0}
 A, W = sp.symbols("a w", positive=True)
-#: How high a base is that goes up and down.
+#: The height of a base that goes up and down.
 LIFT = A * sp.cos(W * T)
 
 
 def check_forcing(method, system, values, v, t, speeds):
-    """Compare M and the right side with those of the method, at a time."""
+    """Compare M and the right side with the method's matrices at a time."""
     M, right = sides(system, VALUES, values, v, t)
-    at = (list(method.q), values), (speeds, v)
-    np.testing.assert_allclose(M, numbers(method.mass_matrix, *at, VALUES, t), rtol=1e3 * EPS,
-                               atol=64 * EPS)
-    np.testing.assert_allclose(right, numbers(method.forcing, *at, VALUES, t).ravel(),
+    arguments = (list(method.q), values), (speeds, v)
+    np.testing.assert_allclose(M, numbers(method.mass_matrix, *arguments, VALUES, t),
+                               rtol=1e3 * EPS, atol=64 * EPS)
+    np.testing.assert_allclose(right, numbers(method.forcing, *arguments, VALUES, t).ravel(),
                                rtol=1e4 * EPS, atol=64 * EPS)
 
 
 def test_lagranges_method():
-    """On a driven base, with a force that has no potential, weights, and a force of the time."""
+    """Equations agree on a driven base, with drag, weights and a force that depends on the time."""
     N, q, points, bodies = particles(LIFT)
     g, k, m, c = sp.symbols("g k m c", positive=True)
     loads = [(points[1], -k * points[1].vel(N)), *((P, -m * g * N.y) for P in points),
@@ -90,8 +90,8 @@ def test_lagranges_method():
 
 def test_holonomic_constraints_of_both_methods():
     N, q, points, bodies = particles()
-    place = points[1].pos_from(points[0]).dot(N.x)
-    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, None, bodies, N, [place])
+    offset = points[1].pos_from(points[0]).dot(N.x)
+    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, None, bodies, N, [offset])
     system = gs.from_mechanics(method)
     assert system.m == 1
     assert not system.forces
@@ -116,14 +116,14 @@ def test_a_driven_base_of_kanes_method():
     values, v = state(2)
     M, right = sides(system, VALUES, values, v, 0.7)
     rates = (q, values), ([x.diff(T) for x in q], v)
-    found = [numbers(me.msubs(e, dict(zip(u, rates[1][0], strict=True))), *rates, VALUES, 0.7)
-             for e in (method.mass_matrix, method.forcing)]
+    kane = [numbers(me.msubs(e, dict(zip(u, rates[1][0], strict=True))), *rates, VALUES, 0.7)
+            for e in (method.mass_matrix, method.forcing)]
     np.testing.assert_allclose(np.linalg.solve(M, right),
-                               np.linalg.solve(found[0], found[1]).ravel(), rtol=1e3 * EPS)
+                               np.linalg.solve(kane[0], kane[1]).ravel(), rtol=1e3 * EPS)
 
 
 def test_a_chain_on_a_driven_base_is_long_and_has_its_time():
-    """Joints and actuators; what recurs in a long Lagrangian is shared, and changes no value."""
+    """A long Lagrangian of joints and actuators shares its recurring parts, with equal values."""
     method = joints(3, LIFT)
     system = gs.from_mechanics(method, name="arm")
     assert [str(x) for x in system.velocities] == ["u0", "u1", "u2"]
@@ -134,43 +134,43 @@ def test_a_chain_on_a_driven_base_is_long_and_has_its_time():
     method.form_eoms()
     check_forcing(method, system, *state(3, 3), 0.7, list(method.u))
     angle, rate = state(3, 4)
-    at = dict(zip((*system.q, *system.velocities), (*angle, *rate), strict=True)) | {
+    values = dict(zip((*system.q, *system.velocities), (*angle, *rate), strict=True)) | {
         s: VALUES[str(s)] for s in system.parameters}
-    (power,) = evaluate([system.H_t], at | {T: 0.7})
-    (slope,) = evaluate([system.L], at | {T: 0.7 + 1e-100j}).imag / 1e-100
+    (power,) = evaluate([system.H_t], values | {T: 0.7})
+    (slope,) = evaluate([system.L], values | {T: 0.7 + 1e-100j}).imag / 1e-100
     assert abs(power + slope) <= 256 * EPS * abs(slope)
 
 
 def test_constraints_that_move():
-    """x = a cos wt along an axis, once as such and beside its rate; another rate is refused."""
-    def made(speed):
+    """x = a cos wt along an axis may stand beside its rate; another rate is refused."""
+    def bound_particle(speed):
         return particle(lambda q, u: u[1] - speed, places=lambda q: q[1] - LIFT)
 
-    system = gs.from_mechanics(made(LIFT.diff(T)))
+    system = gs.from_mechanics(bound_particle(LIFT.diff(T)))
     assert system.clock == T
     assert system.g_t == [(-LIFT).diff(T)]
     with refused("contradicts"):
-        gs.from_mechanics(made(sp.Integer(0)))
+        gs.from_mechanics(bound_particle(sp.Integer(0)))
     with refused("contradicts"):
-        gs.from_mechanics(made(LIFT.diff(T) + 1))
+        gs.from_mechanics(bound_particle(LIFT.diff(T) + 1))
 
 
 def length_of_energy(count):
-    """Return of how many different parts T of a chain is made."""
+    """Return the number of different parts of T of a chain."""
     method = joints(count)
     return len(list(parts_of([FrameMotion(method.frame).energy(method.bodies)])))
 
 
 @pytest.mark.slow  # six links
 def test_kinetic_energy_grows_with_the_links():
-    """As many parts for each two links more: it was the square of their number."""
+    """The number of parts grows linearly with the links; it once grew with their square."""
     two, four, six = map(length_of_energy, (2, 4, 6))
     assert six - four <= 1.1 * (four - two)
     assert six < 60 * 6
 
 
 def test_velocities_that_were_given_are_the_rates_of_places():
-    """Of v2pt_theory the place's rate remains, which is shorter; its values are SymPy's."""
+    """The rate of a point's position has the values of v2pt_theory and is shorter."""
     N, P = me.ReferenceFrame("N"), me.Point("O")
     P.set_vel(N, 0)
     before = N
@@ -181,37 +181,37 @@ def test_velocities_that_were_given_are_the_rates_of_places():
         before = arm
     motion = FrameMotion(N)
     short, axes = motion.velocity(P)
-    given = motion.components(P.vel(N), axes)
-    assert vanish([a - b for a, b in zip(short, given, strict=True)])
-    assert len(list(parts_of(short))) < len(list(parts_of(given)))
+    declared = motion.components(P.vel(N), axes)
+    assert vanish([a - b for a, b in zip(short, declared, strict=True)])
+    assert len(list(parts_of(short))) < len(list(parts_of(declared)))
 
 
 def test_velocities_that_are_no_rates_are_taken_as_given_and_unknown_ones_refused():
-    """A belt moves what rests on it: the user's word holds."""
+    """A velocity set by the user holds, as of a point on a belt; an unknown one is refused."""
     N, _, points, _ = particles()
     u = me.dynamicsymbols("u")
     points[1].set_vel(N, u * N.x)
     motion = FrameMotion(N)
-    found, axes = motion.velocity(points[1])
-    assert found == motion.components(u * N.x, axes)
+    velocity, axes = motion.velocity(points[1])
+    assert velocity == motion.components(u * N.x, axes)
     with refused("P in N"):
         FrameMotion(me.ReferenceFrame("N")).velocity(me.Point("P"))
 
 
-def particle(constraint=None, **more):
-    """A particle on a plane in KanesMethod, by default with a rate bound."""
+def particle(constraint=None, **options):
+    """Return KanesMethod of a particle on a plane, with a bound rate or position if given."""
     q, u = me.dynamicsymbols("x y"), me.dynamicsymbols("vx vy")
     N, P = me.ReferenceFrame("N"), me.Point("P")
     P.set_vel(N, u[0] * N.x + u[1] * N.y)
     body = me.Particle("b", P, sp.Symbol("m"))
     bound = {"velocity_constraints": [constraint(q, u)], "u_dependent": u[1:]} if constraint else {}
-    places = more.pop("places", None)
+    places = options.pop("places", None)
     if places:
         bound |= {"configuration_constraints": [places(q)], "q_dependent": q[1:]}
     ends = 1 if places else 2
     return me.KanesMethod(N, q[:ends], u[: 1 if constraint else 2],
                           [a.diff(T) - b for a, b in zip(q, u, strict=True)],
-                          bodies=[body], **bound, **more)
+                          bodies=[body], **bound, **options)
 
 
 def with_function():

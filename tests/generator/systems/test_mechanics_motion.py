@@ -26,26 +26,26 @@ def number(name):
 
 
 def ground():
-    """A system, its frame, its fixed point, and a body that stands there."""
+    """Return a system, its frame, its fixed point, and a body that stands there."""
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     return me.System(N, O), N, O, me.RigidBody("ground", O, N)
 
 
 def moving(N, O, path, axes):  # noqa: E741
-    """A base that moves by a law of t."""
+    """Return a base whose motion is a law of t."""
     B = O.locatenew("B", path)
     B.set_vel(N, path.dt(N))
     return me.RigidBody("base", B, axes)
 
 
 def body(name):
-    """A body with three different moments."""
+    """Return a body with three different moments."""
     A, P = me.ReferenceFrame(f"A_{name}"), me.Point(f"P_{name}")
     return me.RigidBody(name, P, A, M, (me.inertia(A, I, 2 * I, sp.Rational(5, 2) * I), P))
 
 
 def bead_on_a_bar_on_a_moving_base():
-    """A pin on a base that moves, an oblique slide, an actuator, a torque, a timed force."""
+    """Return a pin on a moving base, an oblique slide, an actuator, a torque, a timed force."""
     system, N, O, _ = ground()  # noqa: E741
     base = moving(N, O, FIFTH * (sp.sin(3 * T) * N.x + T**2 * N.y), N.orientnew(
         "F", "Axis", [0, N.z]))
@@ -66,7 +66,7 @@ def bead_on_a_bar_on_a_moving_base():
 
 
 def slide_on_a_turning_base():
-    """A base that turns by a law, a slide on it that carries a pin, a damper from space."""
+    """Return a base turning by a law, a slide on it with a pin, and a damper from space."""
     system, N, O, _ = ground()  # noqa: E741
     base = moving(N, O, FIFTH * sp.cos(2 * T) * N.x, N.orientnew("F", "Axis", [sp.sin(2 * T), N.z]))
     sledge, arm = body("sledge"), body("arm")
@@ -81,7 +81,7 @@ def slide_on_a_turning_base():
 
 
 def on_a_moving_base_with_the_axes_of_space():
-    """Joints set the velocity of their base to 0 in its own axes, which are those of space."""
+    """Return joints on a moving base, whose velocity they set to 0 in its axes, those of space."""
     system, N, O, _ = ground()  # noqa: E741
     base, arm = moving(N, O, FIFTH * sp.sin(3 * T) * N.x, N), body("arm")
     system.add_joints(me.PinJoint("pin", base, arm, *number(1), child_point=LENGTH * arm.frame.y,
@@ -91,7 +91,7 @@ def on_a_moving_base_with_the_axes_of_space():
 
 
 def drum():
-    """A cylindrical joint with a slide across it; a constant and a timed force in one load."""
+    """Return a cylindrical joint and a slide across it, with constant and timed loads."""
     system, N, _, earth = ground()
     drum, pin = body("drum"), body("pin")
     (q, z), (u, w) = number(1), number(3)
@@ -105,7 +105,7 @@ def drum():
 
 
 def plate():
-    """A planar joint, and a force that turns with the body."""
+    """Return a planar joint with a force that turns with the body."""
     system, N, _, earth = ground()
     plate = body("plate")
     system.add_joints(me.PlanarJoint(
@@ -116,7 +116,7 @@ def plate():
 
 
 def ball():
-    """A spherical joint about body angles, a spring to a point above and a torque in body axes."""
+    """Return a ball joint in body angles, a spring to a point above, a torque in body axes."""
     system, N, O, earth = ground()  # noqa: E741
     bob = body("bob")
     system.add_joints(me.SphericalJoint(
@@ -130,7 +130,7 @@ def ball():
 
 
 def two_arms():
-    """Frames of joints that are none of the bodies', and a torque between two arms."""
+    """Return two arms on joints with frames of their own, and a torque between them."""
     system, N, _, earth = ground()
     upper, lower = body("upper"), body("lower")
     first = me.PinJoint("first", earth, upper, *number(1), child_point=LENGTH * upper.frame.x,
@@ -147,7 +147,7 @@ def two_arms():
 
 
 def potential():
-    """A point on a hoop that turns, in speeds that are no rates, with a spring's potential."""
+    """Return a bead on a turning hoop, in speeds that are no rates, with weight and drag."""
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     q, u = number(1)
     hoop = N.orientnew("H", "Axis", [2 * T, N.z])
@@ -164,14 +164,14 @@ def potential():
 
 
 def moved_load():
-    """A force between a point that moves by a law and a bead that is free in a plane."""
+    """Return a bead free in a plane with a force from a point that moves by a law."""
     system, N, O, earth = ground()  # noqa: E741
-    one, two = body("one"), body("two")
-    system.add_joints(me.PrismaticJoint("x", earth, one, *number(1), joint_axis=N.x),
-                      me.PrismaticJoint("y", one, two, *number(2), joint_axis=N.y + N.z))
+    slider, bead = body("one"), body("two")
+    system.add_joints(me.PrismaticJoint("x", earth, slider, *number(1), joint_axis=N.x),
+                      me.PrismaticJoint("y", slider, bead, *number(2), joint_axis=N.y + N.z))
     hand = O.locatenew("hand", (2 + sp.sin(3 * T)) * N.z + 2 * N.y)
     hand.set_vel(N, 3 * sp.cos(3 * T) * N.z)
-    path = me.LinearPathway(hand, two.masscenter)
+    path = me.LinearPathway(hand, bead.masscenter)
     system.add_actuators(me.ForceActuator(-K * (path.length - LENGTH) + C * sp.cos(T), path),
                          me.LinearDamper(C, path))
     return system
@@ -183,7 +183,7 @@ SYSTEMS = (bead_on_a_bar_on_a_moving_base, slide_on_a_turning_base,
 
 
 def reference(method, q, v, t):
-    """Return q̈ of ``form_eoms``: u̇ by its mass matrix, q̇ by the kinematic equations, along both."""
+    """Return q̈ of ``form_eoms``: the derivative of q̇(q, u, t) along its own q̇ and u̇."""
     method.form_eoms()
     state = [*method.q, *method.u]
     places = sp.symbols(f"s:{len(state)}")
@@ -199,10 +199,10 @@ def reference(method, q, v, t):
     numbers = [VALUES[str(x)] for x in constants]
     start = dict(zip([*method.q, *rates], [*q, *v], strict=True))
     u = [float(sp.sympify(me.msubs(speeds[x], start)).subs(T, t)) for x in method.u]
-    at = np.array([*q, *u])
-    mass, forcing, _ = values(t, at, numbers)
+    point = np.array([*q, *u])
+    mass, forcing, _ = values(t, point, numbers)
     slope = np.linalg.solve(mass, np.ravel(forcing))
-    ahead = values(t + 1e-100j, at + 1e-100j * slope, numbers)[2]
+    ahead = values(t + 1e-100j, point + 1e-100j * slope, numbers)[2]
     return np.ravel(ahead).imag / 1e-100
 
 
@@ -213,7 +213,7 @@ def reference(method, q, v, t):
                  bead_on_a_bar_on_a_moving_base)))
     for make in SYSTEMS])
 def test_accelerations_are_those_of_form_eoms(make):
-    """Of a base that a joint put at rest SymPy's own equations leave the motion out as well."""
+    """A base put at rest by a joint lacks its motion in SymPy's own equations as well."""
     method = make()
     if make is on_a_moving_base_with_the_axes_of_space:
         with pytest.warns(InputWarning, match="frame"):
@@ -230,9 +230,9 @@ def test_accelerations_are_those_of_form_eoms(make):
 
 
 def test_inputs_of_loads_are_held_over_a_step_and_bodies_are_placed(tmp_path):
-    """A wagon on a spring and a wheel in it, pushed and turned by what a controller says.
+    """A controller pushes a wagon on a spring and turns a wheel in it.
 
-    Places and attitudes of a run are those of points and frames, and a page shows them.
+    Positions and attitudes of a run agree with SymPy's points and frames, and a page shows them.
     """
     system, N, _, earth = ground()
     wagon, wheel = body("wagon"), body("wheel")
@@ -242,31 +242,31 @@ def test_inputs_of_loads_are_held_over_a_step_and_bodies_are_placed(tmp_path):
         me.PinJoint("pin", wagon, wheel, *number(2), parent_point=LENGTH * wagon.frame.y,
                     joint_axis=wagon.frame.z, child_interframe=wheel.frame.y))
     system.add_loads(me.Force(wagon, (push - K * x) * N.x), me.Torque(wheel, push * N.z / 5))
-    made = gs.from_mechanics(system, name="pushed", inputs=[push], bodies=True)
-    assert [str(u) for u in made.inputs] == ["F"]
-    values = {str(e): VALUES[str(e)] for e in made.parameters if e not in made.inputs}
-    step, pushes = gs.stepper("G-L", 3, system=made), np.sin(np.arange(50.0))
+    pushed = gs.from_mechanics(system, name="pushed", inputs=[push], bodies=True)
+    assert [str(u) for u in pushed.inputs] == ["F"]
+    values = {str(e): VALUES[str(e)] for e in pushed.parameters if e not in pushed.inputs}
+    step, pushes = gs.stepper("G-L", 3, system=pushed), np.sin(np.arange(50.0))
     run = step.integrate([0.0, 0.0], [0.0, 0.0], dt=0.1, steps=50, inputs={"F": pushes},
                          parameters=values)
-    gain = pushes / 5 / (2.5 * VALUES["I"]) * 0.1  # of the wheel's rate in each step
+    gain = pushes / 5 / (2.5 * VALUES["I"]) * 0.1  # change of the wheel's rate in each step
     np.testing.assert_allclose(run.velocities[1:, 1], np.cumsum(gain), rtol=0, atol=1e-11)
     assert {"wagon", "wheel"} <= {*run.bodies}
-    at = dict(zip(system.q, run.q[-1], strict=True)) | {LENGTH: VALUES["l"]}
-    place = wheel.masscenter.pos_from(system.fixed_point).to_matrix(N).subs(at)
-    R = np.array(N.dcm(wheel.frame).subs(at), float)
-    seen = run.body("wheel")
-    np.testing.assert_allclose(seen.position()[-1], np.array(place, float).ravel(), atol=1e-14)
+    substitutions = dict(zip(system.q, run.q[-1], strict=True)) | {LENGTH: VALUES["l"]}
+    position = wheel.masscenter.pos_from(system.fixed_point).to_matrix(N).subs(substitutions)
+    R = np.array(N.dcm(wheel.frame).subs(substitutions), float)
+    motion = run.body("wheel")
+    np.testing.assert_allclose(motion.position()[-1], np.array(position, float).ravel(), atol=1e-14)
     now = step.start(run.q[-1], run.p[-1], dt=0.1, parameters=values | {"F": 0.0}).body("wheel")
-    np.testing.assert_allclose(now.position(), seen.position()[-1], atol=1e-14)
+    np.testing.assert_allclose(now.position(), motion.position()[-1], atol=1e-14)
     np.testing.assert_allclose(now.rotation_matrix(), R, atol=1e-14)
     with pytest.raises(InputError):
         now.angular_velocity()
-    np.testing.assert_allclose(seen.rotation_matrix()[-1], R, atol=1e-14)
-    assert np.abs(np.diff(seen.attitude, axis=0)).max() < 0.2
-    np.testing.assert_allclose(seen.position((0, 0, 1))[-1], seen.position()[-1] + R[:, 2],
+    np.testing.assert_allclose(motion.rotation_matrix()[-1], R, atol=1e-14)
+    assert np.abs(np.diff(motion.attitude, axis=0)).max() < 0.2
+    np.testing.assert_allclose(motion.position((0, 0, 1))[-1], motion.position()[-1] + R[:, 2],
                                atol=1e-14)
     with pytest.raises(InputError):
-        seen.angular_velocity()
+        motion.angular_velocity()
     run.show(tmp_path / "wagon.html")
     assert "wheel" in (tmp_path / "wagon.html").read_text(encoding="utf-8")
 
@@ -287,7 +287,7 @@ def test_inputs_appear_in_loads_alone_and_constants_have_names_of_their_own():
 
 
 def test_auxiliary_speeds_are_zero():
-    """They name forces of constraints: nothing moves with them."""
+    """Auxiliary speeds name forces of constraints, and nothing moves with them."""
     system, N, O, _ = ground()  # noqa: E741
     (q, u), extra, m = number("1"), me.dynamicsymbols("extra"), sp.Symbol("m")
     P = O.locatenew("P", q * N.x)

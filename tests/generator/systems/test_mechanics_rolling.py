@@ -1,4 +1,4 @@
-"""Nonholonomic constraints of sympy.physics.mechanics: accelerations as Kane's equations have."""
+"""Nonholonomic constraints of sympy.physics.mechanics: accelerations against Kane's equations."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ VALUES = {"m": 1.3, "r": 0.7, "J": 0.4, "d": 0.2, "g": 9.81}
 
 
 def disc():
-    """A disc on the floor: yaw, lean, spin and two coordinates of its centre; speeds are mixed."""
+    """Return a disc on the floor: yaw, lean, spin and position of its centre; speeds are mixed."""
     q, u = me.dynamicsymbols("yaw lean spin x y"), me.dynamicsymbols("u1:6")
     N = me.ReferenceFrame("N")
     yawed = N.orientnew("Y", "Axis", [q[0], N.z])
@@ -33,13 +33,13 @@ def disc():
     contact = C.vel(N) + turned.cross(-r * leant.z)
     rows = [sp.trigsimp(contact.dot(e)) for e in (N.x, N.y)]
     inertia = me.inertia(leant, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4)
-    made = me.RigidBody("disc", C, body, m, (inertia, C))
+    rigid_body = me.RigidBody("disc", C, body, m, (inertia, C))
     return me.KanesMethod(N, q, u[:3], kinematics, u_dependent=u[3:], velocity_constraints=rows,
-                          bodies=[made], forcelist=[(C, -m * grav * N.z)])
+                          bodies=[rigid_body], forcelist=[(C, -m * grav * N.z)])
 
 
 def sleigh(kind):
-    """Chaplygin's sleigh by Lagrange's method, or as a System."""
+    """Return Chaplygin's sleigh by Lagrange's method, or as a System."""
     q, u = me.dynamicsymbols("th x y"), me.dynamicsymbols("w vx vy")
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     O.set_vel(N, 0)
@@ -61,31 +61,32 @@ def sleigh(kind):
 
 
 def accelerations(system, q, v):
-    """v̇ and −μ of M v̇ + Aᵀμ = L_q − (L_v)_q v + F, A v̇ = −(A v)_q v."""
-    at = dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {
+    """Return v̇ of M v̇ + Aᵀμ = L_q − (L_v)_q v + F, A v̇ = −(A v)_q v."""
+    values = dict(zip((*system.q, *system.velocities), (*q, *v), strict=True)) | {
         s: VALUES[str(s)] for s in system.parameters}
     n, rows = system.n, system.velocity_count
-    M = evaluate([sp.diff(e, x) for e in system.L_v for x in system.velocities], at).reshape(n, n)
-    A = evaluate([e for row in system.A for e in row], at).reshape(rows, n)
+    M = evaluate([sp.diff(e, x) for e in system.L_v for x in system.velocities],
+                 values).reshape(n, n)
+    A = evaluate([e for row in system.A for e in row], values).reshape(rows, n)
     moved = [sp.Add(*(sp.diff(e, x) * w for x, w in zip(system.q, system.velocities, strict=True)))
              for e in (*system.L_v, *system.velocity_constraints)]
-    held = evaluate(moved, at)
-    push = evaluate(system.generalised_force, at) - held[:n]
-    left = np.block([[M, A.T], [A, np.zeros((rows, rows))]])
-    return np.linalg.solve(left, np.concatenate([push, -held[n:]]))[:n]
+    convective = evaluate(moved, values)
+    push = evaluate(system.generalised_force, values) - convective[:n]
+    matrix = np.block([[M, A.T], [A, np.zeros((rows, rows))]])
+    return np.linalg.solve(matrix, np.concatenate([push, -convective[n:]]))[:n]
 
 
 def state(system, seed):
-    """Random coordinates, and velocities that the rows allow."""
+    """Return random coordinates, and velocities that the rows allow."""
     rng = np.random.default_rng(seed)
     q, v = rng.uniform(0.3, 1.0, (2, system.n))
-    at = dict(zip(system.q, q, strict=True)) | {s: VALUES[str(s)] for s in system.parameters}
-    A = evaluate([e for row in system.A for e in row], at).reshape(-1, system.n)
+    values = dict(zip(system.q, q, strict=True)) | {s: VALUES[str(s)] for s in system.parameters}
+    A = evaluate([e for row in system.A for e in row], values).reshape(-1, system.n)
     return q, v - np.linalg.pinv(A) @ A @ v
 
 
 def test_a_rolling_disc_by_kanes_method():
-    """M_full (q̇, u̇) = F_full of Kane, whose speeds are components of ω: u̇ from ours by q̈."""
+    """Kane's u̇ by M_full (q̇, u̇) = F_full, of speeds along axes of ω, follow from our q̈."""
     method = disc()
     system = gs.from_mechanics(method, name="disc")
     assert (system.m, system.velocity_count) == (0, 2)
@@ -100,26 +101,27 @@ def test_a_rolling_disc_by_kanes_method():
     values = {s: VALUES[str(s)] for s in (m, r, grav)}
     full, forcing = (np.array(e.subs(u).subs(names).subs(values), float) for e in (
         method.mass_matrix_full, method.forcing_full))
-    found = np.linalg.solve(full, forcing)[:, 0]
-    np.testing.assert_allclose(found[:5], v, rtol=1e-12)
-    own = accelerations(system, q, v)
-    second = {x.diff(T, 2): a for x, a in zip(method.q, own, strict=True)}
+    kane_rates = np.linalg.solve(full, forcing)[:, 0]
+    np.testing.assert_allclose(kane_rates[:5], v, rtol=1e-12)
+    v_dot = accelerations(system, q, v)
+    second = {x.diff(T, 2): a for x, a in zip(method.q, v_dot, strict=True)}
     slopes = [float(speeds[s].diff(T).subs(second).subs(at_v).subs(names)) for s in method.u]
-    np.testing.assert_allclose(found[5:], slopes, rtol=1e-11)
+    np.testing.assert_allclose(kane_rates[5:], slopes, rtol=1e-11)
 
 
 @pytest.mark.parametrize("kind", ["lagrange", "system"])
 def test_a_sleigh_turns_as_its_reduced_equations_say(kind):
-    """u̇ = d ω², ω̇ = −m d u ω/(J + m d²), u the speed of the blade along itself."""
+    """u̇ = d ω² and ω̇ = −m d u ω/(J + m d²) hold for the speed u of the blade along itself."""
     system = gs.from_mechanics(sleigh(kind), name="sleigh")
     assert system.velocity_count == 1
     q, v = state(system, 5)
     th, w = q[0], v[0]
     forward = v[1] * np.cos(th) + v[2] * np.sin(th)
-    own = accelerations(system, q, v)
+    v_dot = accelerations(system, q, v)
     mass, moment, arm = (VALUES[key] for key in "mJd")
-    assert own[0] == pytest.approx(-mass * arm * forward * w / (moment + mass * arm**2), rel=1e-12)
-    along = own[1] * np.cos(th) + own[2] * np.sin(th)
+    assert v_dot[0] == pytest.approx(
+        -mass * arm * forward * w / (moment + mass * arm**2), rel=1e-12)
+    along = v_dot[1] * np.cos(th) + v_dot[2] * np.sin(th)
     across = v[2] * np.cos(th) - v[1] * np.sin(th)
     assert along + across * w == pytest.approx(arm * w**2, rel=1e-12)
 
@@ -141,7 +143,7 @@ def test_rows_that_others_imply_are_left_out_and_bent_ones_refused():
 @pytest.mark.filterwarnings("ignore::gyrospark.errors.InputWarning")
 @pytest.mark.parametrize("placed", [True, False])
 def test_rolling_that_was_put_into_a_velocity_is_refused(placed):
-    """The disc of SymPy's documentation: three angles, and a contact at rest. T lacks its place."""
+    """The disc of SymPy's documentation, with a contact at rest, is refused: T lacks a position."""
     q, u = me.dynamicsymbols("q1:4"), me.dynamicsymbols("u1:4")
     N = me.ReferenceFrame("N")
     yawed = N.orientnew("Y", "Axis", [q[0], N.z])
@@ -154,7 +156,7 @@ def test_rolling_that_was_put_into_a_velocity_is_refused(placed):
     D = contact.locatenew("D", r * leant.z) if placed else me.Point("D")
     D.set_vel(N, omega.cross(r * leant.z))
     inertia = me.inertia(leant, m * r**2 / 4, m * r**2 / 2, m * r**2 / 4)
-    made = me.RigidBody("disc", D, body, m, (inertia, D))
-    method = me.KanesMethod(N, q, u, [(omega - turned).dot(e) for e in axes], bodies=[made])
+    rigid_body = me.RigidBody("disc", D, body, m, (inertia, D))
+    method = me.KanesMethod(N, q, u, [(omega - turned).dot(e) for e in axes], bodies=[rigid_body])
     with pytest.raises(InputError, match="D in N"):
         gs.from_mechanics(method)

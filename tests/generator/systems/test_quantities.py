@@ -41,7 +41,7 @@ def exact(name, values):
 
 
 def test_every_quantity_at_every_stored_state(step):
-    """16 ε of the value: a dozen operations of numbers of order one."""
+    """Values agree to 16 ε, a dozen operations of numbers of order one."""
     run = step.integrate(gs.Start([0.6, -0.8], [0.8, 0.6], t=0.4), dt=0.05, steps=7,
                          parameters=PARAMETERS, every=3)
     assert run.quantities == tuple(QUANTITIES)
@@ -56,12 +56,12 @@ def test_every_quantity_at_every_stored_state(step):
 def test_quantities_have_leading_axes_and_names(step):
     rng = np.random.default_rng(5)
     q, p, times = rng.standard_normal((3, 2, 2)), rng.standard_normal((3, 2, 2)), np.ones((3, 2))
-    found = step.quantities(q, p, parameters=PARAMETERS, t=times)
-    assert list(found) == list(QUANTITIES)
-    assert found["spin"] == pytest.approx(q[..., 0] * p[..., 1] - q[..., 1] * p[..., 0])
-    assert found["three"].tolist() == [[3.0] * 2] * 3
-    one = step.quantities(q[1, 1], p[1, 1], parameters=PARAMETERS, t=1.0)
-    assert all(one[name] == found[name][1, 1] for name in QUANTITIES)
+    quantities = step.quantities(q, p, parameters=PARAMETERS, t=times)
+    assert list(quantities) == list(QUANTITIES)
+    assert quantities["spin"] == pytest.approx(q[..., 0] * p[..., 1] - q[..., 1] * p[..., 0])
+    assert quantities["three"].tolist() == [[3.0] * 2] * 3
+    single = step.quantities(q[1, 1], p[1, 1], parameters=PARAMETERS, t=1.0)
+    assert all(single[name] == quantities[name][1, 1] for name in QUANTITIES)
     with pytest.raises(InputError, match="t has shape"):
         step.quantities(q, p, parameters=PARAMETERS, t=[1.0, 2.0])
     run = step.integrate([0.6, -0.8], [0.8, 0.6], dt=0.05, steps=1, parameters=PARAMETERS)
@@ -108,7 +108,7 @@ def test_reported_by_run(step):
 
 
 def test_quantities_do_not_touch_the_steps():
-    """Beside one without them, a stepper with quantities has more lines, and no other ones."""
+    """The C of a stepper with quantities has the lines of one without them, and more."""
     spec, unused = Spec.from_arguments("G-L", 2), sp.Symbol("unused", positive=True)
     plain, watched = (generate(spec, system=gs.System(
         (x, y), (u, v), (unused,), (u**2 + v**2) / 2 + y, (x**2 + y**2 - 1,), name="watched",
@@ -123,7 +123,7 @@ def test_quantities_do_not_touch_the_steps():
 
 
 def test_names_and_warnings(tmp_path):
-    """Names that the C uses itself, as symbols, time and quantities: pedantic-clean C."""
+    """Symbols, time and quantities named as the C's own variables give pedantic-clean C."""
     names = ["t", "work", "out", "w", "W", "late", "i", "count", "report", "t0", "F", "start"]
     q0, p0, *free = (sp.Symbol(name, real=True) for name in names)
     time = sp.Symbol("power", real=True)

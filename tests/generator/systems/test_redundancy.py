@@ -36,13 +36,13 @@ SQUARE = [(0, 0), (0.1, 0.4), (0.9, 0.8), (1.0, 0.0)]
 
 
 def test_closed_loop_names_three_to_leave_out():
-    """Grübler: 4·5 equations on 3·6 freedoms, mobility 1, hence 20 − 17 = 3 too many; open none."""
+    """By Grübler, 4·5 equations on 3·6 freedoms leave mobility 1 with 20 − 17 = 3 redundant."""
     with pytest.raises(gs.InputError, match=r"3 of the 23 .*'linkage'") as caught:
         four_bar(SQUARE).model()
     message = str(caught.value)
     to_remove = message.split("Leave out ")[1].split(";")[0].replace("'", "").split(", ")
     assert to_remove == ["hinge3: z", "hinge3: axis 1", "hinge3: axis 2"]
-    assert "'hinge0: x'" not in message  # what lies in the plane is no part of it
+    assert "'hinge0: x'" not in message  # equations in the plane do not take part
     assert "'hinge1: axis 2'" in message
     model = four_bar(SQUARE).model(without=to_remove)
     assert (model.system.n, model.system.m) == (21, 20)
@@ -53,7 +53,7 @@ def test_closed_loop_names_three_to_leave_out():
 
 @pytest.mark.parametrize("far", [1.5, 5.0])
 def test_points_that_cannot_meet_contradict_each_other(far):
-    """Two points of a body are 1 m apart, and those that hold them are not."""
+    """Two points of a body 1 m apart cannot be held at points of another distance."""
     build = gs.Multibody("held")
     body = build.body("bar", mass=1, inertia=(1, 1, 1))
     build.ball("one", build.ground, body, on_a=(0, 0, 0), on_b=(0, 0, 0))
@@ -63,7 +63,7 @@ def test_points_that_cannot_meet_contradict_each_other(far):
 
 
 def test_what_is_redundant_is_left_out_when_asked():
-    """The same as by name; and a singular position is told although equations are redundant too."""
+    """Redundant rows are left out as by name; a singular position is refused all the same."""
     build = four_bar(SQUARE)
     model = build.model(redundant="leave out")
     assert (model.system.n, model.system.m) == (21, 20)
@@ -113,11 +113,11 @@ def test_contradicting_constraints_and_constants_are_named_before_they_are_count
 
 
 def test_a_body_held_twice():
-    """Two ball joints to the ground leave a turn; a third one holds it and says two too much."""
+    """Two ball joints to the ground leave a turn; a third one takes it with two redundant rows."""
     build = gs.Multibody("door", gravity=(0, 0, 0))
     door = build.body("door", mass=1, inertia=(1, 1, 1))
-    for i, at in enumerate([(0, 0, 1), (0, 0, -1), (1, 0, 0)]):
-        build.fixed_point(f"pin{i}", door, at=at)
+    for i, point in enumerate([(0, 0, 1), (0, 0, -1), (1, 0, 0)]):
+        build.fixed_point(f"pin{i}", door, at=point)
         if i == 1:
             with pytest.raises(gs.InputError, match=r"1 of the 7.*'pin1: z'"):
                 build.model()
@@ -126,7 +126,7 @@ def test_a_body_held_twice():
 
 
 def test_what_varies_is_not_multiplied_out(monkeypatch):
-    """Fifteen products of twelve sums would take a minute; constants are still found."""
+    """Products of twelve sums, a minute to expand, stay as they are; constants are still seen."""
     x = sp.symbols("x0:12", real=True)
     long = sp.prod(a + b**2 for a, b in zip(x, x[1:] + x[:1], strict=True)) - 3
     hidden = (x[0] + 1)**2 - x[0]**2 - 2 * x[0] - 1
@@ -147,7 +147,7 @@ def test_constraints_on_parameters_and_greek_symbols_are_refused():
 
 @pytest.mark.parametrize("turn", [0.5, 1.4, 1.7, np.pi])
 def test_a_fixed_rotation_is_met_or_refused(turn):
-    """The three constraints hold at half a turn more, too, where closing a far start may end."""
+    """A far start is refused: its three constraints hold at half a turn more, too."""
     build = gs.Multibody("doors")
     a, b = (build.body(name, mass=1, inertia=(0.1, 0.2, 0.3)) for name in "ab")
     for body in (a, b):

@@ -1,7 +1,7 @@
-"""Systems with switching functions: which properties are lost, and which warnings say so.
+"""Systems with switching functions: lost properties, and the warnings of them.
 
 Constraints need a tangent; a force that jumps may leave a step without a solution; a momentum map
-must be one on every side; and what a certificate judges is what smooth motion keeps.
+must hold on every side; and a certificate checks the properties of smooth motion alone.
 """
 
 import json
@@ -41,9 +41,9 @@ def test_how_sides_meet(e, wanted):
     assert [continuity(e, w, (x, y)) for w in switches_of([e])] == wanted
 
 
-def on_curve(profile, **more):
+def on_curve(profile, **options):
     """Return a bead that slides on the curve y = profile(x)."""
-    return gs.System((x, y), (u, v), (k, a), T + k * y, (y - profile,), name="bead", **more)
+    return gs.System((x, y), (u, v), (k, a), T + k * y, (y - profile,), name="bead", **options)
 
 
 @pytest.mark.parametrize(("profile", "reason"), [
@@ -60,7 +60,7 @@ def test_constraints_without_a_tangent_are_refused(profile, reason):
 
 @pytest.mark.slow  # a stepper
 def test_a_bead_on_a_cam():
-    """A ramp that begins and ends with a tangent: on it to round-off, energy as it should be."""
+    """A bead stays on a ramp with tangents at both ends to round-off, and keeps its energy."""
     ramp = P((0, x < 0), (3 * x**2 - 2 * x**3, x < 1), (1, True)) / 4 + sp.Max(0, -x) ** 3
     step = gs.stepper("G-L", 2, system=on_curve(ramp))
     q, p = step.project([-0.5, 0.1], [1.6, 0.0], parameters={"k": 3.0, "a": 1.0})
@@ -77,12 +77,12 @@ def test_remarks():
     system = gs.System(
         (x, y), (u, v), (k,), T + k * sp.Max(0, LENGTH - 1) ** 2 + sp.Abs(x) + k * H(y), time=t,
         forces=(-sp.Abs(u) * u, -sp.sign(v) + P((1, (t > 0.5) & (t < 1)), (0, True))))
-    found = Switching(system).manifest_fields(4, discrete=False)
-    order, potential, forces = found["remarks"]
+    fields = Switching(system).manifest_fields(4, discrete=False)
+    order, potential, forces = fields["remarks"]
     assert re.search(r"order 4 .* y = 0, t - 0\.5 = 0, sqrt\(x\*\*2 \+ y\*\*2\) - 1 = 0 .*4", order)
     assert potential.startswith("H jumps at y = 0")
     assert forces.startswith("forces jump at v = 0, x = 0")
-    assert found["jumps"] == "v = 0, x = 0"
+    assert fields["jumps"] == "v = 0, x = 0"
     assert Switching(system).manifest_fields(2, discrete=True)["jumps"] == "v = 0"
     smooth = Switching(gs.System((x, y), (u, v), (k,), T + k * LENGTH))
     assert smooth.manifest_fields(2, discrete=True) == {}
@@ -93,7 +93,7 @@ def rubbing(friction, name):
 
 
 def test_a_stepper_says_where_its_order_does_not_hold():
-    """In the manifest and by ``remarks``; nothing is said of smooth systems."""
+    """The manifest's warnings are its remarks on the order; smooth systems have none."""
     source = generate(Spec("G-L", 2), system=rubbing(sp.sign(u), "rubbing")).source
     manifest = Manifest.from_text(source.manifest)
     assert [text for _, text in manifest.warnings] == list(manifest.system.remarks)
@@ -103,17 +103,17 @@ def test_a_stepper_says_where_its_order_does_not_hold():
 
 @pytest.mark.parametrize("solver", ["auto", "newton"])
 def test_a_step_without_a_solution_says_so(solver):
-    """A body that dry friction stops: no velocity is that of its own force. 50 iterations, no more.
+    """A body stopped by dry friction has no velocity consistent with its force: the step fails.
 
-    Everything before it is there, and is the sliding motion: x − 1 is a half cosine.
+    The trajectory before it is the sliding motion, x − 1 a half cosine.
     """
     step = gs.stepper("G-L", 2, system=rubbing(sp.sign(u), "rubbing"))
-    said = "jump.*u = 0.*tanh"
-    with pytest.raises(gs.StepFailed, match=said) as end:
+    message = "jump.*u = 0.*tanh"
+    with pytest.raises(gs.StepFailed, match=message) as end:
         step.integrate([3.0], [0.0], dt=0.01, steps=1000, parameters={}, solver=solver)
     assert end.value.step in (314, 315)
-    found = end.value.trajectory
-    assert np.abs(found.q[1:, 0] - 1 - 2 * np.cos(found.t[1:])).max() < 1e-4  # less half a step
+    trajectory = end.value.trajectory
+    assert np.abs(trajectory.q[1:, 0] - 1 - 2 * np.cos(trajectory.t[1:])).max() < 1e-4
     again = pickle.loads(pickle.dumps(end.value))
     assert str(again) == str(end.value)
 
@@ -129,11 +129,11 @@ def test_a_step_without_a_solution_says_so(solver):
     (LENGTH**2, (P((0, LENGTH < 50), (-y, True)), P((0, LENGTH < 50), (x, True))), []),
 ])
 def test_momentum_maps_of_every_side(H_0, forces, kept):
-    """Also of sides far from the start: a potential that is round near it only keeps nothing."""
+    """Maps need every side, also far from the start: a potential round near it alone has none."""
     system = gs.System((x, y), (u, v), (k, a), T + H_0, forces=forces)
-    found = momentum_maps(system, {"k": 3.0, "a": 0.5}, [1, 0.2], [0.3, 0.1])
-    assert [str(J.J) for J in found] == kept
-    assert all(J.any_parameters and J.everywhere and J.proof == "expanded" for J in found)
+    maps = momentum_maps(system, {"k": 3.0, "a": 0.5}, [1, 0.2], [0.3, 0.1])
+    assert [str(J.J) for J in maps] == kept
+    assert all(J.any_parameters and J.everywhere and J.proof == "expanded" for J in maps)
 
 
 def test_constraints_that_switch_are_not_searched():
@@ -146,26 +146,26 @@ def test_constraints_that_switch_are_not_searched():
 def test_certificate_reports_what_kinks_leave():
     system = gs.System((x, y), (u, v), (k, a), T + k * sp.Max(0, LENGTH - a) ** 2 / 2, name="rope")
     model = gs.Model(system, {"k": 3.0, "a": 0.5}, [1.0, 0.2], [0.3, 0.1], dt=0.01, steps=100)
-    found = gs.certify(model, "EMS")
-    place = "a - sqrt(x**2 + y**2) = 0"
-    assert found.holds
-    assert found.line("order").holds is None
-    assert found.line("order").expected == "2 between crossings"
-    assert place in found.line("order").why
-    assert found.line("loop").holds is None
-    assert found.line("reversal").holds is True
-    assert found.line("energy H").holds is True
-    assert found.line("angular momentum").holds is None
-    json.dumps(found.as_dict())
+    certificate = gs.certify(model, "EMS")
+    switch = "a - sqrt(x**2 + y**2) = 0"
+    assert certificate.holds
+    assert certificate.line("order").holds is None
+    assert certificate.line("order").expected == "2 between crossings"
+    assert switch in certificate.line("order").why
+    assert certificate.line("loop").holds is None
+    assert certificate.line("reversal").holds is True
+    assert certificate.line("energy H").holds is True
+    assert certificate.line("angular momentum").holds is None
+    json.dumps(certificate.as_dict())
 
 
 def test_certificate_of_a_force_that_jumps():
-    """Reversal is told, not judged: a step across may have several ends."""
+    """Reversal is reported without a verdict, for a step across a jump may have several ends."""
     model = gs.Model(rubbing(sp.sign(u), "rubbing"), {}, [3.0], [0.0], dt=0.01, steps=200)
-    found = gs.certify(model, "G-L", 2)
-    assert found.line("reversal").holds is None
-    assert "jump at u = 0" in found.line("reversal").why
-    assert found.holds
+    certificate = gs.certify(model, "G-L", 2)
+    assert certificate.line("reversal").holds is None
+    assert "jump at u = 0" in certificate.line("reversal").why
+    assert certificate.holds
 
 
 def test_run_says_it_before_a_step(gyrospark, tmp_path):

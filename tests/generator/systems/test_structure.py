@@ -1,4 +1,4 @@
-"""Structured systems: forms found, sparse factors, and the same numbers as from dense code."""
+"""Structured systems: templates, sparse factors, and the same numbers as from dense code."""
 
 from __future__ import annotations
 
@@ -35,29 +35,29 @@ def chain(links: int) -> System:
 
 
 def compare(loops, dense, start, parameters, t0):
-    """Residual, Jacobian and projection to round-off of their largest entries; so trajectories."""
+    """Compare residual, Jacobian, projection and trajectories to round-off."""
     q, p = start
-    at = {"dt": 0.01, "parameters": parameters} | ({"t": t0} if dense.binding.is_timed else {})
+    options = {"dt": 0.01, "parameters": parameters} | ({"t": t0} if dense.binding.is_timed else {})
     noise = np.random.default_rng(1).normal(size=dense.unknowns)
-    x = dense.guess(q, p, **at) + 0.01 * noise
+    x = dense.guess(q, p, **options) + 0.01 * noise
     for name in ("residual", "jacobian"):
-        a, b = (getattr(step, name)(x, q, p, **at) for step in (loops, dense))
+        a, b = (getattr(step, name)(x, q, p, **options) for step in (loops, dense))
         assert np.abs(a - b).max() <= 64 * EPS * max(np.abs(b).max(), 1 / 0.01)
-    del at["dt"]
-    a, b = (step.project(q + 0.01, p, **at) for step in (loops, dense))
+    del options["dt"]
+    a, b = (step.project(q + 0.01, p, **options) for step in (loops, dense))
     assert np.abs(np.array(a) - np.array(b)).max() <= 64 * EPS * np.abs(b).max()
-    how = {"dt": 4e-3, "steps": 40, "parameters": parameters}
+    run_options = {"dt": 4e-3, "steps": 40, "parameters": parameters}
     begin = gs.Start(q, p, t=t0)
-    b = dense.integrate(begin, **how)
+    b = dense.integrate(begin, **run_options)
     for solver in ("auto", "newton", "python"):
-        a = integrate(loops, begin, solver=solver, **how)
-        # 40 steps of round-off, each of some ε; of EMS that of g by Δt in p
+        a = integrate(loops, begin, solver=solver, **run_options)
+        # 40 steps of round-off, each of some ε; by EMS, the round-off of g by Δt in p
         assert np.abs(a.q - b.q).max() <= 256 * EPS
         assert np.abs(a.p - b.p).max() <= 256 * EPS * (np.abs(b.p).max() + 4 / 4e-3)
         assert np.abs(a.work - b.work).max() <= 256 * EPS * (1 + np.abs(b.energies).max())
         assert a.report.newton_steps == 0 or solver == "newton"
-    many = loops.integrate_ensemble([begin] * 2, **how)
-    assert np.abs(many.q[1] - b.q).max() <= 256 * EPS
+    ensemble = loops.integrate_ensemble([begin] * 2, **run_options)
+    assert np.abs(ensemble.q[1] - b.q).max() <= 256 * EPS
 
 
 def test_structured_code_computes_what_dense_code_does():
@@ -67,7 +67,7 @@ def test_structured_code_computes_what_dense_code_does():
 
 
 def test_parts_of_one_structure_share_a_template():
-    """The time and a constant, a decimal and its fraction, stand in one place and differ."""
+    """The time and a constant, or a decimal and its fraction, share no template."""
     t, a, b = sp.symbols("t a b", real=True)
     q, p = sp.symbols("x0:5", real=True), sp.symbols("y0:5", real=True)
     forces = (a * q[0], t * q[1], b * q[2], q[3] / 2, sp.Float(0.5) * q[4])
@@ -79,7 +79,7 @@ def test_parts_of_one_structure_share_a_template():
 
 
 def test_what_dampers_couple_lies_close_together():
-    """Points on springs of their own, with a damper from each to the next."""
+    """Points with dampers from each to the next are neighbours in the band order."""
     q, p = sp.symbols("x0:8", real=True), sp.symbols("y0:8", real=True)
     pulls = [p[i + 1] - p[i] for i in range(7)]
     forces = [after - before for after, before in zip([*pulls, 0], [0, *pulls], strict=True)]
@@ -87,13 +87,13 @@ def test_what_dampers_couple_lies_close_together():
     structure = Structure(hoist_constants(System(q, p, (), H, forces=forces, name="dampers"))[0])
     for pair in ({("q", i), ("q", i + 1)} for i in range(7)):
         assert any(pair <= nodes for nodes in structure.coupled_sets)
-    place = {node: i for i, node in enumerate(structure.band_order)}
-    assert max(abs(place["q", i + 1] - place["q", i]) for i in range(7)) == 1
+    position = {node: i for i, node in enumerate(structure.band_order)}
+    assert max(abs(position["q", i + 1] - position["q", i]) for i in range(7)) == 1
 
 
 @pytest.mark.slow  # a stepper; test_elements.py has its derivatives
 def test_structured_ems_balances_energy_and_work():
-    """An identity of its own differences, so that no dense code is needed; by each solver."""
+    """Energy and work balance by each solver, an identity that needs no dense code."""
     step = made_beads("EMS", None, True)
     for solver in ("auto", "newton", "python"):
         run = integrate(step, gs.Start(*start_of_beads(step, 0.4), t=0.4), dt=4e-3, steps=40,
@@ -109,7 +109,7 @@ def test_structured_ems_balances_energy_and_work():
 
 @pytest.mark.parametrize("links", [2, 5])
 def test_forms_of_a_chain(links):
-    """Rotation, translation across and along gravity; norm, first, inner joint: at any length."""
+    """A chain of any length has three templates in H and three of constraints."""
     structure = Structure(hoist_constants(chain(links))[0])
     assert [len(form.instances) for form in structure.templates] == [links, 2 * links, links]
     assert sorted(len(form.instances) for form in structure.constraint_templates) == sorted(
@@ -140,7 +140,7 @@ def test_factors_of_a_chain_grow_linearly_and_text_hardly_at_all():
 @given(parents=st.integers(2, 20).flatmap(lambda n: st.tuples(
     *(st.integers(0, b - 1) for b in range(1, n)))))
 def test_trees_of_bodies_have_no_fill(parents):
-    """Constraints of a tree: a norm and a ball joint each, those on one body couple pairwise."""
+    """Norms and ball joints of a tree, which couple pairwise on each body, have no fill."""
     of_body = [set(range(4 * b, 4 * b + 4)) for b in range(len(parents) + 1)]
     for child, parent in enumerate(parents, start=1):
         of_body[parent] |= {4 * child + 1, 4 * child + 2, 4 * child + 3}
@@ -169,18 +169,18 @@ def _graph(n: int, pairs: list[tuple[int, int]]) -> dict[int, set[int]]:
 @settings(max_examples=30)
 @given(graph=graphs, seed=st.integers(0, 2**32 - 1))
 def test_elimination_solves(graph, seed):
-    """LDLᵀ by the tables, on numbers, against a dense solution."""
+    """LDLᵀ of numbers by the tables gives the dense solution."""
     n = len(graph)
-    made = eliminate(graph)
+    tables = eliminate(graph)
     rng = np.random.default_rng(seed)
     A = np.diag(rng.uniform(n + 1, n + 2, n))
-    for a, others in graph.items():
-        for b in others:
+    for a, neighbours in graph.items():
+        for b in neighbours:
             A[a, b] = A[b, a] = rng.uniform(-0.5, 0.5)
-    W = np.zeros(made.entries)
-    for (a, b), slot in made.slot_of.items():
+    W = np.zeros(tables.entries)
+    for (a, b), slot in tables.slot_of.items():
         W[slot] = A[a, b]
-    for pivot, slots, rows, targets in zip(made.order, made.slots, made.rows, made.targets,
+    for pivot, slots, rows, targets in zip(tables.order, tables.slots, tables.rows, tables.targets,
                                            strict=True):
         targets = iter(targets)
         W[pivot] = 1 / W[pivot]
@@ -191,12 +191,13 @@ def test_elimination_solves(graph, seed):
             W[rows[i]] -= factor * W[slot]
         for slot in slots:
             W[slot] *= W[pivot]
-    assert [slot for slots in made.slots for slot in slots] == list(range(n, made.entries))
+    assert [slot for slots in tables.slots for slot in slots] == list(range(n, tables.entries))
     b = rng.normal(size=n)
     x = b.copy()
-    for pivot, before in zip(made.order, made.before, strict=True):
+    for pivot, before in zip(tables.order, tables.before, strict=True):
         x[pivot] -= sum(W[slot] * x[row] for row, slot in before)
-    for pivot, slots, rows in reversed(list(zip(made.order, made.slots, made.rows, strict=True))):
+    for pivot, slots, rows in reversed(list(zip(
+            tables.order, tables.slots, tables.rows, strict=True))):
         x[pivot] = x[pivot] * W[pivot] - sum(W[s] * x[r] for s, r in zip(slots, rows, strict=True))
     assert np.abs(A @ x - b).max() <= 64 * n * EPS * np.abs(b).max()
 
@@ -204,7 +205,7 @@ def test_elimination_solves(graph, seed):
 @settings(max_examples=30)
 @given(graph=graphs)
 def test_orders_name_every_node_once(graph):
-    named = {("q", a): {("q", b) for b in others} for a, others in graph.items()}
+    named = {("q", a): {("q", b) for b in neighbours} for a, neighbours in graph.items()}
     order = reverse_cuthill_mckee(named)
     assert sorted(order) == sorted(named)
     assert sorted(eliminate(graph).order) == sorted(graph)
@@ -216,15 +217,16 @@ def test_pivots_are_those_of_a_search_through_all_rows():
         n = draw.randint(1, 20)
         graph = _graph(n, [(draw.randrange(n), draw.randrange(n))
                            for _ in range(draw.randint(0, 4 * n))])
-        left, order = {row: set(others) for row, others in graph.items()}, []
-        while left:
-            rows = sorted(left, key=lambda row: (len(left[row]), row))
+        remaining, order = {row: set(neighbours) for row, neighbours in graph.items()}, []
+        while remaining:
+            rows = sorted(remaining, key=lambda row: (len(remaining[row]), row))
             free = [row for row in rows
-                    if all(left[row] <= left[other] | {other} for other in left[row])]
+                    if all(remaining[row] <= remaining[neighbour] | {neighbour}
+                           for neighbour in remaining[row])]
             order.append([*free, rows[0]][0])
-            others = left.pop(order[-1])
-            for row in others:
-                left[row] = (left[row] | others) - {row, order[-1]}
+            neighbours = remaining.pop(order[-1])
+            for row in neighbours:
+                remaining[row] = (remaining[row] | neighbours) - {row, order[-1]}
         assert [*eliminate(graph).order] == order
 
 
@@ -232,8 +234,9 @@ def test_a_path_has_bandwidth_one_and_no_fill():
     shuffled = [3, 7, 0, 5, 1, 6, 2, 4]
     path = _graph(8, list(pairwise(shuffled)))
     order = reverse_cuthill_mckee({("q", a): {("q", b) for b in o} for a, o in path.items()})
-    place = {node[1]: k for k, node in enumerate(order)}
-    assert max(abs(place[a] - place[b]) for a, others in path.items() for b in others) == 1
+    position = {node[1]: k for k, node in enumerate(order)}
+    assert max(abs(position[a] - position[b])
+               for a, neighbours in path.items() for b in neighbours) == 1
     assert eliminate(path).entries == 8 + 7
 
 
@@ -257,10 +260,10 @@ def test_names_do_not_matter():
 
 
 def test_a_constant_in_H_is_no_body():
-    """It depends on nothing, and once ended the generation."""
+    """A constant in H, which once ended the generation, adds no node to the structure."""
     system = beads(3)
-    plain, more = (Structure(hoist_constants(replace(system, H=system.H + value))[0])
-                   for value in (0, 3))
-    assert more.coupled_sets == plain.coupled_sets
+    plain, shifted = (Structure(hoist_constants(replace(system, H=system.H + value))[0])
+                      for value in (0, 3))
+    assert shifted.coupled_sets == plain.coupled_sets
     assert generate(Spec.from_arguments("G-L", 1), system=replace(system, H=system.H + 3),
                     structured=True).source

@@ -1,4 +1,4 @@
-"""System: what it refuses, its derivatives, its hidden constraint; constants of a run."""
+"""System: refusals, derivatives, the hidden constraint; constants of a run."""
 
 import dataclasses
 
@@ -81,21 +81,22 @@ def test_plain_numbers_are_expressions(changes):
 
 
 def test_sequences_become_tuples_and_parts_without_constraints_are_empty():
-    made = system(q=list(q), p=list(p), parameters=[m, grav], constraints=[x**2 - 1])
-    assert (made.q, made.p, made.parameters, made.constraints) == (q, p, (m, grav), (x**2 - 1,))
-    assert (made.n, made.m, made.rigid_body) == (3, 1, False)
+    pendulum = system(q=list(q), p=list(p), parameters=[m, grav], constraints=[x**2 - 1])
+    assert (pendulum.q, pendulum.p, pendulum.parameters, pendulum.constraints) == (
+        q, p, (m, grav), (x**2 - 1,))
+    assert (pendulum.n, pendulum.m, pendulum.rigid_body) == (3, 1, False)
     with pytest.raises(dataclasses.FrozenInstanceError):
-        made.name = "other"
-    made = system(constraints=())
-    assert (made.m, made.G, made.hidden, made.hidden_matrix) == (0, [], [], [])
-    assert made.curvature([]) == [[0] * 3] * 3
-    assert [k.name for k in common_kernels(made)] == ["hamiltonian"]
+        pendulum.name = "other"
+    pendulum = system(constraints=())
+    assert (pendulum.m, pendulum.G, pendulum.hidden, pendulum.hidden_matrix) == (0, [], [], [])
+    assert pendulum.curvature([]) == [[0] * 3] * 3
+    assert [k.name for k in common_kernels(pendulum)] == ["hamiltonian"]
 
 
 def test_hessians_hold_the_same_object_on_both_sides_of_the_diagonal():
-    for made in (heavy_top("gamma"), heavy_top("alpha")):
-        for H in (made.H_qq, made.H_pp):
-            assert all(H[i][j] is H[j][i] for i in range(made.n) for j in range(made.n))
+    for top in (heavy_top("gamma"), heavy_top("alpha")):
+        for H in (top.H_qq, top.H_pp):
+            assert all(H[i][j] is H[j][i] for i in range(top.n) for j in range(top.n))
 
 
 def test_jacobians_are_symmetric_and_curvature_is_the_derivative_of_GT_lambda_by_q():
@@ -103,10 +104,10 @@ def test_jacobians_are_symmetric_and_curvature_is_the_derivative_of_GT_lambda_by
     grad = gradient(f, q)
     assert sp.simplify(sp.Matrix(symmetric_jacobian(grad, q)) - sp.hessian(f, q)) == sp.zeros(3)
     assert sp.simplify(sp.Matrix(jacobian(grad, q)) - sp.hessian(f, q)) == sp.zeros(3)
-    made = system(constraints=(x**2 * y - z, sp.sin(x * z)))
+    pendulum = system(constraints=(x**2 * y - z, sp.sin(x * z)))
     lam = sp.symbols("l0:2")
-    force = sp.Matrix(made.G).T * sp.Matrix(lam)
-    assert sp.simplify(sp.Matrix(made.curvature(lam)) - force.jacobian(q)) == sp.zeros(3)
+    force = sp.Matrix(pendulum.G).T * sp.Matrix(lam)
+    assert sp.simplify(sp.Matrix(pendulum.curvature(lam)) - force.jacobian(q)) == sp.zeros(3)
     with pytest.raises(ValueError, match="longer than"):
         system().curvature([])
 
@@ -116,32 +117,34 @@ def times(rows, vector):
 
 
 def test_hidden_constraints_of_two_constraints_are_G_H_p_up_to_factors_that_cannot_vanish():
-    made = system(constraints=(x**2 + y**2 + z**2 - 1, x - y))
+    pendulum = system(constraints=(x**2 + y**2 + z**2 - 1, x - y))
     expected = [px * x + py * y + pz * z, px - py]
-    assert [sp.expand(f - e) for f, e in zip(made.hidden, expected, strict=True)] == [0, 0]
-    products = times(made.G, made.H_p)
+    assert [sp.expand(f - e) for f, e in zip(pendulum.hidden, expected, strict=True)] == [0, 0]
+    products = times(pendulum.G, pendulum.H_p)
     factors = [2 / m, 1 / m]
-    for product, factor, f in zip(products, factors, made.hidden, strict=True):
+    for product, factor, f in zip(products, factors, pendulum.hidden, strict=True):
         assert sp.expand(product - factor * f) == 0
     W = sp.Matrix([[2 * (x**2 + y**2 + z**2), x - y], [2 * x - 2 * y, 2]])
-    assert sp.expand(sp.Matrix(made.hidden_matrix) - W) == sp.zeros(2)
+    assert sp.expand(sp.Matrix(pendulum.hidden_matrix) - W) == sp.zeros(2)
 
 
 def test_hidden_matrix_is_the_derivative_of_hidden_along_GT():
-    for made in (system(), system(constraints=(x * y - c * z, y**3 - 1), parameters=(m, grav, c))):
-        rows = jacobian(made.hidden, made.p)
-        W = sp.Matrix(rows) * sp.Matrix(made.G).T
-        assert sp.expand(W - sp.Matrix(made.hidden_matrix)) == sp.zeros(made.m)
+    for pendulum in (
+            system(), system(constraints=(x * y - c * z, y**3 - 1), parameters=(m, grav, c))):
+        rows = jacobian(pendulum.hidden, pendulum.p)
+        W = sp.Matrix(rows) * sp.Matrix(pendulum.G).T
+        assert sp.expand(W - sp.Matrix(pendulum.hidden_matrix)) == sp.zeros(pendulum.m)
 
 
 def test_factors_that_are_constants_are_dropped_unless_they_may_be_zero():
     radius = x**2 + y**2 + z**2
-    made = system(H=radius * (px**2 + py**2 + pz**2) / (2 * m), constraints=(radius - c,),
-                  parameters=(m, c))
-    assert [sp.expand(f) for f in made.hidden] == [px * x + py * y + pz * z]
+    pendulum = system(H=radius * (px**2 + py**2 + pz**2) / (2 * m), constraints=(radius - c,),
+                      parameters=(m, c))
+    assert [sp.expand(f) for f in pendulum.hidden] == [px * x + py * y + pz * z]
     radius, k = x**2 + y**2 + z**2, sp.Symbol("k", real=True)
-    made = system(H=radius * (px**2 + py**2 + pz**2), constraints=(radius - k,), parameters=(k,))
-    assert made.hidden[0].has(x**2)
+    pendulum = system(H=radius * (px**2 + py**2 + pz**2), constraints=(radius - k,),
+                      parameters=(k,))
+    assert pendulum.hidden[0].has(x**2)
     assert system(H=px**2, constraints=(z,)).hidden == [0]
 
 
@@ -152,8 +155,8 @@ def test_factors_that_are_constants_are_dropped_unless_they_may_be_zero():
     (sp.exp(y) * px**2 / 2, (), sp.exp(y)),  # no polynomial: kept, which is safe
 ])
 def test_factor_that_may_vanish_is_kept(kinetic, parameters, factor):
-    made = system(H=kinetic, constraints=(x,), parameters=parameters)
-    assert sp.expand(made.hidden[0] - factor * px) == 0
+    pendulum = system(H=kinetic, constraints=(x,), parameters=parameters)
+    assert sp.expand(pendulum.hidden[0] - factor * px) == 0
 
 
 @pytest.mark.parametrize(("e", "short"), [
@@ -161,23 +164,23 @@ def test_factor_that_may_vanish_is_kept(kinetic, parameters, factor):
     (x * (y - z) + x * (z - y), sp.Integer(0)), (sp.sqrt(x**2 + 1) * y, sp.sqrt(x**2 + 1) * y),
 ])
 def test_shortest_form_is_equal_and_has_no_more_operations(e, short):
-    found = shortest(e)
-    assert sp.expand(found - e) == 0
-    assert sp.count_ops(found) == sp.count_ops(short)
+    form = shortest(e)
+    assert sp.expand(form - e) == 0
+    assert sp.count_ops(form) == sp.count_ops(short)
 
 
 def back(e, constants):
-    """Return an expression with the definitions of its constants put back."""
+    """Return an expression with its constants replaced by their definitions."""
     return e.xreplace({symbol: definition for definition, symbol in constants.definitions.items()})
 
 
 def is_fully_hoisted(e, constants):
-    """Whether no parameter-only operation is left but a number times a symbol."""
-    known = {*constants.parameters, *constants.definitions.values()}
+    """Return whether numbers times symbols are the only operations of parameters alone."""
+    symbols = {*constants.parameters, *constants.definitions.values()}
     return all(
         node.as_coeff_Mul()[1].is_Symbol
         for node in sp.preorder_traversal(e)
-        if isinstance(node, sp.Expr) and node.free_symbols and node.free_symbols <= known
+        if isinstance(node, sp.Expr) and node.free_symbols and node.free_symbols <= symbols
     )
 
 
@@ -227,10 +230,10 @@ def grow(children):
 def test_hoisting_loses_nothing_and_leaves_nothing_to_hoist(expressions):
     constants = Constants((m, c, grav))
     for e in expressions:
-        found = constants.hoist(e)
-        assert sp.expand(back(found, constants) - e) == 0
-        assert is_fully_hoisted(found, constants)
-        assert constants.hoist(e) == found  # the same symbols the second time
+        hoisted = constants.hoist(e)
+        assert sp.expand(back(hoisted, constants) - e) == 0
+        assert is_fully_hoisted(hoisted, constants)
+        assert constants.hoist(e) == hoisted  # the same symbols the second time
     names = [str(s) for s in constants.definitions.values()]
     assert len(names) == len(set(names))
 
@@ -242,6 +245,6 @@ def test_constants_are_numbered_in_order_of_appearance_and_parameters_keep_their
     assert constants.hoist(3 * m) == 3 * m
     assert set(constants.names().values()) == {"c->m", "c->c", "c->k0", "c->k1"}
     k0 = sp.Symbol("k0", real=True)
-    made = system(H=sp.sqrt(m) * px**2 + k0 * x**2, parameters=(m, k0))
-    reduced, constants = hoist_constants(made)
-    assert back(reduced.H, constants) == made.H
+    pendulum = system(H=sp.sqrt(m) * px**2 + k0 * x**2, parameters=(m, k0))
+    reduced, constants = hoist_constants(pendulum)
+    assert back(reduced.H, constants) == pendulum.H

@@ -1,4 +1,4 @@
-"""The digest of a system: equal in every process, and another one after any change."""
+"""The digest of a system: equal in every process, and different after any change."""
 
 from __future__ import annotations
 
@@ -75,16 +75,16 @@ def test_the_digest_is_the_same_in_other_processes():
     code = ("import gyrospark; "
             "from gyrospark.generator.systems.system_digest import system_digest; "
             "print(system_digest(gyrospark.models.double_pendulum().system))")
-    found = python(code, PYTHONHASHSEED="3").strip()  # this one's differs
-    assert found == str(system_digest(gs.models.double_pendulum().system))
+    digest = python(code, PYTHONHASHSEED="3").strip()  # another hash seed than this process has
+    assert digest == str(system_digest(gs.models.double_pendulum().system))
 
 
 def test_a_known_system_is_not_derived_again(tmp_path, monkeypatch):
     monkeypatch.setenv("GYROSPARK_CACHE", str(tmp_path))
     system = _system(Q[0] ** 2 + Q[1] ** 2 * Q[0] ** 2, name="kept")
     files, _ = text_of(EMS, system)
-    kept = [path for path in entries() if path.name.startswith("system-")]
-    assert len(kept) == 1
+    cached = [path for path in entries() if path.name.startswith("system-")]
+    assert len(cached) == 1
 
     def fail(*_: object, **__: object) -> None:
         raise AssertionError("derived again")
@@ -94,7 +94,7 @@ def test_a_known_system_is_not_derived_again(tmp_path, monkeypatch):
         assert text_of(EMS, replace(system)) == (files, None)
         with pytest.raises(AssertionError):
             text_of(Spec("IMS"), system)
-    kept[0].write_text(kept[0].read_text().replace("kept", "kapt", 1))
+    cached[0].write_text(cached[0].read_text().replace("kept", "kapt", 1))
     assert text_of(EMS, system) == (files, None)
 
 
@@ -115,7 +115,7 @@ def test_a_system_without_a_digest_is_derived_itself():
     """Without a digest its spec equals the one of the heavy top, which the package has in C."""
     x, u = Symbol("x", real=True), sp.Symbol("u", real=True)
     k = sp.Symbol("k", positive=True)
-    # the C is that of the catalogue's oscillator
+    # its C is the C of the catalogue's oscillator
     oscillator = System((x,), (u,), (k,), u**2 / 2 + k * x**2 / 2, name="oscillator")
     assert system_digest(oscillator) is None
     run = gs.stepper("G-L", 2, system=oscillator).integrate([1.0], [0.0], dt=0.01, steps=100,

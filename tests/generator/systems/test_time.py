@@ -1,7 +1,7 @@
-"""Time in H and in constraints: driven systems, each against the same with time as a coordinate.
+"""Time in H and in constraints: driven systems against themselves with time as a coordinate.
 
-The second way to every number is H + p_τ with the coordinate τ: q and p are those of the direct
-way, and W = −(p_τ − p_τ(0)).
+The second way to every number is H + p_τ with the coordinate τ: q and p agree with the direct way,
+and W = −(p_τ − p_τ(0)).
 """
 
 from functools import cache
@@ -34,7 +34,7 @@ def wire():
 
 
 def as_coordinate(system):
-    """Return H + p_τ: time as one more coordinate."""
+    """Return the system H + p_τ, with time as one more coordinate."""
     tau, p_tau = sp.symbols("tau p_tau", real=True)
     there = {system.time: tau}
     forces = [f.xreplace(there) for f in system.forces]
@@ -48,18 +48,19 @@ def as_coordinate(system):
 def test_time_as_a_coordinate_gives_the_same():
     name = "driven_pendulum"
     step, entry = stepper(name), case(name)
-    other = gs.stepper("G-L", 2, system=as_coordinate(entry.system))
+    extended = gs.stepper("G-L", 2, system=as_coordinate(entry.system))
     q, p = start(name, step)
-    what = {"dt": entry.dt, "steps": 40, "parameters": entry.parameters}
+    options = {"dt": entry.dt, "steps": 40, "parameters": entry.parameters}
     n, p_tau = len(q), 0.0
     for solver in ("auto", "newton"):
-        run = step.integrate(gs.Start(q, p, t=entry.t0), **what, solver=solver)
-        same = other.integrate([*q, entry.t0], [*p, p_tau], **what, solver=solver)
-        assert np.abs(run.q - same.q[:, :n]).max() <= 1e4 * EPS * np.abs(run.q).max()
-        assert np.abs(run.p - same.p[:, :n]).max() <= 1e4 * EPS * np.abs(run.p).max()
-        assert np.abs(run.t - same.q[:, n]).max() <= 60 * EPS
-        own = run.work - (same.work if other.binding.has_forces else 0)
-        assert np.abs(own + same.p[:, n]).max() <= 1e4 * EPS * (1 + np.abs(run.energy()).max())
+        run = step.integrate(gs.Start(q, p, t=entry.t0), **options, solver=solver)
+        extended_run = extended.integrate([*q, entry.t0], [*p, p_tau], **options, solver=solver)
+        assert np.abs(run.q - extended_run.q[:, :n]).max() <= 1e4 * EPS * np.abs(run.q).max()
+        assert np.abs(run.p - extended_run.p[:, :n]).max() <= 1e4 * EPS * np.abs(run.p).max()
+        assert np.abs(run.t - extended_run.q[:, n]).max() <= 60 * EPS
+        work = run.work - (extended_run.work if extended.binding.has_forces else 0)
+        assert np.abs(work + extended_run.p[:, n]).max() <= 1e4 * EPS * (
+            1 + np.abs(run.energy()).max())
 
 
 @pytest.mark.parametrize("name", ["wire", "breathing", "shaken"])
@@ -67,11 +68,11 @@ def test_balance_and_constraint_work_are_identities(name):
     system = wire() if name == "wire" else case(name).system
     if system.velocities:
         system = system.legendre()
-    found = {line.name: line for line in check_mean_scheme(MeanScheme(system, discrete=True))}
+    lines = {line.name: line for line in check_mean_scheme(MeanScheme(system, discrete=True))}
     for law in ("energy", "constraint work", "symmetric", "consistent", "order"):
-        assert found[law].holds, found[law]
+        assert lines[law].holds, lines[law]
     if name == "wire":  # no root: proved
-        assert "D_t" in found["energy"].equation
+        assert "D_t" in lines["energy"].equation
 
 
 def test_time_that_nobody_declared_is_refused():
@@ -84,15 +85,15 @@ def test_time_that_nobody_declared_is_refused():
 def test_a_start_off_a_moving_constraint_is_refused():
     step, entry = stepper("breathing"), case("breathing")
     q, p = start("breathing", step)
-    what = {"dt": 0.01, "steps": 1, "parameters": entry.parameters}
+    options = {"dt": 0.01, "steps": 1, "parameters": entry.parameters}
     for momenta, t0 in ((p + 0.1, entry.t0), (p, entry.t0 + 0.1)):
         with pytest.raises(InputError, match="project"):
-            step.integrate(gs.Start(q, momenta, t=t0), **what)
+            step.integrate(gs.Start(q, momenta, t=t0), **options)
     for now in (entry.t0, 0.1):
         consistent = gs.consistent(entry.system, q, p, parameters=entry.parameters, t=now)
-        same = step.consistent(q, p, parameters=entry.parameters, t=now)
-        assert np.allclose(consistent.q, same.q, atol=8 * EPS)
-        assert np.allclose(consistent.p, same.p, atol=8 * EPS)
+        compiled = step.consistent(q, p, parameters=entry.parameters, t=now)
+        assert np.allclose(consistent.q, compiled.q, atol=8 * EPS)
+        assert np.allclose(consistent.p, compiled.p, atol=8 * EPS)
 
 
 def test_control_says_that_it_takes_time_in_forces_only():

@@ -25,13 +25,13 @@ def kepler(**more):
 
 
 def scale_of(system):
-    """A scale that depends on a coordinate, a momentum, and the time where there is one."""
+    """Return a scale of a coordinate, a momentum and the time, if the system has one."""
     power = system.q[0] ** 2 + system.p[-1] ** 2 + (sp.sin(system.time) if system.time else 0)
     return 1 / sp.sqrt(2 + power)
 
 
 def numbers(system, seed):
-    """Random numbers for all symbols, H + e = 0 among them."""
+    """Return random numbers for all symbols, with H + e = 0."""
     draw = random.Random(seed)
     point = {s: sp.Float(draw.uniform(0.3, 0.9), 30)
              for s in (*system.q, *system.p[:-1], *system.parameters)}
@@ -46,14 +46,15 @@ def test_rates_are_scaled_rates_where_energy_and_its_momentum_cancel(name):
     point = numbers(system, name)
     sigma = scale.xreplace(point)
     forces = [*system.forces] or [sp.Integer(0)] * (n + 1)
-    own = [*declared.forces] or [sp.Integer(0)] * n
-    power = sum(F * velocity for F, velocity in zip(own, declared.H_p, strict=True))
-    wanted = [sigma * e.xreplace(point) for e in (
-        *declared.H_p, sp.Integer(1), *(F - e for F, e in zip(own, declared.H_q, strict=True)),
+    declared_forces = [*declared.forces] or [sp.Integer(0)] * n
+    power = sum(F * velocity for F, velocity in zip(declared_forces, declared.H_p, strict=True))
+    expected_rates = [sigma * e.xreplace(point) for e in (
+        *declared.H_p, sp.Integer(1),
+        *(F - e for F, e in zip(declared_forces, declared.H_q, strict=True)),
         -declared.H_t - power)]
     rates = [e.xreplace(point) for e in (
         *system.H_p, *(F - e for F, e in zip(forces, system.H_q, strict=True)))]
-    for rate, expected in zip(rates, wanted, strict=True):
+    for rate, expected in zip(rates, expected_rates, strict=True):
         assert abs(rate - expected) < 1e-25 * (1 + abs(expected))
 
 
@@ -64,11 +65,11 @@ def test_constraint_on_the_momenta_is_that_of_the_declared_system(name):
     point = numbers(system, name)
     full = [sum(a * b for a, b in zip(row, declared.H_p, strict=True)) + rate
             for row, rate in zip(declared.G, declared.g_t, strict=True)]
-    for f, wanted in zip(system.hidden, full, strict=True):  # up to a factor without momenta
-        ratio = f.xreplace(point) / wanted.xreplace(point)
-        other = point | {p: value + sp.Rational(1, 7) for p, value in point.items()
+    for f, rate_of_g in zip(system.hidden, full, strict=True):  # up to a factor without momenta
+        ratio = f.xreplace(point) / rate_of_g.xreplace(point)
+        moved = point | {p: value + sp.Rational(1, 7) for p, value in point.items()
                          if p in declared.p}
-        assert abs(f.xreplace(other) - ratio * wanted.xreplace(other)) < 1e-25
+        assert abs(f.xreplace(moved) - ratio * rate_of_g.xreplace(moved)) < 1e-25
 
 
 def test_momenta_of_the_time_manifests_and_digests_of_a_scale():
@@ -80,8 +81,8 @@ def test_momenta_of_the_time_manifests_and_digests_of_a_scale():
     assert manifest["clock"] == {"time": "t", "momentum": "p_t", "scale": "time_scale"}
     assert sp.sympify(manifest["quantities"]["time_scale"], {"x": x, "y": y}) == r
     assert sp.sympify(manifest["hamiltonian"], {"x": x, "y": y, "u": u, "v": v}) == kepler().H
-    found = {system_digest(kepler(time_scale=scale)) for scale in (None, r, r**2, 2 * r)}
-    assert len(found) == 4
+    digests = {system_digest(kepler(time_scale=scale)) for scale in (None, r, r**2, 2 * r)}
+    assert len(digests) == 4
     assert system_digest(kepler(time_scale=r)) == system_digest(kepler().with_time_scale(r))
     assert system_digest(kepler(time_scale=r).with_time_scale(None)) == system_digest(kepler())
 
@@ -90,10 +91,10 @@ def test_names_that_are_taken_are_left_alone():
     p_t = sp.Symbol("p_t", real=True)
     system = gs.System([x, t], [u, p_t], (), (u**2 + p_t**2) / 2 + x**2, name="s", time_scale=x**2,
                        quantities={"time_scale": x})
-    made = scale_time(system)
-    assert [str(s) for s in (*made.q, *made.p)] == ["x", "t", "t_", "u", "p_t", "p_t_"]
-    assert made.quantities["time_scale"] == x
-    assert made.quantities[made.scale_name] == x**2
+    scaled = scale_time(system)
+    assert [str(s) for s in (*scaled.q, *scaled.p)] == ["x", "t", "t_", "u", "p_t", "p_t_"]
+    assert scaled.quantities["time_scale"] == x
+    assert scaled.quantities[scaled.scale_name] == x**2
 
 
 FILES = {
@@ -154,7 +155,7 @@ def test_a_model_file_has_a_time_scale(kind, tmp_path):
 
 def test_a_multibody_has_one_time_scale():
     build = gs.Multibody("pair")
-    a, b = (build.point_mass(name, mass=1.0, position=at) for name, at in (
+    a, b = (build.point_mass(name, mass=1.0, position=position) for name, position in (
         ("a", (0, 0, 0)), ("b", (1, 0, 0))))
     build.time_scale(gs.scales.distance(a, b))
     scale = build.model().system.time_scale

@@ -19,12 +19,12 @@ m, J, d = sp.symbols("m J d", positive=True)
 SKATE = sp.cos(th) * vy - sp.sin(th) * vx - d * w
 
 
-def sleigh(*rows: sp.Expr, **more: object) -> gs.System:
-    """A Chaplygin sleigh: its blade, at distance d behind the centre of mass, does not slip."""
+def sleigh(*rows: sp.Expr, **options: object) -> gs.System:
+    """Return a Chaplygin sleigh, whose blade, d behind the centre of mass, does not slip."""
     H = (px**2 + py**2) / (2 * m) + pt**2 / 2 / J
     return gs.System((x, y, th), (px, py, pt), (m, J, d), H,
                      **{"velocities": (vx, vy, w), "name": "sleigh",
-                        "velocity_constraints": rows or (SKATE,)} | more)
+                        "velocity_constraints": rows or (SKATE,)} | options)
 
 
 def test_rows_are_linear_or_affine_in_the_velocities_though_not_written_so():
@@ -39,14 +39,14 @@ def test_rows_are_linear_or_affine_in_the_velocities_though_not_written_so():
 
 def test_copies_hash_and_normal_form_carry_them():
     system = sleigh()
-    other = sleigh(-(sp.sin(th) * vx - sp.cos(th) * vy + d * w))
+    negated = sleigh(-(sp.sin(th) * vx - sp.cos(th) * vy + d * w))
     assert hash(system) == hash(replace(system, quantities={"spin": th}))
     assert hash(system) != hash(sleigh(2 * SKATE))
-    assert canonical(other).velocity_constraints == canonical(system).velocity_constraints
+    assert canonical(negated).velocity_constraints == canonical(system).velocity_constraints
     reduced, constants = hoist_constants(canonical(sleigh(m * d * SKATE)))
     assert m not in set().union(*(e.free_symbols for e in reduced.A[0]))
-    assert [sp.expand(constants.expand_shared(e) - m * d * own)
-            for e, own in zip(reduced.A[0], system.A[0], strict=True)] == [0, 0, 0]
+    assert [sp.expand(constants.expand_shared(e) - m * d * entry)
+            for e, entry in zip(reduced.A[0], system.A[0], strict=True)] == [0, 0, 0]
 
 
 @pytest.mark.parametrize(("rows", "named"), [
@@ -60,15 +60,15 @@ def test_refused(rows, named):
     assert named in str(refused.value)
 
 
-@pytest.mark.parametrize("more", [{"velocities": ()}, {"velocities": (vx, vy)},
+@pytest.mark.parametrize("changes", [{"velocities": ()}, {"velocities": (vx, vy)},
                                   {"velocity_constraint_names": ("blade", "wheel")}])
-def test_counts_must_agree(more):
+def test_counts_must_agree(changes):
     with pytest.raises(InputError, match="'sleigh'"):
-        sleigh(**more)
+        sleigh(**changes)
 
 
 def test_rows_that_jump_or_that_a_constraint_implies_are_refused():
-    """A ratchet: the blade slips to one side of x = 0 only. A kink, as of |x|, is no jump."""
+    """A blade slipping on one side of x = 0 only is refused; a kink, as of |x|, is no jump."""
     refuse_kinks(sleigh(SKATE + abs(x) * vx))
     with pytest.raises(InputError, match=r"'A0'.*jumps where x"):
         refuse_kinks(sleigh(SKATE + sp.sign(x) * vx))
@@ -111,7 +111,7 @@ def test_dependent_rows_are_refused(rows, named):
 
 
 def test_momenta_are_projected_onto_the_rows():
-    """p ← p − Rᵀ(R H_pp Rᵀ)⁻¹(R H_p), R = (g_q, A), in closed form for one row of unit mass."""
+    """p − Rᵀ(R H_pp Rᵀ)⁻¹(R H_p), R = (g_q, A), agrees with its closed form for one row."""
     system = sleigh(SKATE + sp.Rational(1, 2))
     q, p = np.array([0.1, 0.2, 0.3]), np.array([1.0, 2.0, 3.0])
     values = {"m": 1.0, "J": 1.0, "d": 0.4}
