@@ -1,4 +1,4 @@
-"""The 3-D model of a run, read by the words of glTF 2.0: its motion is the run's."""
+"""The 3-D model of a run, read as glTF 2.0 specifies, has the motion of the run."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def read(path):
     assert kind == 0x4E4F534A
     assert size % 4 == 0
     content = json.loads(data[20:20 + size])
-    rest, kind = struct.unpack_from("<II", data, 20 + size)
+    count, kind = struct.unpack_from("<II", data, 20 + size)
     numbers = data[28 + size:]
     assert kind == 0x004E4942
-    assert rest == len(numbers) == content["buffers"][0]["byteLength"]
+    assert count == len(numbers) == content["buffers"][0]["byteLength"]
     arrays = []
     for accessor in content["accessors"]:
         view = content["bufferViews"][accessor["bufferView"]]
@@ -60,16 +60,16 @@ def read(path):
 
 
 def motion(content, arrays, name):
-    """Return node, and (times, values) of each property that is animated."""
+    """Return node, and (times, values) of each animated property."""
     number = next(i for i, node in enumerate(content["nodes"]) if node["name"] == name)
-    animation, found = content["animations"][0], {}
+    animation, animated = content["animations"][0], {}
     for channel in animation["channels"]:
         if channel["target"]["node"] == number:
             sampler = animation["samplers"][channel["sampler"]]
             assert sampler["interpolation"] == "LINEAR"
-            found[channel["target"]["path"]] = arrays[sampler["input"]][:, 0], arrays[
+            animated[channel["target"]["path"]] = arrays[sampler["input"]][:, 0], arrays[
                 sampler["output"]]
-    return content["nodes"][number], found
+    return content["nodes"][number], animated
 
 
 def test_its_motion_is_that_of_the_run(tied, tmp_path):
@@ -98,14 +98,14 @@ def test_rods_and_springs_reach_from_point_to_point(tied, tmp_path):
     for name, body, end in (("rod", "b", tied.body("c").position()),
                             ("spring", "a", np.tile((0, 1, 0), (len(tied), 1)))):
         node, animated = motion(content, arrays, name)
-        held = {what: values for what, (_, values) in animated.items()}
-        middle = held.get("translation", np.array([node["translation"]]))
-        q = held.get("rotation", np.array([node["rotation"]]))
-        half = held.get("scale", np.array([node["scale"]]))[:, 2:]
+        moving = {path: values for path, (_, values) in animated.items()}
+        middle = moving.get("translation", np.array([node["translation"]]))
+        q = moving.get("rotation", np.array([node["rotation"]]))
+        half = moving.get("scale", np.array([node["scale"]]))[:, 2:]
         along = rotation_matrix(q[:, [3, 0, 1, 2]].astype(float)) @ [0, 0, 1]
         ends = np.stack([middle - half * along, middle + half * along])
-        wanted = np.stack([tied.body(body).position(), end])
-        assert np.abs(ends - wanted).max() < 2e-6
+        expected = np.stack([tied.body(body).position(), end])
+        assert np.abs(ends - expected).max() < 2e-6
 
 
 def test_a_state_alone_is_a_model_that_rests(gl3, tmp_path):

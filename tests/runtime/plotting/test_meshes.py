@@ -27,14 +27,14 @@ TRIANGLES = CORNERS[FACES]
 
 
 def binary(triangles, name="solid but binary"):
-    rows = b"".join(struct.pack("<12fH", 0, 0, 0, *one.ravel(), 0) for one in triangles)
+    rows = b"".join(struct.pack("<12fH", 0, 0, 0, *triangle.ravel(), 0) for triangle in triangles)
     return name.encode().ljust(80) + struct.pack("<I", len(triangles)) + rows
 
 
 def text(triangles):
     facets = "".join("facet normal 0 0 0\nouter loop\n" + "".join(
-        f"vertex {x:g} {y:g} {z:g}\n" for x, y, z in one) + "endloop\nendfacet\n"
-        for one in triangles)
+        f"vertex {x:g} {y:g} {z:g}\n" for x, y, z in triangle) + "endloop\nendfacet\n"
+        for triangle in triangles)
     return f"solid a\n{facets}endsolid a\n".encode()
 
 
@@ -69,27 +69,27 @@ def test_stl_is_read_in_both_forms(tmp_path, name, content):
 def test_obj_is_read_with_polygons_and_numbers_from_the_end(tmp_path):
     path = tmp_path / "a.obj"
     path.write_bytes(OBJ)
-    found = read_triangles(path)
-    assert found.shape == (3, 3, 3)
-    assert np.array_equal(found[0], [[0, 1, 0], [1, 1, 0], [1, 0, 0]])
-    assert np.array_equal(found[2], [[0, 0, 0], [1, 0, 0], [0.5, 0.5, 1]])
+    triangles = read_triangles(path)
+    assert triangles.shape == (3, 3, 3)
+    assert np.array_equal(triangles[0], [[0, 1, 0], [1, 1, 0], [1, 0, 0]])
+    assert np.array_equal(triangles[2], [[0, 0, 0], [1, 0, 0], [0.5, 0.5, 1]])
 
 
-@pytest.mark.parametrize(("name", "content", "said"), [
+@pytest.mark.parametrize(("name", "content", "message"), [
     ("a.dae", b"<COLLADA/>", r"'\.dae'.*convert"), ("a.stl", b"", "no triangles"),
     ("a.stl", binary(TRIANGLES)[:-7], "no triangles"),
     ("a.stl", b"solid\nvertex 1 2\n", "no STL"), ("a.stl", b"vertex 1 2 nan\n" * 3, "finite"),
     ("a.obj", b"v 1 2 3\nf 1 2 3\n", "no OBJ"), ("a.obj", b"v 1 2 3\nf -9 1 1\n", "no OBJ"),
 ])
-def test_files_that_are_no_meshes_are_refused(tmp_path, name, content, said):
+def test_files_that_are_no_meshes_are_refused(tmp_path, name, content, message):
     path = tmp_path / name
     path.write_bytes(content)
-    with pytest.raises(gs.InputError, match=said):
+    with pytest.raises(gs.InputError, match=message):
         read_triangles(path)
 
 
 def test_edges_are_sharp_and_rounds_are_smooth():
-    """Normals at a right angle are those of the faces; on a sphere they vary over each facet."""
+    """Normals at a right angle belong to the faces; on a sphere they vary over each facet."""
     shape = Shape("mesh", np.ones(3), file="a.stl")
     flat = mesh_of_file(shape, IndexedMesh(CORNERS / [1, 2, 3], FACES))
     sides = np.array([[0, 0, -1], [0, -1, 0], [-1, 0, 0], 3 * [np.sqrt(1 / 3)]])
@@ -120,14 +120,14 @@ def test_files_that_are_too_large_are_refused(tmp_path, monkeypatch):
 
 
 def test_clusters_stay_within_a_cell_and_keep_the_shape():
-    whole = IndexedMesh.of(sphere(60))
-    assert len(whole.points) == 2 + 59 * 120  # each vertex once
-    rough = whole.cluster(0.2)
-    assert 100 < len(rough.triangles) < len(whole.triangles) / 5
-    radii = np.linalg.norm(rough.points, axis=1)
+    mesh = IndexedMesh.of(sphere(60))
+    assert len(mesh.points) == 2 + 59 * 120  # each vertex once
+    clustered = mesh.cluster(0.2)
+    assert 100 < len(clustered.triangles) < len(mesh.triangles) / 5
+    radii = np.linalg.norm(clustered.points, axis=1)
     assert radii.max() <= 1 + 1e-9
     assert radii.min() > 1 - 0.2
-    corners = rough.points[rough.triangles]
+    corners = clustered.points[clustered.triangles]
     volume = np.linalg.det(corners).sum() / 6  # closed still, and seen from outside
     assert volume == pytest.approx(4 / 3 * np.pi, rel=0.03)
     assert np.abs(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]).sum(
@@ -150,9 +150,9 @@ def test_meshes_of_a_page_fit_and_are_decoded_to_their_digits(tmp_path):
     corners = np.cumsum(np.frombuffer(data, "<u4", offset=6 * n).astype(np.int64)) % 2**32
     decoded = points[corners].reshape(-1, 3, 3).mean(axis=1)
     mesh = small[str(path)]
-    wanted = mesh.points[mesh.triangles].mean(axis=1)
-    assert decoded.shape == wanted.shape
-    assert np.abs(np.sort(decoded, axis=0) - np.sort(wanted, axis=0)).max() < 2 / 65535
+    expected = mesh.points[mesh.triangles].mean(axis=1)
+    assert decoded.shape == expected.shape
+    assert np.abs(np.sort(decoded, axis=0) - np.sort(expected, axis=0)).max() < 2 / 65535
     assert read_meshes([str(path)], "none") == ({}, {})
 
 
@@ -183,9 +183,9 @@ def test_links_look_as_their_file_says(robot):
 def test_a_page_has_the_meshes_and_names_those_that_it_has_not(robot, gyrospark):
     options = ["--scheme", "IMS", "--dt", "1e-3", "--steps", "2"]
     page = robot.parent / "page.html"
-    said = gyrospark("run", str(robot), *options, "--show", str(page))
-    assert said.code == 0
-    assert re.search(r"b\.dae.*convert", said.stderr + said.stdout)
+    answer = gyrospark("run", str(robot), *options, "--show", str(page))
+    assert answer.code == 0
+    assert re.search(r"b\.dae.*convert", answer.stderr + answer.stdout)
     scene = json.loads(re.search(r'id="scene">(.*?)</script>', page.read_text(encoding="utf-8"),
                                  flags=re.DOTALL)[1])
     assert [(mesh["vertices"], mesh["triangles"]) for mesh in scene["meshes"]["0"]] == [(4, 4)]

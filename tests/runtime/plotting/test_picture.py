@@ -39,15 +39,15 @@ def test_motors_of_hinges_are_not_drawn():
 
 
 def decoded(data):
-    """Read a PNG of 8 bits and filters 0 and 2 by its definition."""
+    """Return the pixels of a PNG of 8 bits with filters 0 and 2, by the definition of PNG."""
     assert data[:8] == b"\x89PNG\r\n\x1a\n"
-    chunks, at = {}, 8
-    while at < len(data):
-        length, kind = struct.unpack(">I4s", data[at:at + 8])
-        body = data[at + 8:at + 8 + length]
-        assert struct.unpack(">I", data[at + 8 + length:at + 12 + length])[0] == zlib.crc32(
+    chunks, offset = {}, 8
+    while offset < len(data):
+        length, kind = struct.unpack(">I4s", data[offset:offset + 8])
+        body = data[offset + 8:offset + 8 + length]
+        assert struct.unpack(">I", data[offset + 8 + length:offset + 12 + length])[0] == zlib.crc32(
             kind + body)
-        chunks[kind], at = body, at + 12 + length
+        chunks[kind], offset = body, offset + 12 + length
     width, height, depth, colour = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
     assert (depth, colour) == (8, 2)
     rows = np.frombuffer(zlib.decompress(chunks[b"IDAT"]), np.uint8).reshape(height, -1)
@@ -80,16 +80,16 @@ def test_fragments_are_those_of_each_pixel_and_the_nearest_remains():
 
 
 def test_meshes_are_closed_and_as_large_as_their_shapes():
-    """Signed tetrahedra of all faces, after each is turned outwards by its normals."""
+    """Signed tetrahedra of all faces, turned outwards by normals, have the volume of the shape."""
     axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
-    r, h, at = 0.3, 0.8, np.array([1.0, -2.0, 0.5])
+    r, h, centre = 0.3, 0.8, np.array([1.0, -2.0, 0.5])
     for kind, size, volume, error in (
             ("box", (0.4, 0.5, 0.6), 8 * 0.4 * 0.5 * 0.6, 0.02),
             ("sphere", (0.4, 0.5, 0.6), 4 / 3 * np.pi * 0.4 * 0.5 * 0.6, 0.02),
             ("disc", (r, 1.2 * r, h), 2 * np.pi * 1.2 * r**2 * h, 0.02),
             ("bar", (r, r, h), 2 * np.pi * r**2 * h + 4 / 3 * np.pi * r**3, 0.04)):
-        mesh = mesh_of(Shape(kind, np.array(size), at, axes))
-        corners, normals = mesh.points[mesh.faces] - at, mesh.normals[mesh.faces].sum(axis=1)
+        mesh = mesh_of(Shape(kind, np.array(size), centre, axes))
+        corners, normals = mesh.points[mesh.faces] - centre, mesh.normals[mesh.faces].sum(axis=1)
         crossed = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         outwards = np.sign((crossed * normals).sum(axis=1))[:, None] * crossed
         assert abs((outwards * corners[:, 0]).sum() / 6 / volume - 1) < error, kind
@@ -98,30 +98,30 @@ def test_meshes_are_closed_and_as_large_as_their_shapes():
 
 
 def test_a_top_of_unknown_mass_is_a_rim_with_its_moments_and_weight(top):
-    """Moments about the fixed point, of mass m: b²/2 + l², a²/2 + l², (a² + b²)/2 times m."""
+    """Moments about the fixed point are b²/2 + l², a²/2 + l², (a² + b²)/2 times the mass m."""
     for moments, weight in (([0.002, 0.002, 0.0008], 0.3924), ([2.0, 1.3, 0.9], 5.0)):
         m, distance, (a, b) = rim_of(np.array(moments), weight)
-        again = [b**2 / 2 + distance**2, a**2 / 2 + distance**2, (a**2 + b**2) / 2]
-        assert np.abs(m * np.array(again) - moments).max() < 1e-15
+        expected = [b**2 / 2 + distance**2, a**2 / 2 + distance**2, (a**2 + b**2) / 2]
+        assert np.abs(m * np.array(expected) - moments).max() < 1e-15
         assert abs(m * 9.81 * distance - weight) < 1e-15 * (1 + 8 * weight)
-    (part,) = scene_of(top, 5).parts
-    flywheel = part.shapes[0]
+    (scene_part,) = scene_of(top, 5).parts
+    flywheel = scene_part.shapes[0]
     assert flywheel.kind == "disc"
     assert np.abs(flywheel.size[:2] - np.sqrt(0.0008)).max() < 1e-12  # of the paper's 1 kg
     assert np.abs(flywheel.centre - [0, 0, 0.04]).max() < 1e-12
-    assert part.to_scale
-    tips = [shape for shape in part.shapes if shape.kind == "bar"]
+    assert scene_part.to_scale
+    tips = [shape for shape in scene_part.shapes if shape.kind == "bar"]
     reach = max(float((shape.centre + shape.axes[:, 2] * shape.size[2])[2]) for shape in tips)
-    assert reach < part.tip[2] < 1.2 * reach
+    assert reach < scene_part.tip[2] < 1.2 * reach
 
 
 def test_a_top_is_seen_from_its_side(top):
     """The camera looks across the lean, so that the flywheel does not hide the point."""
     scene = scene_of(top, 5)
-    (part,) = scene.parts
+    (scene_part,) = scene.parts
     for frame in (0, 4):
         sight = SceneDrawing(scene, {}, [frame], size=(40, 30)).camera.axes[2]
-        axis = (part.at(part.axes[:, 2]) - part.x[:, None])[frame, 0]
+        axis = (scene_part.at(scene_part.axes[:, 2]) - scene_part.x[:, None])[frame, 0]
         assert abs(axis[:2] @ sight[:2]) < 1e-12
 
 
@@ -129,15 +129,15 @@ def test_a_top_between_joints_has_its_flywheel_at_its_centre_of_mass():
     """Its stem begins at the first joint and passes the second."""
     scene = scene_of(motion_of("double_top"), 2)
     assert len(scene.parts) == 2
-    for part in scene.parts:
-        flywheel, _, stem, foot = part.shapes[:4]
+    for scene_part in scene.parts:
+        flywheel, _, stem, foot = scene_part.shapes[:4]
         assert flywheel.kind == "disc"
-        assert np.abs(flywheel.centre - part.centre).max() < 1e-12
+        assert np.abs(flywheel.centre - scene_part.centre).max() < 1e-12
         assert (flywheel.centre - foot.centre) @ (stem.centre - foot.centre) > 0
 
 
 def test_a_flat_free_body_is_a_t_with_its_moments(gl3):
-    """Of the ratio that two rods can have: I₁ and I₂ about the centre of mass."""
+    """Two rods about their centre of mass have the ratio of I₁ and I₂."""
     free = gs.problems.free_body((1, 2, 3), (0.01, 5, 0.01))
     scene = scene_of(gl3.integrate(free, dt=0.01, steps=4), 4)
     assert not scene.gravity
@@ -152,18 +152,18 @@ def test_a_flat_free_body_is_a_t_with_its_moments(gl3):
 
 
 def test_a_picture_has_its_size_and_is_a_file(top, tmp_path):
-    made = draw_picture(top, tmp_path / "top.png", **SMALL)
-    assert made.pixels.shape == (90, 120, 3)
-    data = made.path.read_bytes()
-    assert np.array_equal(decoded(data), made.pixels)
-    assert data == made._repr_png_()
-    assert "120 × 90" in repr(made)
+    picture = draw_picture(top, tmp_path / "top.png", **SMALL)
+    assert picture.pixels.shape == (90, 120, 3)
+    data = picture.path.read_bytes()
+    assert np.array_equal(decoded(data), picture.pixels)
+    assert data == picture._repr_png_()
+    assert "120 × 90" in repr(picture)
     assert [p.name for p in tmp_path.iterdir()] == ["top.png"]
-    # Of the colour of the first body, and of the background at the corners.
+    # Pixels have the colour of the first body and, at the corners, of the background.
     blue = colour_of("#4c78a8")
-    tone = made.pixels / np.maximum(made.pixels.sum(axis=2, keepdims=True), 1)
+    tone = picture.pixels / np.maximum(picture.pixels.sum(axis=2, keepdims=True), 1)
     assert (np.abs(tone - blue / blue.sum()).max(axis=2) < 0.05).sum() > 300
-    assert made.pixels[0, 0].min() > 240
+    assert picture.pixels[0, 0].min() > 240
     assert draw_picture(top, background="dark", **SMALL).pixels[0, 0].max() < 60
 
 
@@ -179,29 +179,29 @@ def test_time_and_direction_of_a_picture(top):
 
 
 def test_a_motion_in_a_plane_is_seen_from_the_front():
-    """Bars that move in a plane: the picture of the first is wide from there, and narrow aside."""
+    """The first bar moves in a plane: its picture is wide from the front, narrow from aside."""
     scene, widths = scene_of(motion_of("four_bar"), 2), []
     for direction in ({}, {"azimuth": 0}):
         pixels = draw_scene(scene, size=(200, 200), traces=False, **direction).pixels.astype(int)
-        own = np.abs(pixels - colour_of("#4c78a8") * 255).max(axis=2) < 60
-        widths.append(np.ptp(np.flatnonzero(own.any(axis=0))))
+        coloured = np.abs(pixels - colour_of("#4c78a8") * 255).max(axis=2) < 60
+        widths.append(np.ptp(np.flatnonzero(coloured.any(axis=0))))
     assert widths[0] > 60
     assert widths[1] < 0.5 * widths[0]
 
 
-@pytest.mark.parametrize(("options", "said"), [
+@pytest.mark.parametrize(("options", "message"), [
     ({"size": (10, 400)}, "size = "), ({"size": 400}, "size = 400"),
     ({"size": (400.5, 300)}, "400.5"), ({"size": (9000, 300)}, "9000"),
     ({"azimuth": "north"}, "azimuth = 'north'"), ({"elevation": 91}, "elevation = 91"),
     ({"time": [1]}, "time = "), ({"time": float("nan")}, "time = nan"),
     ({"background": "pink"}, "'pink'"), ({"path": "top.svg"}, r"'top.svg'.*\.png")])
-def test_what_is_no_picture(top, options, said):
-    with pytest.raises(gs.InputError, match=said):
+def test_what_is_no_picture(top, options, message):
+    with pytest.raises(gs.InputError, match=message):
         draw_picture(top, **options)
 
 
 def test_meshes_of_files_are_drawn(tmp_path):
-    """A cube of a file, and the same as a box: the same pixels but for bevelled edges."""
+    """A cube from a file has the pixels of a box, except at the bevelled edges."""
     corners = [f"v {x} {y} {z}" for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
     faces = ["1 2 4 3", "5 7 8 6", "1 5 6 2", "3 4 8 7", "1 3 7 5", "2 6 8 4"]
     (tmp_path / "cube.obj").write_text("\n".join([*corners, *(f"f {face}" for face in faces)]))

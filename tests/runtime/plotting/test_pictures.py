@@ -1,4 +1,4 @@
-"""Pictures of bodies, joints and phases, and films: their lines are the run's numbers."""
+"""Pictures of bodies, joints and phases, and films: their lines have the numbers of the run."""
 
 from __future__ import annotations
 
@@ -39,10 +39,10 @@ def test_a_body_in_panels(tops, tmp_path):
     assert np.abs(np.diff(shown)).max() < 30  # no jumps of a turn
     assert np.array_equal(lines(figure.axes[3])["Ω₂"], body.angular_velocity()[:, 1])
     assert all(axes.get_yscale() == "linear" for axes in figure.axes)
-    held = tops.body("a").plot(degrees=False)
-    assert len(held.axes) == 5
+    lower = tops.body("a").plot(degrees=False)
+    assert len(lower.axes) == 5
     middle = tops.body("a").euler("ZYX")[:, 1]
-    assert np.array_equal(held.axes[1].get_lines()[0].get_ydata(), middle)
+    assert np.array_equal(lower.axes[1].get_lines()[0].get_ydata(), middle)
 
 
 def test_joints_and_phases(tops):
@@ -68,9 +68,9 @@ def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
     assert [line.get_ydata().tolist() for line in axes.get_lines()] == tops.p.T.tolist()
 
 
-@pytest.mark.slow  # four pictures; a short film is made on the command line
+@pytest.mark.slow  # four pictures; the command line has a test of a short film
 def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
-    """They show what ``picture`` shows, or boxes."""
+    """Its frames show the same as ``picture``, or boxes."""
     from PIL import Image
 
     frames = {}
@@ -94,10 +94,10 @@ def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
 
 
 def test_what_is_no_film(tops, tmp_path, monkeypatch):
-    for options, said in (({"seconds": 0}, "2 to 2000"), ({"fps": -3}, "product"),
-                          ({"seconds": 1e9}, "product"), ({"seconds": "x"}, "seconds = 'x'"),
-                          ({"shape": "ball"}, "Unknown shape 'ball'")):
-        with pytest.raises(gs.InputError, match=said):
+    for options, message in (({"seconds": 0}, "2 to 2000"), ({"fps": -3}, "product"),
+                             ({"seconds": 1e9}, "product"), ({"seconds": "x"}, "seconds = 'x'"),
+                             ({"shape": "ball"}, "Unknown shape 'ball'")):
+        with pytest.raises(gs.InputError, match=message):
             tops.show(tmp_path / "a.gif", **options)
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(gs.errors.MissingDependencyError, match="ffmpeg"):

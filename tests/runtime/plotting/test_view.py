@@ -1,4 +1,4 @@
-"""The page that moves: its numbers are the run's, its shapes have the inertia, its script draws."""
+"""The moving page has the numbers of the run; its shapes have the inertia, its script draws."""
 
 from __future__ import annotations
 
@@ -38,8 +38,8 @@ def tops():
 BOX = str(len(mesh_of(Shape("box", np.ones(3))).faces))
 
 
-def triangles(said):
-    return sum(int(size) * count for size, count in said["drawn"].items())
+def triangles(report):
+    return sum(int(size) * count for size, count in report["drawn"].items())
 
 
 def scene_in(page):
@@ -59,9 +59,9 @@ def executed(page, tmp_path, *arguments):
 
 
 def test_a_page_has_the_run_and_needs_no_network(tops, tmp_path):
-    made = tops.show(tmp_path / "tops.html")
-    page = made.path.read_text(encoding="utf-8")
-    assert page == made.page
+    view = tops.show(tmp_path / "tops.html")
+    page = view.path.read_text(encoding="utf-8")
+    assert page == view.page
     assert not re.search(r"https?://|src=|@[A-Z]+@|import ", page)
     scene = scene_in(page)
     assert np.abs(floats(scene["t"]) - tops.t).max() < 1e-7
@@ -76,35 +76,36 @@ def test_a_page_has_the_run_and_needs_no_network(tops, tmp_path):
 
 
 def test_shapes_have_the_inertia_of_their_bodies():
-    """That of a uniform box, m (b² + c²)/3, and ellipsoid, m (b² + c²)/5, moved to the origin."""
+    """A box has m (b² + c²)/3, an ellipsoid m (b² + c²)/5, each moved to the origin."""
     run = systems.run("tied", systems.stepper("tied", "IMS"), 2)
-    for part in scene_of(run, 10).parts:
-        body = run.body(part.name)
+    for scene_part in scene_of(run, 10).parts:
+        body = run.body(scene_part.name)
         for kind, share in (("box", 3), ("ellipsoid", 5)):
-            a2 = part.sizes[kind] ** 2
-            about = part.axes @ np.diag(body.mass / share * (a2.sum() - a2)) @ part.axes.T
-            c = part.centre
-            whole = about + body.mass * (c @ c * np.eye(3) - np.outer(c, c))
-            assert np.abs(whole - body.inertia).max() < 1e-14
-        assert np.linalg.det(part.axes) > 0.999
-        assert part.to_scale
+            a2 = scene_part.sizes[kind] ** 2
+            centred = (scene_part.axes @ np.diag(body.mass / share * (a2.sum() - a2))
+                       @ scene_part.axes.T)
+            c = scene_part.centre
+            inertia = centred + body.mass * (c @ c * np.eye(3) - np.outer(c, c))
+            assert np.abs(inertia - body.inertia).max() < 1e-14
+        assert np.linalg.det(scene_part.axes) > 0.999
+        assert scene_part.to_scale
 
 
 @pytest.mark.parametrize(("inertia", "kind"), [
     ([1, 1, 1], "sphere"), ([1, 1, 1.5], "disc"), ([1, 1.2, 1.5], "box")])
 def test_equal_moments_are_seen(inertia, kind, gl3):
     free = gs.problems.free_body(inertia=inertia)
-    (part,) = scene_of(gl3.integrate(free, dt=1e-3, steps=1), 10).parts
-    assert part.shapes[0].kind == kind
+    (scene_part,) = scene_of(gl3.integrate(free, dt=1e-3, steps=1), 10).parts
+    assert scene_part.shapes[0].kind == kind
 
 
 def test_a_body_without_a_mass_has_the_proportions_of_its_moments(gl3):
     free = gs.problems.free_body()
-    (part,) = scene_of(gl3.integrate(free, dt=1e-3, steps=20), 10).parts
-    assert not part.to_scale
+    (scene_part,) = scene_of(gl3.integrate(free, dt=1e-3, steps=20), 10).parts
+    assert not scene_part.to_scale
     I1, I2, I3 = free.inertia
     squares = np.array([I2 + I3 - I1, I3 + I1 - I2, I1 + I2 - I3])
-    for size in part.sizes.values():
+    for size in scene_part.sizes.values():
         assert size.max() == 1
         assert np.abs(size**2 - squares / squares.max()).max() < 1e-12
 
@@ -114,17 +115,17 @@ def test_joints_are_where_the_run_has_them():
     scene = scene_of(run, 31)
     for tie in scene.ties:
         assert tie.kind == "hinge"
-        where = scene.parts[tie.b].at(tie.on_b)[:, 0] if tie.b >= 0 else tie.on_b
-        assert np.abs(where - run.joint(tie.name).position()).max() < 1e-14
-        other = scene.parts[tie.a].at(tie.on_a)[:, 0] if tie.a >= 0 else tie.on_a
-        assert np.abs(where - other).max() < 1e-12
+        on_second = scene.parts[tie.b].at(tie.on_b)[:, 0] if tie.b >= 0 else tie.on_b
+        assert np.abs(on_second - run.joint(tie.name).position()).max() < 1e-14
+        on_first = scene.parts[tie.a].at(tie.on_a)[:, 0] if tie.a >= 0 else tie.on_a
+        assert np.abs(on_second - on_first).max() < 1e-12
     assert np.abs(scene.up - [0, 1, 0]).max() == 0
 
 
 def test_a_ring_reaches_from_its_axis_to_the_next():
-    """The outer ring of a gimbal: bars of a circle about its centre, and two pairs of studs."""
+    """The outer ring of a gimbal has bars of a circle about its centre, and two pairs of studs."""
     scene = scene_of(integrated(gs.models.gimbal(), 2, "gimbal"), 3)
-    ring = max(scene.parts, key=lambda part: len(part.shapes))
+    ring = max(scene.parts, key=lambda scene_part: len(scene_part.shapes))
     assert len(ring.shapes) > 36
     distances = [np.linalg.norm(shape.centre - ring.centre) for shape in ring.shapes]
     assert np.ptp(distances[:36]) < 1e-12 < distances[0]
@@ -137,13 +138,13 @@ def test_long_runs_are_thinned_and_their_pages_stay_small(gl3):
     t = floats(scene["t"])
     assert 3000 < len(t) <= 3600
     assert t[-1] == np.float32(9.0)
-    many = replace(long, manifest=long.manifest)
-    assert len(many.show().page) < 400e3
+    copied = replace(long, manifest=long.manifest)
+    assert len(copied.show().page) < 400e3
     chain = integrated(gs.models.double_top(), 30, "double_top")
-    every = {name: np.repeat(getattr(chain, name), 120, axis=0)
-             for name in ("q", "p", "energies", "work")}
-    every["t"] = np.linspace(0, 6, len(every["q"]))
-    page = replace(chain, **every).show().page
+    repeated = {name: np.repeat(getattr(chain, name), 120, axis=0)
+                for name in ("q", "p", "energies", "work")}
+    repeated["t"] = np.linspace(0, 6, len(repeated["q"]))
+    page = replace(chain, **repeated).show().page
     assert len(page) < 6e5
     assert len(floats(scene_in(page)["t"])) > 3000
 
@@ -178,15 +179,15 @@ def test_the_script_is_javascript_and_draws(name, tops, gl3, tmp_path):
         drawn = executed(run.show().page, tmp_path)
         assert drawn["bad"] == 0
         boxes = run.show(shape="box").page
-        said = executed(boxes, tmp_path)
-        assert said["bad"] == 0
+        of_boxes = executed(boxes, tmp_path)
+        assert of_boxes["bad"] == 0
         # Bodies and their shadows; the two rings of the gimbal are seen through: front and back.
         seen_through, shadows = 2 * (bodies == 3), bodies * scene_in(boxes)["gravity"]
-        assert said["drawn"][BOX] == bodies + shadows + seen_through
-        assert sum(said["drawn"].values()) - said["drawn"][BOX] <= len(run.joints)
-        assert triangles(drawn) > triangles(said)
-        assert len(set(said["speeds"])) == 10
-        assert said["glass"] == (bodies == 3)  # the rotor is inside its rings
+        assert of_boxes["drawn"][BOX] == bodies + shadows + seen_through
+        assert sum(of_boxes["drawn"].values()) - of_boxes["drawn"][BOX] <= len(run.joints)
+        assert triangles(drawn) > triangles(of_boxes)
+        assert len(set(of_boxes["speeds"])) == 10
+        assert of_boxes["glass"] == (bodies == 3)  # the rotor is inside its rings
     if name == "two bodies":
         assert executed(tops.show().page, tmp_path, "#t=0.02")["clock"] == "0.0200 of 0.0400 s"
 
@@ -214,22 +215,22 @@ def test_jupyter_shows_it_in_a_frame(tops, tmp_path):
 
 
 def test_on_the_command_line(gyrospark, tmp_path):
-    """One run, every kind of picture; what is no body has none."""
+    """One run has every kind of picture; a system without a body has none."""
     run = ["run", "fast-top", "--dt", "1e-3", "--steps", "1"]
     names = ["top.html", "top.png", "top.glb"]
-    said = gyrospark(*run, *(word for name in names for word in ("--show", name)), "--json")
-    assert said.code == 0
-    assert said.document["show"] == names
+    answer = gyrospark(*run, *(word for name in names for word in ("--show", name)), "--json")
+    assert answer.code == 0
+    assert answer.document["show"] == names
     page = (tmp_path / "top.html").read_text(encoding="utf-8")
     assert len(floats(scene_in(page)["t"])) == 2
     assert {path.name for path in tmp_path.iterdir()} == {*names}
-    said = gyrospark(*run, "--show", "top.avi")
-    assert said.code == 2
-    assert "'top.avi'" in said.stderr
-    said = gyrospark("run", ROOT / "examples/pendulum.toml", "--scheme", "G-L",
-                     "--stages", "2", "--show", "p.html")
-    assert said.code == 2
-    assert "'pendulum'" in said.stderr
+    answer = gyrospark(*run, "--show", "top.avi")
+    assert answer.code == 2
+    assert "'top.avi'" in answer.stderr
+    answer = gyrospark("run", ROOT / "examples/pendulum.toml", "--scheme", "G-L",
+                       "--stages", "2", "--show", "p.html")
+    assert answer.code == 2
+    assert "'pendulum'" in answer.stderr
     assert not (tmp_path / "p.html").exists()
 
 

@@ -1,4 +1,4 @@
-"""Pages in a browser: as high as their frame, drawn by WebGL, and without it."""
+"""Pages in a browser are as high as their frame, and are drawn by WebGL or without it."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ function measure() {
 
 
 def framed(page: str, folder: Path, *flags: str) -> list[dict]:
-    """Return what the probe reports of a page in frames of the sizes, in at most a minute."""
+    """Return the reports of the probe on a page in frames of these sizes, in at most a minute."""
     probed = page.replace("<head>", f"<head>{PROBE}", 1)
     frames = "".join(f'<iframe style="border:0;width:{w}px;height:{h}px" '
                      f'srcdoc="{html.escape(probed)}"></iframe>' for w, h in SIZES)
@@ -86,15 +86,15 @@ addEventListener("message", ({{ data, source }}) => {{
              f"--user-data-dir={folder / 'browser'}", f"http://127.0.0.1:{server.server_port}/"],
             stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
-            end, found = time.monotonic() + 60, []
-            while time.monotonic() < end and not (len(found) == len(SIZES) and all(
-                    one and not 0 <= one["seen"] <= 500 for one in found)):
-                found = reports.get(timeout=60)
+            end, latest = time.monotonic() + 60, []
+            while time.monotonic() < end and not (len(latest) == len(SIZES) and all(
+                    report and not 0 <= report["seen"] <= 500 for report in latest)):
+                latest = reports.get(timeout=60)
         finally:
             browser.kill()
             browser.wait()
             server.shutdown()
-    return found
+    return latest
 
 
 @pytest.fixture(scope="module")
@@ -105,17 +105,17 @@ def page():
 def test_a_page_is_as_high_as_its_frame_and_drawn_by_webgl(page, tmp_path):
     reports = framed(page, tmp_path, "--enable-unsafe-swiftshader")
     assert len(reports) == len(SIZES)
-    for found in reports:
-        assert found["errors"] == []
-        assert found["scroll"] <= found["inner"], found
-        assert found["across"] <= found["width"], found
-        assert found["stage"] >= 0.3 * found["inner"], found
-        assert found["seen"] > 500, found
+    for report in reports:
+        assert report["errors"] == []
+        assert report["scroll"] <= report["inner"], report
+        assert report["across"] <= report["width"], report
+        assert report["stage"] >= 0.3 * report["inner"], report
+        assert report["seen"] > 500, report
 
 
 def test_without_webgl_a_page_has_its_chart_and_a_sentence(page, tmp_path):
     reports = framed(page, tmp_path, "--disable-gpu", "--disable-3d-apis")
     assert len(reports) == len(SIZES)
-    for found in reports:
-        assert found["errors"] == []
-        assert found["seen"] == -1
+    for report in reports:
+        assert report["errors"] == []
+        assert report["seen"] == -1
