@@ -52,19 +52,19 @@ def slope(values, dt):
 
 
 def test_the_fast_top_is_asked_without_a_name(gl3):
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=50, **RUN)
-    body = made.body()
+    motion = gl3.integrate(TOP.q0, TOP.p0, steps=50, **RUN)
+    body = motion.body()
     assert body.name == "body"
-    assert np.array_equal(body.attitude, made.q)
-    assert np.array_equal(body.angular_velocity(), made.angular_velocity())
+    assert np.array_equal(body.attitude, motion.q)
+    assert np.array_equal(body.angular_velocity(), motion.angular_velocity())
     assert np.array_equal(body.inertia, np.diag(TOP.inertia))
     assert np.abs(body.rotation().as_matrix() - body.rotation_matrix()).max() < 8 * EPS
     assert np.abs(body.euler("zyx", degrees=True)
                   - body.rotation().as_euler("zyx", degrees=True)).max() < 180 * 64 * EPS
-    assert np.abs(body.position((0, 0, 0.1)) - 0.1 * made.axis()).max() < 4 * EPS
+    assert np.abs(body.position((0, 0, 0.1)) - 0.1 * motion.axis()).max() < 4 * EPS
     mgl = TOP.parameters["mgl"]
-    potential = mgl * made.axis()[:, 2]
-    assert np.abs(body.kinetic_energy() + potential - made.energy()).max() < 7 * 16 * EPS
+    potential = mgl * motion.axis()[:, 2]
+    assert np.abs(body.kinetic_energy() + potential - motion.energy()).max() < 7 * 16 * EPS
     with pytest.raises(gs.InputError, match=r"'heavy_top'.*mass.*'body'"):
         body.momentum()
     with pytest.raises(gs.InputError, match="centre"):
@@ -72,14 +72,14 @@ def test_the_fast_top_is_asked_without_a_name(gl3):
 
 
 def test_angular_velocity_is_that_of_the_attitude(tops):
-    """RᵀṘ by differences, in both frames."""
+    """Differences of the attitude, RᵀṘ, have the angular velocity, in both frames."""
     for name, fast in (("a", 40), ("b", 70)):
         body = tops.body(name)
         R = body.rotation_matrix()
         turning = np.einsum("kji,kjl->kil", R[1:-1], slope(R, 1e-4))
-        found = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=1)
+        omega = np.stack([turning[:, 2, 1], turning[:, 0, 2], turning[:, 1, 0]], axis=1)
         bound = fast * (fast * 1e-4) ** 2
-        assert np.abs(found - body.angular_velocity()[1:-1]).max() < bound
+        assert np.abs(omega - body.angular_velocity()[1:-1]).max() < bound
         space = np.einsum("kij,kj->ki", R, body.angular_velocity("body"))
         assert np.abs(body.angular_velocity(frame="space") - space).max() < fast * 8 * EPS
 
@@ -100,7 +100,7 @@ def test_positions_velocities_and_momenta(tops):
 
 
 def test_momenta_change_by_forces_and_torques(tops):
-    """ṗ = F and l̇ = M about the joint's point and gravity, of the upper top, which is free."""
+    """The upper top, which is free, has ṗ = F and l̇ = M of the joint's point and gravity."""
     upper, joint = tops.body("b"), tops.joint()
     weight = np.array([0, 0, -9.81 * upper.mass])
     force, arm = joint.force(), joint.position() - upper.position()
@@ -129,7 +129,7 @@ def test_what_nothing_uses_is_still_known(tied):
 
 
 def test_a_rod_pulls_along_itself(tied):
-    """m r Ω² on each ball."""
+    """Its force on each ball is m r Ω²."""
     force, along = tied.joint("rod").force(), tied.body("b").position()
     assert np.abs(force - 0.5 * 9 * along).max() < 1e-4
     with pytest.raises(gs.InputError, match=r"'rod'.*axis"):
@@ -140,7 +140,7 @@ def test_a_rod_pulls_along_itself(tied):
 
 
 def test_total_momenta_of_segments_that_attract_one_another():
-    """Σ m ẋ and Σ (l + x × m ẋ): as the bodies say one by one, the same in each state."""
+    """Σ m ẋ and Σ (l + x × m ẋ) are sums over the bodies, and the same in each state."""
     motion = systems.run("beam", systems.stepper("beam", "IMS"), 40, dt=1e-2)
     bodies = [motion.body(name) for name in motion.bodies]
     p = sum(body.mass * body.velocity() for body in bodies)
@@ -153,7 +153,7 @@ def test_total_momenta_of_segments_that_attract_one_another():
 
 
 def test_total_momenta_are_of_free_bodies(tied):
-    """A top that is held at a point has no momentum of its own: the sum is refused."""
+    """A top held at a point has no momentum of its own: the sum is refused."""
     with pytest.raises(gs.InputError, match="'tied'"):
         tied.total_momentum()
 
@@ -171,9 +171,9 @@ def pendulum(rate=0.5):
     return build.model()
 
 
-def pull(made):
+def pull(motion):
     """Return the pin's force on the bar in closed form, from angle and rate: m ẍ − m g."""
-    body = made.body("bar")
+    body = motion.body("bar")
     arm, rate = -0.5 * body.axis(), body.angular_velocity()[:, :1]
     weight = np.array([0, 0, -2 * 9.81])
     spin = np.cross(arm, weight) / (0.3 + 2 * 0.25)
@@ -184,11 +184,11 @@ def pull(made):
     (("G-L", 2), 2, 2), *(pytest.param(*row, marks=pytest.mark.slow)  # each derives a model
                           for row in ((("G-L", 3), 4, 3), (("IMS",), 2, 2)))])
 def test_the_reaction_of_a_pendulum_in_closed_form(scheme, inside, ends):
-    """Its error falls as it is said to: halved steps, twice."""
+    """Its error has the stated orders in the step, which is halved."""
     model, errors = pendulum(), []
     for dt in (0.02, 0.01):
-        made = run(model, round(0.6 / dt), scheme=scheme, dt=dt)
-        error = np.abs(made.joint("pin").force() - pull(made)).max(axis=1)
+        motion = run(model, round(0.6 / dt), scheme=scheme, dt=dt)
+        error = np.abs(motion.joint("pin").force() - pull(motion)).max(axis=1)
         errors.append((error[1:-1].max(), max(error[0], error[-1])))
     (wide, wide_ends), (fine, fine_ends) = errors
     assert np.log2(wide / fine) > inside - 0.3
@@ -197,10 +197,10 @@ def test_the_reaction_of_a_pendulum_in_closed_form(scheme, inside, ends):
 
 
 def test_a_hinge_holds_more_and_turns():
-    made = run(pendulum(), 600)
-    joint, body = made.joint(), made.body()
+    motion = run(pendulum(), 600)
+    joint, body = motion.joint(), motion.body()
     assert joint.bodies == ("", "bar")
-    force = pull(made)
+    force = pull(motion)
     assert np.abs(joint.force() - force).max() < 1e-5 * np.abs(force).max()
     assert np.abs(joint.force("bar") - np.einsum(
         "kji,kj->ki", body.rotation_matrix(), joint.force())).max() < 64 * EPS * 20
@@ -258,16 +258,16 @@ def test_reactions_obey_newton_and_euler(case, four_bar):
 
 
 def test_a_hinge_at_a_point_that_moves():
-    made = sliding(in_a_row=False)
-    pivot = made.joint("pivot")
+    motion = sliding(in_a_row=False)
+    pivot = motion.joint("pivot")
     assert np.abs(slope(pivot.angle(), DT) - pivot.rate()[1:-1]).max() < 1e-4
-    where = np.stack([np.sin(3 * made.t) / 4, made.t**2, 0 * made.t], axis=1)
+    where = np.stack([np.sin(3 * motion.t) / 4, motion.t**2, 0 * motion.t], axis=1)
     assert np.abs(pivot.position() - where).max() < 64 * EPS
 
 
 @pytest.mark.parametrize("in_a_row", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_joints_that_slide_are_known(in_a_row):
-    """As pictures draw them; an older store has no force of a slide."""
+    """Pictures know which joints slide; an older store has no force of a slide."""
     joints = joints_of(sliding(in_a_row).manifest)
     assert [name for name, joint in joints.items() if joint.slides] == [
         name for name in joints if name != "pivot"]
@@ -275,14 +275,14 @@ def test_joints_that_slide_are_known(in_a_row):
 
 
 def test_angles_count_whole_turns(four_bar):
-    """The wheel of a gimbal at 150 rad/s, a state every 2 steps; the bars' angles in the plane."""
-    made = run(gs.models.gimbal(), 400, "gimbal", ("IMS", None), every=2)
-    outer, inner = (made.body(name).angular_velocity("space") for name in ("outer", "inner"))
+    """A wheel of a gimbal at 150 rad/s has a state every 2 steps; bars have angles in the plane."""
+    motion = run(gs.models.gimbal(), 400, "gimbal", ("IMS", None), every=2)
+    outer, inner = (motion.body(name).angular_velocity("space") for name in ("outer", "inner"))
     assert np.abs(inner[0] - outer[0] - [-0.3, 0, 0]).max() < 1e-12  # the rings' axis is x
-    spindle = made.joint("spindle")
+    spindle = motion.joint("spindle")
     assert spindle.angle()[-1] == pytest.approx(150 * 0.4, rel=0.05)
-    made_by_rate = np.cumsum(np.diff(made.t) * (spindle.rate()[1:] + spindle.rate()[:-1]) / 2)
-    assert np.abs(np.diff(spindle.angle()).cumsum() - made_by_rate).max() < 0.1
+    turned_by_rate = np.cumsum(np.diff(motion.t) * (spindle.rate()[1:] + spindle.rate()[:-1]) / 2)
+    assert np.abs(np.diff(spindle.angle()).cumsum() - turned_by_rate).max() < 0.1
     with pytest.raises(gs.InputError, match=r"'spindle'.*point"):
         spindle.position()
     coupler, crank = (four_bar.body(name).euler("xyz")[:, 2] for name in ("coupler", "crank"))
@@ -293,7 +293,7 @@ def test_angles_count_whole_turns(four_bar):
 
 
 def test_turns_that_rates_do_not_tell_are_warned_of():
-    """A bar that falls over and over, at 5 to 14 rad/s: true to a state every 0.1 s, then told."""
+    """A bar falls over and over, at 5 to 14 rad/s: angles warn of states more than 0.1 s apart."""
     model = pendulum(12.0)
     step = gs.stepper("G-L", 2, system=model.system)
 
@@ -303,8 +303,8 @@ def test_turns_that_rates_do_not_tell_are_warned_of():
 
     turned = run().joint().angle()
     assert abs(turned[-1] - turned[0]) > 20
-    some = run(20).joint()
-    assert np.abs(some.angle() - turned[::20]).max() < 1e-12  # without a word: warnings are errors
+    thinned = run(20).joint()
+    assert np.abs(thinned.angle() - turned[::20]).max() < 1e-12  # no warning: it would be an error
     for every in (100, 1000):
         ends = run(every)
         with pytest.warns(InputWarning, match="every"):
@@ -316,21 +316,21 @@ def test_turns_that_rates_do_not_tell_are_warned_of():
 
 def test_where_states_are_left_out_the_start_has_no_reaction(four_bar):
     thin = run(gs.models.four_bar(), name="four_bar", every=10)
-    force, whole = thin.joint("hinge1").force(), four_bar.joint("hinge1").force()[::10]
+    force, full = thin.joint("hinge1").force(), four_bar.joint("hinge1").force()[::10]
     assert np.isnan(force[0]).all()
-    assert np.abs(force[1:] - whole[1:]).max() < 1e-5 * np.abs(whole).max()
+    assert np.abs(force[1:] - full[1:]).max() < 1e-5 * np.abs(full).max()
 
 
 def test_reactions_between_steps():
-    """As many states as the run has, and a step apart, but not its own: each has its own step."""
-    whole = run(pendulum(), 60, dt=0.01)
-    times = np.append(0.0, whole.t[:-1] + 0.004)
-    made = whole.at(times[1:])
-    error = np.abs(made.joint("pin").force() - pull(made))[1:]
+    """States a step apart, as many as the run has, but not its own, have a step each."""
+    stored = run(pendulum(), 60, dt=0.01)
+    times = np.append(0.0, stored.t[:-1] + 0.004)
+    between = stored.at(times[1:])
+    error = np.abs(between.joint("pin").force() - pull(between))[1:]
     assert error.max() < 1e-4 * 31
-    many = whole.at(np.concatenate([times, [0.6]])[:61])
-    assert np.isnan(many.joint("pin").force()[0]).all()
-    assert np.array_equal(whole.at(whole.t).joint("pin").force(), whole.joint("pin").force())
+    as_many = stored.at(np.concatenate([times, [0.6]])[:61])
+    assert np.isnan(as_many.joint("pin").force()[0]).all()
+    assert np.array_equal(stored.at(stored.t).joint("pin").force(), stored.joint("pin").force())
 
 
 def test_the_shortest_way_between_axes():
@@ -379,11 +379,11 @@ def test_names_that_are_not_there(four_bar, tops, gl3):
 
 
 def test_the_satellite_in_its_orbit():
-    """Ω against axes at rest: what turns in orbit axes at n about y more than that."""
+    """Ω is against axes at rest: RᵀṘ against axes of the orbit lacks their rate n about y."""
     model = gs.models.satellite()
-    made = run(model, 60, "satellite", dt=model.dt)
-    R, omega = made.rotation().as_matrix(), made.angular_velocity()
-    turning = np.diff(R, axis=0) / made.dt
+    motion = run(model, 60, "satellite", dt=model.dt)
+    R, omega = motion.rotation().as_matrix(), motion.angular_velocity()
+    turning = np.diff(R, axis=0) / motion.dt
     middle = (R[1:] + R[:-1]) / 2
     relative = np.einsum("tji,tjk->tik", middle, turning)  # RᵀṘ = skew(Ω relative)
     relative = np.stack([relative[:, 2, 1], relative[:, 0, 2], relative[:, 1, 0]], axis=1)
@@ -394,25 +394,25 @@ def test_the_satellite_in_its_orbit():
 
 
 def test_several_bodies_are_asked_for_by_name(tops):
-    made = tops
-    assert made.bodies == ("a", "b")
+    motion = tops
+    assert motion.bodies == ("a", "b")
     for view in ("rotation", "axis", "angular_velocity"):
         with pytest.raises(gs.InputError, match=r"'double_top'.*2, a, b.*body\('a'\)"):
-            getattr(made, view)()
+            getattr(motion, view)()
         with pytest.raises(gs.InputError, match=r"'c'.*a or b"):
-            getattr(made, view)("c")
-    assert np.abs(made.angular_velocity("a")[0] - [0.2, 0, 40]).max() < 40 * 8 * EPS
-    assert np.abs(made.angular_velocity("b")[0] - [0, 0.3, 70]).max() < 70 * 8 * EPS
-    assert np.abs(made.rotation(body="b").as_matrix()
-                  - rotation_matrix(made.q[:, 4:8])).max() < 8 * EPS
-    assert np.array_equal(made.axis("b"), rotation_matrix(made.q[:, 4:8])[..., 2])
+            getattr(motion, view)("c")
+    assert np.abs(motion.angular_velocity("a")[0] - [0.2, 0, 40]).max() < 40 * 8 * EPS
+    assert np.abs(motion.angular_velocity("b")[0] - [0, 0.3, 70]).max() < 70 * 8 * EPS
+    assert np.abs(motion.rotation(body="b").as_matrix()
+                  - rotation_matrix(motion.q[:, 4:8])).max() < 8 * EPS
+    assert np.array_equal(motion.axis("b"), rotation_matrix(motion.q[:, 4:8])[..., 2])
 
 
 def test_views_go_with_a_trajectory_into_its_file(tops, tmp_path):
-    made = tops
-    again = gs.load(made.save(tmp_path / "two.npz"))
-    assert again.bodies == made.bodies
-    assert np.array_equal(again.angular_velocity("b"), made.angular_velocity("b"))
+    motion = tops
+    again = gs.load(motion.save(tmp_path / "two.npz"))
+    assert again.bodies == motion.bodies
+    assert np.array_equal(again.angular_velocity("b"), motion.angular_velocity("b"))
     case, step = systems.case("satellite"), systems.stepper("satellite")
     stored = record(step, *systems.start("satellite", step), dt=case.dt, steps=4,
                        parameters=case.parameters, out=tmp_path / "satellite.zarr")

@@ -1,4 +1,4 @@
-"""The energy of the motion: H with p projected onto the constraint on the momenta."""
+"""The energy of the motion is H with p projected onto the constraint on the momenta."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ TOP = gs.problems.fast_top()
 DT, STEPS = 0.01, 100
 
 
-def run_of(scheme, rep, **more):
-    """Integrate the fast top."""
-    step = gs.stepper(scheme, rep=rep, **more)
+def run_of(scheme, rep, **options):
+    """Return a stepper and its run of the fast top."""
+    step = gs.stepper(scheme, rep=rep, **options)
     return step, step.integrate(TOP.q0, TOP.p0, dt=DT, steps=STEPS,
                                 parameters=TOP.parameters | {rep: gs.gamma(TOP.inertia)})
 
@@ -32,16 +32,16 @@ def energy_of_the_body(run):
 
 @pytest.mark.parametrize(("scheme", "rep"), [("EMS", "gamma"), ("EMS", "alpha")])
 def test_it_is_what_the_body_has(scheme, rep):
-    """And H has (qᵀp)²/8γ more, or /8α, on |q| = 1."""
+    """H has (qᵀp)²/8γ more, or /8α, on |q| = 1."""
     _, run = run_of(scheme, rep)
-    found = run.energy(of_motion=True)
-    assert np.abs(found - energy_of_the_body(run)).max() < 1e-13
+    energies = run.energy(of_motion=True)
+    assert np.abs(energies - energy_of_the_body(run)).max() < 1e-13
     radial = (run.q * run.p).sum(axis=1)**2 / (8 * gs.gamma(TOP.inertia))
-    assert np.abs(run.energy() - found - radial).max() < 2e-14
+    assert np.abs(run.energy() - energies - radial).max() < 2e-14
 
 
 def test_ems_keeps_h_and_not_the_energy_of_the_motion():
-    """Of order 4, f² with f of order 2; the α-type keeps f = 0, and both energies."""
+    """It errs with order 4, as f² with f of order 2; the α-type keeps f = 0 and both energies."""
     step, run = run_of("EMS", "gamma")
     coarse = np.abs(run.energy_error(of_motion=True)).max()
     fine = step.integrate(TOP.q0, TOP.p0, dt=DT/2, steps=2*STEPS, parameters=run.parameters)
@@ -88,17 +88,17 @@ def test_a_trajectory_without_its_stepper_asks_for_it(tmp_path):
     again = gs.load(run.save(tmp_path / "run.npz"))
     with pytest.raises(gs.InputError, match="stepper"):
         again.energy(of_motion=True)
-    found = again.energy_error(of_motion=True, stepper=step)
-    assert np.array_equal(found, run.energy_error(of_motion=True))
+    errors = again.energy_error(of_motion=True, stepper=step)
+    assert np.array_equal(errors, run.energy_error(of_motion=True))
 
 
-@pytest.mark.parametrize(("name", "rep", "kept"), [
+@pytest.mark.parametrize(("name", "rep", "is_kept"), [
     ("EMS", "alpha", True), ("EMS", "gamma", False), ("IMS", "alpha", False),
     ("IMS", "gamma", False)])
-def test_which_scheme_keeps_the_momentum_constraint_is_derived(name, rep, kept):
+def test_which_scheme_keeps_the_momentum_constraint_is_derived(name, rep, is_kept):
     system = heavy_top(rep)
     numbers = {s: Fraction(i + 2, 7) for i, s in enumerate(system.parameters)}
-    assert MeanGuarantees(system, numbers, name, 2).momentum_constraint().guaranteed is kept
+    assert MeanGuarantees(system, numbers, name, 2).momentum_constraint().guaranteed is is_kept
 
 
 def test_an_energy_that_is_no_number_has_no_largest_error():

@@ -33,10 +33,10 @@ def read(path):
 
 
 def test_euler_angles_come_with_the_states(tops, tmp_path):
-    told = {"euler": "ZYX", "degrees": True, "angular_velocity": "space"}
-    path = tops.save(tmp_path / "tops.csv", **told)
+    options = {"euler": "ZYX", "degrees": True, "angular_velocity": "space"}
+    path = tops.save(tmp_path / "tops.csv", **options)
     titles, rows = read(path)
-    frame, dataset = tops.table(**told), tops.dataset(**told)
+    frame, dataset = tops.table(**options), tops.dataset(**options)
     assert titles[0] == "time" == frame.index.name
     assert titles[1:] == list(frame.columns)
     assert len(set(titles)) == len(titles)
@@ -66,13 +66,13 @@ def test_euler_angles_come_with_the_states(tops, tmp_path):
 def test_a_dataset_has_the_names_of_a_store(gl3, tmp_path):
     run = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN)
     stored = record(gl3, TOP.q0, TOP.p0, steps=5, **RUN, out=tmp_path / "run.zarr").dataset()
-    made = run.dataset()
-    assert {*stored.data_vars} <= {*made.data_vars}
+    dataset = run.dataset()
+    assert {*stored.data_vars} <= {*dataset.data_vars}
     for name in stored.data_vars:
-        assert made[name].dims == stored[name].dims
-        assert made[name].attrs["long_name"] == stored[name].attrs["long_name"]
-        assert np.array_equal(made[name], stored[name], equal_nan=True)
-    assert list(made.coordinate.values) == ["q0", "q1", "q2", "q3"]
+        assert dataset[name].dims == stored[name].dims
+        assert dataset[name].attrs["long_name"] == stored[name].attrs["long_name"]
+        assert np.array_equal(dataset[name], stored[name], equal_nan=True)
+    assert list(dataset.coordinate.values) == ["q0", "q1", "q2", "q3"]
 
 
 def test_names_of_quantities_and_columns_that_are_taken():
@@ -117,22 +117,22 @@ def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
 
 
 def test_some_of_the_columns(tops, tmp_path):
-    """By names, patterns and arrays, in that order behind the time; the others stay as they are."""
+    """Names, patterns and arrays choose columns, in that order behind the time."""
     titles, rows = read(tops.save(tmp_path / "all.csv"))
     asked = ["energy", "?_q*", "multipliers", "energy"]
-    some, numbers = read(tops.save(tmp_path / "some.csv", columns=asked))
-    assert some == ["time", "energy", *(f"{body}_q{k}" for body in "ab" for k in range(4)),
-                    *(title for title in titles if title.startswith("multipliers"))]
-    assert np.array_equal(numbers, rows[:, [titles.index(title) for title in some]])
+    chosen, numbers = read(tops.save(tmp_path / "some.csv", columns=asked))
+    assert chosen == ["time", "energy", *(f"{body}_q{k}" for body in "ab" for k in range(4)),
+                      *(title for title in titles if title.startswith("multipliers"))]
+    assert np.array_equal(numbers, rows[:, [titles.index(title) for title in chosen]])
     saved = tops.save(tmp_path / "saved.csv", columns=asked)
     assert saved.read_bytes() == (tmp_path / "some.csv").read_bytes()
     assert list(tops.table(columns="energy")) == ["energy"]
     added = tops.table(euler="ZYX", columns=["a_euler*", "p"])
     assert list(added)[:3] == ["a_euler1_Z", "a_euler2_Y", "a_euler3_X"]
     assert list(added)[3:] == list(tops.momenta)
-    for wanted in ("energi", ["*_angle"], [3], 3):
+    for columns in ("energi", ["*_angle"], [3], 3):
         with pytest.raises(gs.InputError, match="columns"):
-            tops.save(tmp_path / "no.csv", columns=wanted)
+            tops.save(tmp_path / "no.csv", columns=columns)
     for name in ("no.npz", "no.nc"):
         with pytest.raises(gs.InputError, match="columns"):
             tops.save(tmp_path / name, columns=["energy"])
@@ -140,13 +140,13 @@ def test_some_of_the_columns(tops, tmp_path):
 
 
 def test_some_columns_of_a_stored_run(gl3, tmp_path, gyrospark):
-    """Those that a trajectory in memory writes, by Python and by the command."""
-    how = {"steps": 12, "every": 5, "dt": 1e-3, "parameters": RUN["parameters"]}
-    kept = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **how)
+    """Python and the command write the same columns as a trajectory in memory."""
+    options = {"steps": 12, "every": 5, "dt": 1e-3, "parameters": RUN["parameters"]}
+    stored = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **options)
     asked = ["*_error", "p", "multipliers"]
-    path = gl3.integrate(TOP.q0, TOP.p0, **how).save(tmp_path / "mine.csv", columns=asked)
+    path = gl3.integrate(TOP.q0, TOP.p0, **options).save(tmp_path / "mine.csv", columns=asked)
     mine = path.read_bytes()
-    assert kept.save(tmp_path / "a.csv", columns=asked).read_bytes() == mine
+    assert stored.save(tmp_path / "a.csv", columns=asked).read_bytes() == mine
     assert gyrospark("export", tmp_path / "run.zarr", tmp_path / "b.csv", "--columns",
                      ", ".join(asked)).code == 0
     assert (tmp_path / "b.csv").read_bytes() == mine
@@ -158,15 +158,15 @@ def test_some_columns_of_a_stored_run(gl3, tmp_path, gyrospark):
 LENGTHS = [0.5, 1.0, 2.0]
 
 
-def ensemble(real="double", **more):
+def ensemble(real="double", **options):
     q0, p0 = pendulum(real).project(*start(), parameters={"g": 1})
     return pendulum(real).integrate_ensemble(
         [q0] * 3, [p0] * 3, dt=[0.05, 0.1, 0.2], steps=20, every=3, parameters={"g": LENGTHS},
-        events=gs.Event("side"), **more)
+        events=gs.Event("side"), **options)
 
 
 def failing():
-    """The second of three fails in its first step."""
+    """Return an ensemble of three, the second of which fails in its first step."""
     q0, p0 = start()
     return pendulum().integrate_ensemble([q0] * 3, [p0] * 3, dt=[0.05, 20.0, 0.05], steps=20,
                                          every=3, parameters={"g": LENGTHS},
@@ -174,73 +174,75 @@ def failing():
 
 
 def test_a_dataset_has_what_the_members_have() -> None:
-    many = ensemble()
-    found = many.dataset()
-    for i, one in enumerate(many.members):
-        for name, values in states_of(one).items():
-            array = found[name].sel(trajectory=i)
+    trajectories = ensemble()
+    dataset = trajectories.dataset()
+    for i, member in enumerate(trajectories.members):
+        for name, values in states_of(member).items():
+            array = dataset[name].sel(trajectory=i)
             assert np.array_equal(array, values, equal_nan=True), name
-        events = found.event_side_t[found.event_side_trajectory.values == i]
-        assert np.array_equal(events, one.events["side"].t)
-    assert found.dt.values.tolist() == [0.05, 0.1, 0.2]
-    assert found.parameter_g.values.tolist() == LENGTHS
-    assert found.status.values.tolist() == ["complete"] * 3
-    assert found.sizes["state"] == 8
-    by_g = found.swap_dims(trajectory="parameter_g")
-    assert np.array_equal(by_g.q.sel(parameter_g=2.0, coordinate="x"), many.q[2, :, 0])
+        events = dataset.event_side_t[dataset.event_side_trajectory.values == i]
+        assert np.array_equal(events, member.events["side"].t)
+    assert dataset.dt.values.tolist() == [0.05, 0.1, 0.2]
+    assert dataset.parameter_g.values.tolist() == LENGTHS
+    assert dataset.status.values.tolist() == ["complete"] * 3
+    assert dataset.sizes["state"] == 8
+    by_g = dataset.swap_dims(trajectory="parameter_g")
+    assert np.array_equal(by_g.q.sel(parameter_g=2.0, coordinate="x"), trajectories.q[2, :, 0])
 
 
 def test_wide_numbers_keep_their_bytes(tmp_path) -> None:
-    """In float128 they are bytes of the archive, and doubles elsewhere."""
+    """Numbers in float128 are bytes of the archive, and doubles elsewhere."""
     step, case = systems.stepper("heavy_top", real="float128"), systems.case("heavy_top")
     q, p = systems.start("heavy_top", step)
-    many = step.integrate_ensemble([q] * 2, [p] * 2, dt=[case.dt, 2 * case.dt], steps=2,
-                                   parameters=case.parameters)
-    with np.load(many.save(tmp_path / "run.npz"), allow_pickle=False) as file:
+    trajectories = step.integrate_ensemble([q] * 2, [p] * 2, dt=[case.dt, 2 * case.dt], steps=2,
+                                           parameters=case.parameters)
+    with np.load(trajectories.save(tmp_path / "run.npz"), allow_pickle=False) as file:
         assert json.loads(str(file["about"]))["manifest"]["real"] == "float128"
-        assert any(file[name].shape == (*many.q.shape, 16) for name in file.files)
-    with xarray.open_dataset(many.save(tmp_path / "run.nc"), engine="h5netcdf",
+        assert any(file[name].shape == (*trajectories.q.shape, 16) for name in file.files)
+    with xarray.open_dataset(trajectories.save(tmp_path / "run.nc"), engine="h5netcdf",
                              decode_times=False) as file:
-        assert np.array_equal(file.q, many.q.astype(float))
+        assert np.array_equal(file.q, trajectories.q.astype(float))
 
 
 def test_a_failure_is_reported() -> None:
-    many = failing()
-    assert set(many.failures) == {1}
-    found = many.dataset()
-    assert found.status.values.tolist() == ["complete", many.failures[1].reason, "complete"]
-    assert found.steps.values.tolist() == [20, 0, 20]
-    assert np.isnan(found.energy[1, 1:]).all()
-    assert np.isfinite(found.energy[::2]).all()
-    assert (found.iterations[1] == 0).all()
-    assert found.iterations.dtype.kind == "i"
+    trajectories = failing()
+    assert set(trajectories.failures) == {1}
+    dataset = trajectories.dataset()
+    assert dataset.status.values.tolist() == [
+        "complete", trajectories.failures[1].reason, "complete"]
+    assert dataset.steps.values.tolist() == [20, 0, 20]
+    assert np.isnan(dataset.energy[1, 1:]).all()
+    assert np.isfinite(dataset.energy[::2]).all()
+    assert (dataset.iterations[1] == 0).all()
+    assert dataset.iterations.dtype.kind == "i"
 
 
 @pytest.mark.parametrize("real", ["double", pytest.param("float128", marks=pytest.mark.slow)])
 def test_files(real: str, tmp_path) -> None:
-    """All three, read by other programs' own readers."""
-    many = ensemble(real)
-    with np.load(many.save(tmp_path / "run.npz"), allow_pickle=False) as file:
+    """Readers of other programs read all three formats."""
+    trajectories = ensemble(real)
+    with np.load(trajectories.save(tmp_path / "run.npz"), allow_pickle=False) as file:
         assert file["parameter_g"].shape[0] == 3
         assert json.loads(str(file["about"]))["manifest"]["name"] == pendulum(real).name
         if real != "float128":
-            assert np.array_equal(file["q"], many.q)
+            assert np.array_equal(file["q"], trajectories.q)
             assert np.array_equal(file["event_side_t"], np.concatenate(
-                [one.events["side"].t for one in many.members]))
-    with xarray.open_dataset(many.save(tmp_path / "run.nc"), engine="h5netcdf",
+                [member.events["side"].t for member in trajectories.members]))
+    with xarray.open_dataset(trajectories.save(tmp_path / "run.nc"), engine="h5netcdf",
                              decode_times=False) as file:
-        assert np.array_equal(file.q, many.q.astype(float))
+        assert np.array_equal(file.q, trajectories.q.astype(float))
         assert file.status.values.tolist() == ["complete"] * 3
         assert file.trajectory.values.tolist() == [0, 1, 2]
         assert file.event_side_trajectory.values.tolist() == np.repeat(
-            np.arange(3), many.events["side"].count).tolist()
-    with many.save(tmp_path / "run.csv").open(newline="") as file:
+            np.arange(3), trajectories.events["side"].count).tolist()
+    with trajectories.save(tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 24
-    assert [float(row["x"]) for row in rows] == many.q[..., 0].astype(float).ravel().tolist()
+    assert [float(row["x"]) for row in rows] == (
+        trajectories.q[..., 0].astype(float).ravel().tolist())
     assert [int(row["trajectory"]) for row in rows] == np.repeat(np.arange(3), 8).tolist()
     with (tmp_path / "run.events.csv").open(newline="") as file:
-        assert len(list(csv.reader(file))) == 1 + many.events["side"].count.sum()
+        assert len(list(csv.reader(file))) == 1 + trajectories.events["side"].count.sum()
 
 
 @pytest.mark.parametrize("name", ["run.npz", "run.nc"])
@@ -260,7 +262,7 @@ def test_another_ending_is_refused(tmp_path) -> None:
 
 
 def test_an_event_that_never_happens_is_written(tmp_path) -> None:
-    """Also of one run, whose file of events then has no line of it."""
+    """The file of a run's events has no line of it."""
     events = [gs.Event("side"), gs.Event("side", level=5, name="never")]
     run = pendulum().integrate(*start(), dt=0.05, steps=60, parameters={"g": 1}, events=events)
     run.save(tmp_path / "run.csv")

@@ -1,4 +1,4 @@
-"""Radians a step: the fastest rotation, and when a run warns of it."""
+"""The fastest rotation is reported in radians a step, and a run may warn of it."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ def test_the_papers_runs_do_not_warn(scheme, dt, gyrospark):
 @pytest.mark.parametrize(("scheme", "borne"), [(("EMS",), 1.5), (("G-L", "--stages", "2"), 2.5),
                                                (("G-L", "--stages", "3"), 3.5)], ids=str)
 def test_more_than_is_borne_is_reported(scheme, borne, gyrospark):
-    """Beside the bound: nothing below it, a line above it, with a dt that is below it again."""
+    """Below the bound nothing is reported, above it a line with a dt that is below it again."""
     rate = 40 * pi
     below, above = (str(factor * borne / rate) for factor in (0.98, 1.02))
     assert gyrospark(*RUN, "--scheme", *scheme, "--dt", below).stderr == ""
     answer = gyrospark(*RUN, "--scheme", *scheme, "--dt", above)
     assert answer.code == 0
     assert answer.stderr.count("\n") == 1
-    for part in (f"{1.02 * borne:.2f} rad", f"{borne:g}",
-                 f"well below {borne / rate:.2g}."):
-        assert part in answer.stderr
+    for words in (f"{1.02 * borne:.2f} rad", f"{borne:g}",
+                  f"well below {borne / rate:.2g}."):
+        assert words in answer.stderr
     assert answer.document["radians_per_step"] > borne
 
 
@@ -50,17 +50,17 @@ def test_a_failed_step_and_its_rotation_are_reported_in_one_line(gyrospark):
     answer = gyrospark(*RUN, "--scheme", "IMS", "--dt", "1e300")
     assert answer.code == 1
     assert answer.stderr.count("\n") == 1
-    for part in ("Step 1", "1.5"):
-        assert part in answer.stderr
+    for words in ("Step 1", "1.5"):
+        assert words in answer.stderr
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_the_error_and_the_bound_of_order_two(gl3):
     """A midpoint turns by 4 arctan(θ/4) in place of θ: two radians are lost in some turns."""
     dt = 1.5 / (40 * pi)
-    made = systems.stepper("heavy_top", "EMS").integrate(TOP, dt=dt, steps=28)
-    true = gl3.integrate(TOP, dt=dt / 8, steps=8 * 28, every=8)
-    off = 2 * np.arccos(np.clip(np.abs((made.q * true.q).sum(axis=1)), 0, 1))
+    midpoint = systems.stepper("heavy_top", "EMS").integrate(TOP, dt=dt, steps=28)
+    exact = gl3.integrate(TOP, dt=dt / 8, steps=8 * 28, every=8)
+    off = 2 * np.arccos(np.clip(np.abs((midpoint.q * exact.q).sum(axis=1)), 0, 1))
     assert off[14] == pytest.approx(14 * (1.5 - 4 * np.arctan(1.5 / 4)), rel=0.1)
 
 
@@ -68,10 +68,10 @@ def test_the_error_and_the_bound_of_order_two(gl3):
 def test_the_error_that_order_six_has(gl3, radians):
     """The fast top errs by a hundredth of the expectation at least, and never by more."""
     dt = radians / (40 * pi)
-    made = gl3.integrate(TOP, dt=dt, steps=40)
-    true = gl3.integrate(TOP, dt=dt / 8, steps=8 * 40, every=8)
-    sign = np.sign((made.q[-1] * true.q[-1]).sum())
-    error = 2 * np.linalg.norm(sign * made.q[-1] - true.q[-1]) / (40 * radians)
+    run = gl3.integrate(TOP, dt=dt, steps=40)
+    exact = gl3.integrate(TOP, dt=dt / 8, steps=8 * 40, every=8)
+    sign = np.sign((run.q[-1] * exact.q[-1]).sum())
+    error = 2 * np.linalg.norm(sign * run.q[-1] - exact.q[-1]) / (40 * radians)
     assert phase_error(6, radians) / 100 < error < phase_error(6, radians)
 
 
@@ -94,7 +94,7 @@ def test_of_several_bodies_the_fastest(gyrospark):
 
 
 def test_what_does_not_turn_has_none(gyrospark):
-    """Points, and what a frame carries."""
+    """Points have no rotation in a step, nor have tops in their frame."""
     scheme = "--scheme", "G-L", "--stages", "2"
     points = gyrospark("run", "examples/pendulum.toml", *scheme, "--steps", "5", "--dt", "1",
                        "--json")
@@ -105,41 +105,41 @@ def test_what_does_not_turn_has_none(gyrospark):
 
 
 def said_of(call):
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         call()
-    return [str(one.message) for one in said if one.category is gs.errors.InputWarning
-            and one.filename == __file__]
+    return [str(warning.message) for warning in caught if warning.category is gs.errors.InputWarning
+            and warning.filename == __file__]
 
 
 def test_python_warns_as_the_command_does(gl3, tmp_path):
-    """At 2 rad a step nobody, at 6.3 everybody, once a call; the advice is a smaller step."""
-    start, many = (TOP.q0, TOP.p0), ([TOP.q0] * 2, [TOP.p0] * 2)
+    """At 2 rad a step no call warns, at 6.3 each does once; the advice is a smaller step."""
+    start, pair = (TOP.q0, TOP.p0), ([TOP.q0] * 2, [TOP.p0] * 2)
     calls = {
-        "integrate": lambda how: gl3.integrate(*start, steps=4, **how),
-        "start": lambda how: gl3.start(*start, **how),
-        "step": lambda how: gl3.step(*start, **how),
-        "ensemble": lambda how: gl3.integrate_ensemble(*many, steps=4, **how),
-        "one": lambda how: gl3.integrate_ensemble(*(x[:1] for x in many), steps=4, **how),
-        "differ": lambda how: gl3.integrate_ensemble(
-            *many, steps=4, **how | {"dt": [1e-3, how["dt"]]}),
-        "record": lambda how: gl3.integrate(*start, steps=4, **how,
-                                        out=tmp_path / f"{how['dt']}.zarr"),
-        "sweep": lambda how: gs.sweep("fast-top", {"dt": [1e-3, how["dt"]]}, scheme="G-L",
-                                      stages=3, steps=4, parameters={"gamma": 4e-4}),
-        "tuned": lambda how: gl3.integrate(gs.Start(*start, TOP.parameters).of_model(
-            {"gamma": TOP.inertia}, {"gamma": "auto"}), dt=how["dt"], steps=4),
+        "integrate": lambda options: gl3.integrate(*start, steps=4, **options),
+        "start": lambda options: gl3.start(*start, **options),
+        "step": lambda options: gl3.step(*start, **options),
+        "ensemble": lambda options: gl3.integrate_ensemble(*pair, steps=4, **options),
+        "one": lambda options: gl3.integrate_ensemble(*(x[:1] for x in pair), steps=4, **options),
+        "differ": lambda options: gl3.integrate_ensemble(
+            *pair, steps=4, **options | {"dt": [1e-3, options["dt"]]}),
+        "record": lambda options: gl3.integrate(*start, steps=4, **options,
+                                        out=tmp_path / f"{options['dt']}.zarr"),
+        "sweep": lambda options: gs.sweep("fast-top", {"dt": [1e-3, options["dt"]]}, scheme="G-L",
+                                          stages=3, steps=4, parameters={"gamma": 4e-4}),
+        "tuned": lambda options: gl3.integrate(gs.Start(*start, TOP.parameters).of_model(
+            {"gamma": TOP.inertia}, {"gamma": "auto"}), dt=options["dt"], steps=4),
     }
     for name, call in calls.items():
         slow, fast = ({"dt": dt, "parameters": TOP.parameters} for dt in (2 / (40 * pi), 0.05))
         assert said_of(partial(call, slow)) == [], name
-        said = [text for text in said_of(partial(call, fast)) if "rad" in text]
-        assert len(said) == 1, name  # cells of the sweep fail too, and that is told
-        assert "6.28 rad" in said[0], name
+        texts = [text for text in said_of(partial(call, fast)) if "rad" in text]
+        assert len(texts) == 1, name  # cells of the sweep fail too, with another warning
+        assert "6.28 rad" in texts[0], name
 
 
 def test_a_body_that_gets_fast_on_the_way():
-    """Let go near its highest place, a top is at rest at first; shown by a state on the way."""
+    """A top let go near its highest place rests at first; a state on the way shows its rate."""
     q, p = LATE
     step = systems.stepper("heavy_top")
     run = {"dt": 0.09, "parameters": TOP.parameters}
@@ -151,18 +151,18 @@ def test_a_body_that_gets_fast_on_the_way():
 
 
 def test_the_fastest_rotation_of_a_run_is_that_of_its_states(tmp_path):
-    """From the free fall of a top; the energy bounds it: ½ I₁ ω² ≤ H + m g l."""
+    """A top falls freely; the energy bounds its rotation: ½ I₁ ω² ≤ H + m g l."""
     q, p = LATE
     step = systems.stepper("heavy_top")
     run = {"dt": 1e-2, "steps": 90, "parameters": TOP.parameters}
-    made = step.integrate(q, p, **run)
-    omega = np.linalg.norm(made.body().angular_velocity(), axis=1)
-    assert made.rotation_max == pytest.approx(1e-2 * omega.max(), rel=1e-12)
-    assert made[:1].rotation_max == 0.0
-    assert 0 < made[:20].rotation_max < made.rotation_max
-    assert made.rotation_max <= 1e-2 * np.sqrt(
-        2 * (made.energies[0] + TOP.parameters["mgl"]) / min(TOP.inertia))
-    assert step.integrate(q, p, **run, out=tmp_path / "a.zarr").rotation_max == made.rotation_max
+    motion = step.integrate(q, p, **run)
+    omega = np.linalg.norm(motion.body().angular_velocity(), axis=1)
+    assert motion.rotation_max == pytest.approx(1e-2 * omega.max(), rel=1e-12)
+    assert motion[:1].rotation_max == 0.0
+    assert 0 < motion[:20].rotation_max < motion.rotation_max
+    assert motion.rotation_max <= 1e-2 * np.sqrt(
+        2 * (motion.energies[0] + TOP.parameters["mgl"]) / min(TOP.inertia))
+    assert step.integrate(q, p, **run, out=tmp_path / "a.zarr").rotation_max == motion.rotation_max
 
 
 def test_a_stored_run_that_is_fast_on_the_way_warns(tmp_path):
@@ -172,10 +172,10 @@ def test_a_stored_run_that_is_fast_on_the_way_warns(tmp_path):
     run = {"dt": 0.09, "parameters": TOP.parameters}
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        made = step.integrate(q, p, steps=200, **run)
-    slow = next(k for k in range(150, 200) if fastest_rotation(made[k - 1:k]).radians < 1.0)
-    said = said_of(lambda: step.integrate(q, p, steps=slow - 1, **run, out=tmp_path / "s.zarr"))
-    assert len(said) == 1
+        motion = step.integrate(q, p, steps=200, **run)
+    slow = next(k for k in range(150, 200) if fastest_rotation(motion[k - 1:k]).radians < 1.0)
+    texts = said_of(lambda: step.integrate(q, p, steps=slow - 1, **run, out=tmp_path / "s.zarr"))
+    assert len(texts) == 1
 
 
 def test_every_type_has_radians():
@@ -190,7 +190,7 @@ def test_every_type_has_radians():
 @pytest.mark.parametrize(("name", "scheme", "omega"), [
     ("driven_oscillator", ("G-L", 2), 2), ("henon_heiles", ("EMS", None), 1)])
 def test_an_oscillator_at_five_rad_a_step_is_warned_of(name, scheme, omega):
-    """Near rest; the warning has ω Δt, and steps of the dt that it names are followed."""
+    """Near rest the warning has ω Δt; steps of the dt that it names follow the motion."""
     step = systems.stepper(name, *scheme)
     parameters = dict.fromkeys(systems.case(name).parameters, 1e-300)
     if parameters:
