@@ -37,9 +37,9 @@ ORDERS = list(itertools.permutations(range(3)))
 ATTITUDE = tuple(np.array((0.5, 0.1, -0.7, 0.3)) / math.sqrt(0.84))
 
 
-def derivative(function, t, h, one=1.0):
-    """Return df/dt by the eighth-order central difference; ``one`` says in which numbers."""
-    weights = {1: 4 * one / 5, 2: -one / 5, 3: 4 * one / 105, 4: -one / 280}
+def derivative(function, t, h, unity=1.0):
+    """Return df/dt by the eighth-order central difference; ``unity`` has the type of numbers."""
+    weights = {1: 4 * unity / 5, 2: -unity / 5, 3: 4 * unity / 105, 4: -unity / 280}
     return sum(w * (function(t + n * h) - function(t - n * h)) for n, w in weights.items()) / h
 
 
@@ -270,12 +270,12 @@ def test_free_body_solves_eulers_equations_to_28_digits(inertia, omega, t):
 
     I1, I2, I3 = (mp.mpf(moment) for moment in inertia)
     accelerations = [(I2 - I3) / I1 * y * z, (I3 - I1) / I2 * z * x, (I1 - I2) / I3 * x * y]
-    for left, right in zip(slopes(exact.precise_angular_velocity), accelerations, strict=True):
-        assert abs(left - right) < 1e-28 * speed**2
+    for slope, formula in zip(slopes(exact.precise_angular_velocity), accelerations, strict=True):
+        assert abs(slope - formula) < 1e-28 * speed**2
     turns = [-q1 * x - q2 * y - q3 * z, q0 * x - q3 * y + q2 * z,
              q3 * x + q0 * y - q1 * z, -q2 * x + q1 * y + q0 * z]
-    for left, right in zip(slopes(exact.precise_attitude), turns, strict=True):
-        assert abs(left - right / 2) < 1e-28 * speed
+    for slope, formula in zip(slopes(exact.precise_attitude), turns, strict=True):
+        assert abs(slope - formula / 2) < 1e-28 * speed
 
 
 def test_attitude_is_continuous():

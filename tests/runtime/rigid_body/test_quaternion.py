@@ -35,7 +35,7 @@ angles = st.floats(-10, 10)
 
 
 def elementary(axis_number, angle):
-    """Return the rotation about one axis, written out."""
+    """Return the rotation about one axis by its matrix."""
     c, s = np.cos(angle), np.sin(angle)
     if axis_number == 1:
         return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
@@ -81,9 +81,9 @@ def test_momentum_and_angular_velocity_are_inverse():
     assert p.shape == (3, 5, 4)
     np.testing.assert_allclose(angular_velocity(UNIT, p, INERTIA), omega, rtol=1e-12)
     np.testing.assert_allclose(np.einsum("...i,...i", UNIT, p), 0, atol=1e-15)
-    many = momentum(UNIT[0, 0], omega, INERTIA)  # one attitude of many velocities
-    np.testing.assert_allclose(many[0, 0], p[0, 0], rtol=1e-14)
-    assert many.shape == (3, 5, 4)
+    of_one_attitude = momentum(UNIT[0, 0], omega, INERTIA)
+    np.testing.assert_allclose(of_one_attitude[0, 0], p[0, 0], rtol=1e-14)
+    assert of_one_attitude.shape == (3, 5, 4)
 
 
 @given(angles, angles, angles)
@@ -101,8 +101,8 @@ def test_rotation_round_trip(phi, theta, psi):
     q = euler_quaternion(phi, theta, psi)
     back = attitude_quaternion(to_rotation(q))
     assert abs(back @ q) == pytest.approx(1, abs=1e-15)
-    same = attitude_quaternion(Rotation.from_euler("ZXZ", [phi, theta, psi]))
-    assert abs(same @ q) == pytest.approx(1, abs=1e-14)
+    from_scipy = attitude_quaternion(Rotation.from_euler("ZXZ", [phi, theta, psi]))
+    assert abs(from_scipy @ q) == pytest.approx(1, abs=1e-14)
 
 
 def test_state_from_rotation():
@@ -169,13 +169,13 @@ def test_all_sequences_are_scipys():
 def test_locked_angles_give_the_rotation_back(sequence):
     ends = (0.0, np.pi) if sequence[0] == sequence[2] else (np.pi / 2, -np.pi / 2)
     for end in ends:
-        there = Rotation.from_euler(sequence, [[0.3, end, 0.5], [2.5, end, -3.0]])
-        found = euler_angles(there.as_quat()[:, [3, 0, 1, 2]], sequence)
-        assert (found[:, 2] == 0).all()
+        rotation = Rotation.from_euler(sequence, [[0.3, end, 0.5], [2.5, end, -3.0]])
+        locked = euler_angles(rotation.as_quat()[:, [3, 0, 1, 2]], sequence)
+        assert (locked[:, 2] == 0).all()
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the lock
-            assert np.abs(found - there.as_euler(sequence)).max() < 1e-7
-        assert (Rotation.from_euler(sequence, found) * there.inv()).magnitude().max() < 1e-7
+            assert np.abs(locked - rotation.as_euler(sequence)).max() < 1e-7
+        assert (Rotation.from_euler(sequence, locked) * rotation.inv()).magnitude().max() < 1e-7
 
 
 def test_the_papers_angles():
@@ -213,11 +213,11 @@ def test_axis_order_does_not_matter(inertia):
 
 @given(triples)
 def test_means_lie_between_the_moments_and_harmonic_below_arithmetic(inertia):
-    least, middle, most = sorted(inertia)
+    smallest, middle, largest = sorted(inertia)
     up = 1 + 1e-15
-    assert least <= gs.gamma(inertia, "h") * up
+    assert smallest <= gs.gamma(inertia, "h") * up
     assert gs.gamma(inertia, "h") <= gs.gamma(inertia) * up
-    assert gs.gamma(inertia) <= most * up
+    assert gs.gamma(inertia) <= largest * up
     assert middle <= gs.gamma(inertia, "ht") * up
     assert gs.gamma(inertia, "ht") <= gs.gamma(inertia, "mt") * up
     assert gs.gamma(inertia, "h") <= gs.gamma(inertia, "ht") * up
@@ -225,9 +225,10 @@ def test_means_lie_between_the_moments_and_harmonic_below_arithmetic(inertia):
 
 @given(triples)
 def test_tilde_is_the_limit_of_a_vanishing_moment(inertia):
-    least, middle, most = sorted(inertia)
-    expected = gs.gamma((least, middle, most), "mt"), gs.gamma((least, middle, most), "ht")
-    for flat in ([0, middle, most], [middle, 0, most], [middle, most, 0]):
+    smallest, middle, largest = sorted(inertia)
+    expected = (gs.gamma((smallest, middle, largest), "mt"),
+                gs.gamma((smallest, middle, largest), "ht"))
+    for flat in ([0, middle, largest], [middle, 0, largest], [middle, largest, 0]):
         assert (gs.gamma(flat, "mt"), gs.gamma(flat, "ht")) == pytest.approx(expected, rel=1e-15)
 
 
