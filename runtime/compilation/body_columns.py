@@ -164,13 +164,14 @@ def bodies_of(manifest: Manifest) -> dict[str, BodyAt]:
         if not {*body.q, *body.x} <= {*columns} or len(body.q) != 4 or len(body.x) not in (0, 3):
             raise UnfitError("has other coordinates", key)
         bodies[name] = BodyAt(
-            [columns[x] for x in body.q], list(inertia), [columns[x] for x in body.x],
-            _vector(system, key, body.origin or (0.0, 0.0, 0.0), 3),
-            _vector(system, key, body.centre, 0, 3),
-            None if body.mass is None else _vector(system, key, [body.mass], 1)[0])
+            q=[columns[x] for x in body.q], inertia=list(inertia), x=[columns[x] for x in body.x],
+            origin=_vector(system, key, body.origin or (0.0, 0.0, 0.0), 3),
+            centre=_vector(system, key, body.centre, 0, 3),
+            mass=None if body.mass is None else _vector(system, key, [body.mass], 1)[0])
     # a user's system with rigid_body=True has the coordinates and parameters of the paper's body
     if system.rigid_body and not bodies:
-        bodies["body"] = BodyAt([0, 1, 2, 3], ["I1", "I2", "I3"], [], [0.0, 0.0, 0.0], [], None)
+        bodies["body"] = BodyAt(q=[0, 1, 2, 3], inertia=["I1", "I2", "I3"], x=[],
+                                origin=[0.0, 0.0, 0.0], centre=[], mass=None)
     return bodies
 
 

@@ -24,7 +24,8 @@ __all__ = ["FLAGS", "frames_of", "on_large_stack", "thread_seconds"]
 
 #: Has the compiler write the frame of each function beside an object.
 FLAGS = ["-fstack-usage"]
-#: For Newton's method, whose frames have numbers where the iteration has lanes, and for Python.
+#: Factor for Newton's method, whose frames have numbers where the iteration has lanes; and bytes
+#: that Python itself takes.
 _MORE, _PYTHON = 1.25, 2**20
 #: Calls that take less fit anywhere.
 _SMALL = 2**18
@@ -56,6 +57,7 @@ def on_large_stack(function: Callable[..., Any], frames: int) -> Callable[..., A
         return function
 
     def call(*arguments: Any) -> Any:
+        """Call the function in this thread, or in one with a larger stack if it may not fit."""
         if _MORE * frames <= _available() - _PYTHON:
             return function(*arguments)
         return _in_thread(function, arguments, int(_MORE * frames) + _PYTHON)
@@ -97,7 +99,7 @@ def _in_thread(function: Callable[..., Any], arguments: tuple[Any, ...], size: i
     thread = threading.Thread(target=run, daemon=True)
     # the size for new threads is a setting of the process: no other call may start one meanwhile
     with _starting:
-        before = threading.stack_size(-(-size // _PAGE) * _PAGE)
+        before = threading.stack_size(-(-size // _PAGE) * _PAGE)  # rounded up to whole pages
         try:
             thread.start()
         finally:

@@ -213,11 +213,11 @@ def compile_module(
 
     ``module_kind`` names one of the modules of a stepper (``object_files.ModuleKind``): "runs" of
     one trajectory, "lanes" of many, "newton", the library that these two call, and those of
-    derivatives and impacts. Its objects are compiled side by side under strict warnings; so is,
-    without these, its wrapper, the C that cffi writes to make functions callable from Python. The
-    checks are C functions in the objects that evaluate their kernels, for ``kernel_check``. Raises
-    CompilerError with the command and its stderr; also if a step succeeds and leaves no file;
-    OSError if the folder cannot be written.
+    derivatives and impacts. Its objects are compiled side by side under strict warnings, with
+    ``more_flags`` behind all others; so is, without these, its wrapper, the C that cffi writes to
+    make functions callable from Python. The checks are C functions in the objects that evaluate
+    their kernels, for ``kernel_check``. Raises CompilerError with the command and its stderr; also
+    if a step succeeds and leaves no file; OSError if the folder cannot be written.
     """
     for file, text in files.items():
         (folder / file).write_text(text, encoding="utf-8")

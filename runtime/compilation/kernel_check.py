@@ -88,12 +88,12 @@ class CheckFunction:
         which ``low`` has what a type longer than double has beyond ``high``. ``memory`` holds the
         inputs x and behind them the outputs y; on lanes, a group of points at once.
         """
-        lanes = self.kind == "lanes"
-        value, step = ("lanes", "LANES") if lanes else ("real", "1")
+        on_lanes = self.kind == "lanes"
+        value, step = ("lanes", "LANES") if on_lanes else ("real", "1")
         sizes = [f"{{ {len(inputs_of(kernel))}, {len(outputs_of(kernel))} }}"
                  for kernel in self.kernels]
-        get = "lane_get(y + e, l)" if lanes else "y[e]"
-        put = ("lane_set(x + e, l, (real)in[l*size + e]);" if lanes
+        get = "lane_get(y + e, l)" if on_lanes else "y[e]"
+        put = ("lane_set(x + e, l, (real)in[l*size + e]);" if on_lanes
                else "x[e] = (real)in[l*size + e];")
         cases = "".join(self._case(number, kernel) for number, kernel in enumerate(self.kernels))
         return f"""
@@ -178,6 +178,7 @@ _CLEAR = f"""
 
 
 def _block(number: int, lines: Iterable[str]) -> str:
+    """Return the case of a kernel's number, in C, with the lines in a block of its own."""
     body = "".join(f"            {line}\n" for line in lines)
     return f"        case {number}: {{\n{body}            break;\n        }}\n"
 
@@ -195,6 +196,7 @@ def outputs_of(kernel: KernelText) -> list[str]:
 
 
 def _places(arrays: Mapping[str, tuple[int, ...]]) -> list[str]:
+    """Return the entries of arrays in C, such as "q[0]", from name → shape."""
     return [name + "".join(f"[{i}]" for i in index)
             for name, shape in arrays.items() for index in np.ndindex(*shape)]
 
@@ -349,4 +351,5 @@ def _evaluate_kernel(
 
 
 def _doubles(values: Any, count: int) -> NDArray[np.float64]:
+    """Return numbers of any type as doubles, one for each of ``count`` points."""
     return np.broadcast_to(np.asarray(values, dtype=np.float64), (count,)).copy()

@@ -91,7 +91,10 @@ class KernelText:
 
     @property
     def statements(self) -> list[tuple[str, str, list[Expression]]]:
-        """The statements: kind (local, place, product, return), target, and expression."""
+        """The statements: kind, target, and a list of the expression.
+
+        Kinds are local, place, product, return, and clear, which has no expression.
+        """
         return _statements(self.body)
 
     @property
@@ -173,6 +176,7 @@ def _arrays(text: str, returns: str) -> _Arrays:
 
 @lru_cache(maxsize=64)
 def _statements(body: str) -> list[tuple[str, str, list[Expression]]]:
+    """Return the statements of a body, as ``KernelText.statements`` has them; cached."""
     return [parsed for line in _lines(body) if (parsed := _parse(line)) is not None]
 
 
@@ -224,9 +228,9 @@ def _expression(text: str) -> Expression:
         if token["number"]:
             output.append(("number", token["number"], 0))
         elif token["name"] and text[position : position + 1] == "(":
-            if _plain(token["name"]) not in _FUNCTIONS:
+            if _base_name(token["name"]) not in _FUNCTIONS:
                 raise UnreadableError(f"{token['name']} is no known function")
-            stack.append(_plain(token["name"]) + "(")
+            stack.append(_base_name(token["name"]) + "(")
             counts.append(1)
             position += 1
         elif token["name"]:
@@ -289,7 +293,8 @@ class Arithmetic:
             return self._cardinal(name, arguments[0])
         if self.functions is not np:
             function = getattr(self.functions, "power" if name == "pow" else name)
-            return np.frompyfunc(_real(function, self.functions.nan), len(arguments), 1)(*arguments)
+            real_function = _nan_where_complex(function, self.functions.nan)
+            return np.frompyfunc(real_function, nin=len(arguments), nout=1)(*arguments)
         return getattr(self.functions, _NUMPY.get(name, name))(*arguments)
 
     def _switch(self, name: str, arguments: list[Any]) -> Any:
@@ -310,7 +315,7 @@ class Arithmetic:
         return (_DERIVATIVES[function](self, z) - ratio) / z
 
 
-def _real(function: Callable[..., Any], nan: Any) -> Callable[..., Any]:
+def _nan_where_complex(function: Callable[..., Any], nan: Any) -> Callable[..., Any]:
     """Return a function of mpmath that is NaN where it is complex or infinite, as C's are."""
     def value(*arguments: Any) -> Any:
         """Return the function's value, NaN where it is not real."""
@@ -340,7 +345,7 @@ _FUNCTIONS = {"sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cos
               *(f"{name}_slope" for name in _CARDINAL)}
 
 
-def _plain(text: str) -> str:
+def _base_name(text: str) -> str:
     """Return the name of a function of C without prefix for lanes and suffix of the type."""
     name = text.removeprefix("lanes_")
     for suffix in ("f128", "f64", "f", "l"):

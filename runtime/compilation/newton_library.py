@@ -71,8 +71,8 @@ static const newton_function *newton_table(void)
     return {name}_newton_table;
 }}
 """]
-    declarations = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
-    for index, (function, declaration) in enumerate(_in_table(declarations)):
+    declaration_of = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
+    for index, (function, declaration) in enumerate(_in_table(declaration_of)):
         # the check is called from Python alone; modules of lanes have no public functions of Newton
         if function == "" or (declaration and not public):
             continue
@@ -88,9 +88,9 @@ static const newton_function *newton_table(void)
 
 def table_text(name: str, header: str, check: str) -> str:
     """Return the C of the table, compiled beside the library's object; ``check`` is declared."""
-    declarations = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
+    declaration_of = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
     lines, entries = [], []
-    for function, declaration in _in_table(declarations):
+    for function, declaration in _in_table(declaration_of):
         if function and not declaration:
             lines.append(f"{_internal(name, header, function)};")
         target = f"{name}_{function}" if function else re.findall(r"\w+(?=\()", check)[0]
@@ -133,7 +133,8 @@ def connect(module: Any, name: str, load: Callable[[], Any]) -> Any:
             library = load()
             module.newton = library  # stays open as long as the module
             setattr(module.lib, f"{name}_newton_table", module.ffi.cast("void *", library.address))
-        except BaseException as error:  # no exception passes through C: ``checked`` raises it
+        except BaseException as error:
+            # no exception passes through C: ``raise_library_errors`` raises it afterwards
             _pending.error = error
 
     return module
@@ -154,12 +155,12 @@ def raise_library_errors(function: Callable[..., Any]) -> Callable[..., Any]:
     return call
 
 
-def _in_table(declarations: dict[str, str]) -> list[tuple[str, str]]:
+def _in_table(declaration_of: dict[str, str]) -> list[tuple[str, str]]:
     """Return (function, declaration) of each entry of the table.
 
     First what objects call, without declarations, then the check as "", then the public functions.
     """
-    calls, public = ([(name, text) for name, text in declarations.items()
+    calls, public = ([(name, text) for name, text in declaration_of.items()
                       if bool(text) is is_public]
                      for is_public in (False, True))
     return [*calls, ("", ""), *sorted(public)]

@@ -9,7 +9,7 @@ the fixed-point iteration, and for one trajectory beside what its run is set up 
 object defines some of the public functions. The others are static in its header, so that the
 compiler drops them, and what only they call.
 
-Objects in which gcc may have permuted a vector of eight doubles wrongly.
+``has_permutation`` finds objects in which gcc may have permuted a vector of eight doubles wrongly.
 
 gcc compiles a constant permutation x → (x[i_0], ..., x[i_7]) of a 512-bit vector of doubles to
 ``vpermilpd`` with an immediate, which moves within pairs, even if i_2 or i_3 are 4 to 7: its
@@ -183,6 +183,7 @@ def with_inline_functions(text: str) -> str:
 
 
 def _has_lanes(name: str, header: str) -> bool:
+    """Whether a stepper integrates many trajectories side by side, on lanes."""
     return "lanes" in _functions(name, header)
 
 
@@ -192,6 +193,7 @@ def _functions(name: str, header: str) -> set[str]:
 
 
 def _declaration(name: str, arguments: str = "") -> re.Pattern[str]:
+    """Return the pattern of a function's declaration; its group is the name without prefix."""
     return re.compile(rf"^(?:const )?\w[\w ]* \*?{name}_(\w+)\({arguments}", re.MULTILINE)
 
 

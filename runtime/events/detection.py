@@ -44,8 +44,8 @@ class Levels:
     columns: tuple[tuple[str, int], ...]
     levels: Array
     #: The columns as C counts them, q, p and quantities in a row, and the levels in its type.
-    numbered: Array
-    rounded: Array
+    columns_in_c: Array
+    levels_in_c: Array
 
     @classmethod
     def of(cls, binding: Binding, manifest: Manifest, events: tuple[Event, ...]) -> Levels:
@@ -77,7 +77,7 @@ class Levels:
         it is needed only if quantities depend on t, as ``is_time_dependent`` says.
         """
         quantities = (self.binding.quantities(parameters, self._times(t), q, p)
-                      if self._of_quantities else q)
+                      if self._has_quantities else q)
         arrays = {"": quantities, "q": q, "p": p}
         # float32 values are subtracted as doubles, the type of levels
         observed = np.empty((len(q), len(self.events)), self.binding.number_type)
@@ -94,8 +94,8 @@ class Levels:
         None if no state is near a level. ``last`` has the values at the two states before the rows,
         at first ``no_past``; the values of the last two rows replace them.
         """
-        return self.binding.near(parameters, self._times(t), q, p, self.numbered, self.rounded,
-                                 last)
+        return self.binding.near(parameters, self._times(t), q, p, self.columns_in_c,
+                                 self.levels_in_c, last)
 
     @property
     def no_past(self) -> Array:
@@ -105,10 +105,10 @@ class Levels:
     @property
     def is_time_dependent(self) -> bool:
         """Whether the values depend on the times of the states."""
-        return self._of_quantities and self.binding.quantities_take_time
+        return self._has_quantities and self.binding.quantities_take_time
 
     @property
-    def _of_quantities(self) -> bool:
+    def _has_quantities(self) -> bool:
         """Whether an event is of a quantity, which the C must evaluate."""
         return any(kind == "" for kind, _ in self.columns)
 
@@ -379,7 +379,8 @@ class EventDetector:
         """The memory from which detection resumes after the examined states."""
         no_states = self._levels.binding.new(0, self._levels.binding.n)
         q, p = self._tail or (no_states, no_states)
-        return Memory(q, p, self._turnings_bracketed.copy(), self._levels.binding.new(0))
+        return Memory(q, p, closed=self._turnings_bracketed.copy(),
+                      margins=self._levels.binding.new(0))
 
     def resume(self, step: int, memory: Memory) -> None:
         """Continue after ``step`` steps, with the memory of detection up to there."""

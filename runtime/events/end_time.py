@@ -58,7 +58,8 @@ class EndTimeObserver:
         """Advance as ``binding.integrate`` does, up to the step before the end."""
         binding, start = self._stepper.binding, state.copy(self._stepper.binding)
         visited = rows if every == 1 else Rows.allocate(binding, steps)
-        status = binding.integrate(constants, steps, 1, state, visited)
+        # t_end is sought in every state, also between two stored ones
+        status = binding.integrate(constants, steps, every=1, state=state, rows=visited)
         count = state.steps - start.steps
         if every > 1:
             thin(visited, count, every, rows)
@@ -72,8 +73,8 @@ class EndTimeObserver:
         state.assign(binding, start)
         if whole_steps:
             # ``every`` is larger than the number of steps: nothing is stored
-            binding.integrate(constants, whole_steps, whole_steps + 1, state,
-                              Rows.allocate(binding, 0))
+            binding.integrate(constants, whole_steps, every=whole_steps + 1, state=state,
+                              rows=Rows.allocate(binding, 0))
         self.end = self._end(constants, state, row)
         return 0
 
@@ -93,7 +94,9 @@ class EndTimeObserver:
         resolution = epsilon_of_times(self._stepper) * max(abs(state.q[-1]), abs(t_end))
         best_end: tuple[Any, Any] = (np.inf, None)
         for _ in range(_MOST):
+            # rounded to the type of times
             tau = np.array([_zero(near_point, new_point)], binding.number_type)[0]
+            # low > high in a run backwards in time
             if not min(low, high) < tau <= max(low, high):
                 tau = (low + high) / 2
             row = self._partial_step(constants, state, tau, work_memory)
@@ -113,8 +116,9 @@ class EndTimeObserver:
         row.work[:] += binding.work_done(state.record)
         steps = np.array([state.steps])
         elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
-        return TerminalEvent(0, Crossings(run.t0 + elapsed, row.q, row.p, steps,
-                                          np.array([self._ahead > 0]), elapsed), row)
+        crossing = Crossings(run.t0 + elapsed, row.q, row.p, steps,
+                             rising=np.array([self._ahead > 0]), elapsed=elapsed)
+        return TerminalEvent(event=0, at=crossing, row=row)
 
     def _partial_step(
         self, constants: RunConstants, state: RunState, tau: Any, work_memory: Any
@@ -125,7 +129,8 @@ class EndTimeObserver:
         """
         binding, row = self._stepper.binding, Rows.allocate(self._stepper.binding, 1)
         partial_state = RunState.at_start(binding, state.q, state.p, work_memory)
-        if binding.integrate(replace_fields(constants, dt=tau), 1, 1, partial_state, row):
+        if binding.integrate(replace_fields(constants, dt=tau), steps=1, every=1,
+                             state=partial_state, rows=row):
             raise InputError(
                 f"From t = {float(state.q[-1]):.6g} s no step of {float(tau):.3g} s of τ is found, "
                 "though the run has found its own; take a smaller dtau.")
@@ -150,8 +155,8 @@ class EndTimeObserver:
 def _zero(a: tuple[Any, Any, Any], b: tuple[Any, Any, Any]) -> Any:
     """Return τ(0) by the cubic τ(t) through (τ, t, dτ/dt) of two points: Hermite interpolation.
 
-    With h = t_b − t_a and x = −t_a/h: τ_a + (τ_b − τ_a) x² (3 − 2x) + h x (1 − x) ((1 − x) τ_a′ −
-    x τ_b′).
+    With h = t_b − t_a, the ``width``, and x = −t_a/h: τ_a + (τ_b − τ_a) x² (3 − 2x) +
+    h x (1 − x) ((1 − x) τ_a′ − x τ_b′).
     """
     (tau, t, slope), (other_tau, other_t, other_slope) = a, b
     width = other_t - t

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 __all__ = ["ImpactObserver", "refuse_unusable"]
 
-#: Status codes with which compiled code returns before the end, beside failures of a step.
+#: Status codes with which compiled code returns before the end, beside failures of a step: its
+#: memory for impacts is full; a gap stays closed; a gap is negative at the start; no motion changes
+#: a gap; H is not quadratic; a terminal impact.
 _FULL, _REST, _INSIDE, _UNMOVABLE, _NOT_QUADRATIC, _LATCHED = range(16, 22)
 #: Impacts that one call returns at most, and those that wait to be stored.
 _CAPACITY, _MOST = 1024, 2**14
@@ -81,7 +83,7 @@ class ImpactObserver:
         self._places, self._hits = list[Array](), list[Array]()
         start = RunState.at_start(stepper.binding, run.q, run.p)
         # a call of 0 steps: C checks that the gaps are open, and computes H
-        self._call(0, 1, start, Rows.allocate(stepper.binding, 0))
+        self._call(steps=0, every=1, state=start, rows=Rows.allocate(stepper.binding, 0))
         self._start_energy = float(start.record.energy_start)
 
     @property
@@ -93,7 +95,8 @@ class ImpactObserver:
     def memory(self) -> Memory:
         """The round-off of the gaps, with which a run resumes after whole steps."""
         no_rows = self._own.new(0, self._own.n)
-        return Memory(no_rows, no_rows, np.zeros(len(self.events), bool), self._margins.copy())
+        return Memory(q=no_rows, p=no_rows, closed=np.zeros(len(self.events), bool),
+                      margins=self._margins.copy())
 
     def resume(self, _state: RunState, memory: Memory) -> None:
         """Continue from a state after whole steps, with the round-off of the gaps there."""
@@ -112,7 +115,7 @@ class ImpactObserver:
         while status == _FULL and self._since[0]:
             row = (state.steps - first_step) // every
             previous_iterations = rows.iterations[row]
-            status = self._call(1, 1, state, rows[row:])
+            status = self._call(steps=1, every=1, state=state, rows=rows[row:])
             rows.iterations[row] = max(previous_iterations, rows.iterations[row])
         return 0 if status == _FULL else status
 
@@ -138,8 +141,8 @@ class ImpactObserver:
             q, before, after = (block.copy() for block in np.split(rows[:, 4:], 3, axis=1))
             elapsed = binding.times(0 * run.t0, run.dt, steps) + time_in_step
             impacts[event.name] = Impacts(
-                run.t0 + elapsed, q, after, steps, np.zeros(len(steps), bool), elapsed, before,
-                impulse, lost, work)
+                run.t0 + elapsed, q, after, steps, rising=np.zeros(len(steps), bool),
+                elapsed=elapsed, p_before=before, impulse=impulse, energy_lost=lost, work=work)
         return impacts
 
     def add_impacts(self, report: Report, count: int) -> Report:
@@ -187,8 +190,9 @@ class ImpactObserver:
             binding.ffi.cast("void *", binding.ffi.from_buffer(self._memory))))
         self._places.append(places[: count[0]].copy())
         self._hits.append(hits[: count[0]].copy())
-        # after the impacts C writes the number of the gap that stopped it
-        return self._status_of(status, int(places[count[0], 0]), state, hits[0, 0])
+        # after the impacts C writes the number of the gap that stopped it; of a gap below 0 at the
+        # start, where there are no impacts, its value is in place of the first one
+        return self._status_of(status, int(places[count[0], 0]), state, gap_at_start=hits[0, 0])
 
     def _status_of(self, status: int, gap: int, state: RunState, gap_at_start: Any) -> int:
         """Return 0 for a call that ended the run, which sets ``end``, else the status of C.
@@ -231,7 +235,8 @@ class ImpactObserver:
         # multipliers and iterations are of steps
         row = Rows(q, p, binding.new(1, binding.multipliers) + np.nan, np.zeros(1, np.intc),
                    binding.new(1) + self._stepper.binding.work_done(state.record))
-        return TerminalEvent(gap, Crossings(t, q, p, steps, np.zeros(1, bool), elapsed), row)
+        crossing = Crossings(t, q, p, steps, rising=np.zeros(1, bool), elapsed=elapsed)
+        return TerminalEvent(gap, crossing, row)
 
 
 def refuse_unusable(

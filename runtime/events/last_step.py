@@ -46,7 +46,7 @@ def ended_between(
     # a run of one step of length ``rest``, with events of its own
     partial_arguments = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
     try:
-        partial_run = integrate_observed(stepper, partial_arguments, events, None)
+        partial_run = integrate_observed(stepper, partial_arguments, events, progress=None)
     except StepFailed as error:
         raise StepFailed(step=run.steps + 1, t=error.t, reason=error.reason, trajectory=trajectory,
                          increment=error.increment, dt=error.dt, detail=error.detail,

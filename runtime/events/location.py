@@ -232,10 +232,10 @@ class _BestStates:
         binding = work.stepper.binding
         self.time_in_step = 0 * work.t(indices)
         self.q, self.p = (binding.new(len(indices), binding.n) for _ in range(2))
-        self._size = self.time_in_step - 1  # |x − level| of the best state; below 0: none yet
+        self._size = self.time_in_step - 1  # |value − level| of the best state; below 0: none yet
 
     def __call__(self, x: Array, roots: Array) -> Array:
-        """Return (x − level)/(known zeros) after partial steps to the places ``x`` in the brackets.
+        """Return (value − level)/(known zeros) after partial steps to the places ``x`` in brackets.
 
         ``x`` is 0 at the start of a bracket and 1 at its end; ``roots`` are the indices of the
         brackets, of the same shape (roots,). The best states so far are kept.
@@ -282,20 +282,22 @@ def _level_roots(work: _Work) -> _Roots:
     brackets = work.brackets
     indices = np.flatnonzero(brackets.on_level)
     start_share, end_share = _zero_and_one(work, indices)
+    # the values at the ends; where these are 0, zeros that ``_BestStates`` divides out, the slopes
+    # take their place below
     start_slope, end_slope = (ends_of_step[indices].astype(float)
                               for ends_of_step in (brackets.before, brackets.after))
     on_level = np.column_stack([start_slope, end_slope]) == 0
     starts, ends = map(np.flatnonzero, on_level.T)
     # a value of 0 has no sign: at the start of the step the sign just after it is taken, at the end
     # the sign just before it
-    start_slope[starts] = work.slopes(indices[starts], 1)
+    start_slope[starts] = work.slopes(indices[starts], ahead=1)
     time_in_step, q, p, _ = work.states(end_share[ends], indices[ends])
-    end_slope[ends] = slope_before = work.slopes(indices[ends], -1, (q, p))
-    slope_after = work.slopes(indices[ends], 1, (q, p))
+    end_slope[ends] = slope_before = work.slopes(indices[ends], ahead=-1, end=(q, p))
+    slope_after = work.slopes(indices[ends], ahead=1, end=(q, p))
     # one more root between the ends, if the value changes its sign there
     inside = np.flatnonzero(start_slope * end_slope < 0)
     best_states = _BestStates(work, indices[inside], start_share[inside], end_share[inside],
-                       on_level[inside])
+                              known_zeros=on_level[inside])
     zeros(best_states, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
     # the end of a step is a root if the value arrives and does not turn back: then it only touches
     # its level
@@ -394,8 +396,9 @@ class _TurningSearch:
         x0, x2 = _zero_and_one(work, indices)
         y0, y2 = _where(is_reversed, (end, start), (start, end))
         x1: Array = (x0 + x2) / 2
-        search = cls(work, indices, side, is_reversed, 0 * y0, work.tolerance(indices),
-                     (x0, x1, x2), (y0, 0 * y0, y2))
+        # y₁ and the total change are evaluated by the search itself
+        search = cls(work, indices, side, is_reversed, total_change=0 * y0,
+                     tolerance=work.tolerance(indices), x=(x0, x1, x2), y=(y0, 0 * y0, y2))
         y1 = search._heights(x1)
         return replace(search, y=(y0, y1, y2), total_change=abs(y1 - y0) + abs(y2 - y1))
 
@@ -558,7 +561,7 @@ def _by_run(
         event_roots = _select(event_roots, order)
         if stepper.binding.clocked and levels.columns[event_index] == ("q", stepper.binding.n - 1):
             # roots of the time itself: the requested time, to the last bit
-            event_roots.q[:, -1] = levels.rounded[event_index]
+            event_roots.q[:, -1] = levels.levels_in_c[event_index]
         elapsed = event_roots.step * runs.dt[event_roots.owner] + event_roots.time_in_step
         t = runs.t0[event_roots.owner] + elapsed
         bounds = np.searchsorted(event_roots.owner, np.arange(len(runs) + 1))
@@ -572,6 +575,6 @@ def _by_run(
 
 def _no_roots(stepper: Stepper) -> _Roots:
     """Return empty arrays of the types that roots have."""
-    binding, count = stepper.binding, np.array([], int)
-    return _Roots(count, count, count, np.array([]), np.array([], binding.number_type),
-                  binding.new(0, binding.n), binding.new(0, binding.n), count.astype(bool))
+    binding, no_index = stepper.binding, np.array([], int)
+    return _Roots(no_index, no_index, no_index, np.array([]), np.array([], binding.number_type),
+                  binding.new(0, binding.n), binding.new(0, binding.n), no_index.astype(bool))

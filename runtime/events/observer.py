@@ -254,8 +254,8 @@ class Observer:
         The location ends early once ``stop()`` is true.
         """
         (crossings,) = crossings_of(self._stepper, self._levels, self._runs, [brackets],
-                                    lambda states: fill_ensemble(states, threads_of(None),
-                                                                   stop))
+                                    lambda states: fill_ensemble(states, threads_of(workers=None),
+                                                                 stop))
         return crossings
 
     def _look_for_end(self, state: RunState) -> None:
@@ -263,7 +263,7 @@ class Observer:
         brackets = self._detector.take_terminal_brackets()
         if brackets is None:
             return
-        crossings = self._locate(brackets, lambda: False)
+        crossings = self._locate(brackets, stop=lambda: False)
         name = first_terminal_event(self.events, crossings, self._run.dt)
         if name is None:
             return
@@ -276,8 +276,9 @@ class Observer:
         remaining_steps = steps - piece_start.steps
         state.assign(binding, piece_start)
         if remaining_steps:
-            binding.integrate(self._run.constants(binding), remaining_steps, remaining_steps + 1,
-                              state, Rows.allocate(binding, 0))
+            binding.integrate(self._run.constants(binding), remaining_steps,
+                              every=remaining_steps + 1, state=state,
+                              rows=Rows.allocate(binding, 0))
         self.end = TerminalEvent([event.name for event in self.events].index(name), crossing,
                                  self._row_to(state, crossing))
 
@@ -296,9 +297,9 @@ class Observer:
 
         def fill(states: EnsembleStates) -> None:
             """Integrate an ensemble in this thread."""
-            fill_ensemble(states, 1, lambda: False)
+            fill_ensemble(states, threads=1, stop=lambda: False)
 
         states_of_step = run_together(stepper, state.q[None], state.p[None], t0, partial_step,
-                                      parameters, fill, 1)
+                                      parameters, fill, steps=1)
         row = states_of_step.rows[:, 1]
         return replace(row, q=event.q, p=event.p, work=binding.work_done(state.record) + row.work)

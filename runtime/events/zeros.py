@@ -79,8 +79,8 @@ def cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
         c = next_value - d - a - b
         for _ in range(3):  # Newton's method
             x = x - (((a * x + b) * x + c) * x + d) / ((3 * a * x + 2 * b) * x + c)
-        inside: Array = np.where((x > 0) & (x < 1), x, secant)
-    return inside
+        zero: Array = np.where((x > 0) & (x < 1), x, secant)
+    return zero
 
 
 def _fraction(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:
