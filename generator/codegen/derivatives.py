@@ -110,7 +110,7 @@ def derivatives_of(
     # dc_i/dθ_j, the chain rule from constants to parameters
     printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
                        | {START: f"par->{system.time}"})
-    slopes = _slopes([e for _, e in constants], system.parameters)
+    slopes = _slopes_of_constants([e for _, e in constants], system.parameters)
     chain = [(i, j, printer.number(d)) for i, j, d in slopes]
     # second derivatives, and derivatives of flows that are not on lanes, are by dual numbers
     needs_duals = derived.second or (isinstance(scheme, SplittingScheme) and not lanes)
@@ -150,7 +150,7 @@ def _emit_kernels(
         return scalar, []
     # the iteration has emitted some of them already
     names = {k.name for k in iteration.kernels}
-    lanes = [emit_kernel(k, derived.constants, derived.real, Target.lanes({}))
+    lanes = [emit_kernel(k, derived.constants, derived.real, Target.lanes(names={}))
              for k in step.linearisation if f"lanes_{k.name}" not in names]
     end_kernels = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative"}
     if derived.system.is_time_dependent:
@@ -202,7 +202,7 @@ def _fits_lanes(derived: Derived) -> bool:
             and derived.system.n <= _MOST_COORDINATES)
 
 
-def _slopes(
+def _slopes_of_constants(
     constants: Sequence[sp.Expr], parameters: Sequence[sp.Symbol]
 ) -> list[tuple[int, int, sp.Expr]]:
     """Return the nonzero (i, j, dc_i/dθ_j) of the constants c(θ) and the parameters θ."""

@@ -183,8 +183,8 @@ class Emitter:
             prefixed_kernel = Kernel(f"{prefix}_{kernel.name}", kernel.doc, inputs, kernel.outputs,
                                      kernel.compensated)
             scalar = emit_kernel(prefixed_kernel, self.constants, self.real)
-            lanes = emit_kernel(prefixed_kernel, self.constants, self.real, Target.lanes({}))
-            entries = _entries([*prefixed_kernel.outputs.values()])
+            lanes = emit_kernel(prefixed_kernel, self.constants, self.real, Target.lanes(names={}))
+            entries = _flat_entries([*prefixed_kernel.outputs.values()])
             emitted.append({"name": kernel.name, "inputs": list(prefixed_kernel.inputs),
                             "outputs": list(prefixed_kernel.outputs),
                             "nonzero": [k for k, e in enumerate(entries) if e != 0],
@@ -194,11 +194,11 @@ class Emitter:
         return emitted
 
 
-def _entries(output: Any) -> list[sp.Expr]:
+def _flat_entries(output: Any) -> list[sp.Expr]:
     """Return the entries of nested lists, in order."""
     if not isinstance(output, (list, tuple)):
         return [output]
-    return [entry for row in output for entry in _entries(row)]
+    return [entry for row in output for entry in _flat_entries(row)]
 
 
 def local_inputs(
@@ -233,8 +233,8 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
         second["H_pp"] = system.H_pp
     # in a co-moving frame, H̃ of the motion comes first, and the energy H last
     kernels = [
-        (Kernel("energy", f"H of {_short(system.H)}", arguments, {"H": template.expressions[-1]}),
-         BOTH),
+        (Kernel("energy", f"H of {_short_text(system.H)}", arguments,
+                {"H": template.expressions[-1]}), BOTH),
         (Kernel("gradient", "derivatives of H", arguments, gradients), BOTH),
     ]
     if template.p:
@@ -379,7 +379,7 @@ def mean_jacobian(
     return [row[:n] for row in slopes], [sp.Add(*row[2 * n:]) for row in slopes]
 
 
-def _short(e: sp.Expr) -> str:
+def _short_text(e: sp.Expr) -> str:
     """Return e for a comment in C, cut to 100 characters."""
     text = str(e).replace("**", "^")
     return text if len(text) <= 100 else text[:97] + "..."

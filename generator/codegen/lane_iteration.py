@@ -62,9 +62,9 @@ def _iteration_of_elements(derived: Derived, elements: Elements) -> LaneIteratio
         compensated=any(sums_products(k, prefix="lanes_") for k in kernels),
         factors=derived.scheme.system.m > 0, constant_schur=False, scalar_schur=False,
         separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
-        history=_history(derived),
-        memory=_memory(derived, constant_count, factor_length, single=True),
-        batch_memory=_memory(derived, constant_count, factor_length, single=False))
+        history=_history_length(derived),
+        memory=_memory_bytes(derived, constant_count, factor_length, single=True),
+        batch_memory=_memory_bytes(derived, constant_count, factor_length, single=False))
 
 
 def _iteration_of_kernels(derived: Derived) -> LaneIteration:
@@ -95,9 +95,9 @@ def _iteration_of_kernels(derived: Derived) -> LaneIteration:
         separable=system.is_separable,
         shared=len(system.shared_sums),
         affine=system.is_affine,
-        history=_history(derived),
-        memory=_memory(derived, constant_count, m * m, single=True),
-        batch_memory=_memory(derived, constant_count, m * m, single=False))
+        history=_history_length(derived),
+        memory=_memory_bytes(derived, constant_count, m * m, single=True),
+        batch_memory=_memory_bytes(derived, constant_count, m * m, single=False))
 
 
 def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, Table]:
@@ -112,18 +112,18 @@ def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
     return {"functions": sorted(names - ON_LANES), "switches": sorted(names & ON_LANES)}
 
 
-def _history(derived: Derived) -> int:
+def _history_length(derived: Derived) -> int:
     """Return the number of past steps that predict the next one: more for least squares (SPARK)."""
     return 32 if derived.implicit.tableau else 16
 
 
-def _memory(derived: Derived, constants: int, factor: int, *, single: bool) -> int:
+def _memory_bytes(derived: Derived, constants: int, factor: int, *, single: bool) -> int:
     """Return an upper bound of the bytes of the iteration's state; the C checks it.
 
     ``factor`` is the number of entries of the factors of W at a node. ``single``: the lanes are
     stages of one trajectory; else they are trajectories.
     """
-    scheme, real, history = derived.implicit, derived.real, _history(derived)
+    scheme, real, history = derived.implicit, derived.real, _history_length(derived)
     n, m = scheme.system.n, scheme.system.m
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     lanes = 64 // real.bytes if not real.wide else 1  # of AVX-512, the widest registers

@@ -58,8 +58,8 @@ def composed_operations(
                 "mean_velocity": velocity, "mean_force": gradient, "mean_gradient": gradient,
                 "mean_jacobian": hessian}
     if "mean_generalised_force" in counts:  # EMS: the velocities of both ends
-        both_velocities = _multiply_counts(velocity, 2)
-        by_both_states = _multiply_counts(counts["mean_generalised_force_derivative"], 2)
+        both_velocities = _multiply_counts(velocity, count=2)
+        by_both_states = _multiply_counts(counts["mean_generalised_force_derivative"], count=2)
         columns = _multiply_counts(counts["force_derivative"] + by_both_states + solve, n)
         force = both_velocities + counts["mean_generalised_force"]
         composed |= {"mean_velocity": both_velocities, "mean_force": force, "mean_gradient": force,

@@ -142,13 +142,13 @@ def additional_kernels(
         newton_kernel = newton_kernels.get(kernel.name)
         if newton_kernel is None:
             additional.append(kernel)
-        elif _text(newton_kernel) != _text(kernel):
+        elif _text_without_type(newton_kernel) != _text_without_type(kernel):
             new_names[kernel.name] = f"iteration_{kernel.name}"
             additional.append(replace(kernel, name=new_names[kernel.name]))
     return additional, new_names
 
 
-def _text(kernel: EmittedKernel) -> str:
+def _text_without_type(kernel: EmittedKernel) -> str:
     """Return the text of a kernel with ``real`` as the type, which the iteration writes."""
     return re.sub(r"\b(double|float|long double|_Float\d+)\b", "real",
                   "\n".join([kernel.returns, kernel.signature, *kernel.lines]))

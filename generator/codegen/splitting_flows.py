@@ -93,7 +93,7 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     scheme, real = derived.scheme, derived.real
     assert isinstance(scheme, SplittingScheme)
     recorded = [k for k in scheme.state_kernels() if k.name in _RECORDED]
-    kernels = [emit_kernel(k, derived.constants, real, Target.lanes({}))
+    kernels = [emit_kernel(k, derived.constants, real, Target.lanes(names={}))
                for k in [*recorded, *scheme.flow_kernels()]]
     constants = len(derived.constants.definitions) + 3
     # The engine interleaves several registers of lanes, which hides the latency of operations. For

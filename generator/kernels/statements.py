@@ -86,9 +86,9 @@ def statements_of(kernel: Kernel) -> Statements:
     temporaries, reduced = common_subexpressions(
         expressions, sp.numbered_symbols("_t", real=True),
         sort=tree_size(expressions) <= _LARGEST_TREE)
-    bodies, outputs = reduced[: len(shared)], reduced[len(shared) :]
+    definitions, outputs = reduced[: len(shared)], reduced[len(shared) :]
     if shared:  # a temporary of step 2 may use one of step 1, and the other way round
-        temporaries = _sort_definitions(temporaries, dict(zip(shared, bodies, strict=True)))
+        temporaries = _sort_definitions(temporaries, dict(zip(shared, definitions, strict=True)))
         temporaries, outputs = _drop_unused(temporaries, outputs)
     temporaries, outputs = _name_bases(temporaries, outputs)
     return Statements(temporaries, _replace_outputs(targets, outputs))
@@ -241,7 +241,7 @@ def _name_bases(
     expressions = [*(e for _, e in temporaries), *outputs]
     # bases with a fourth root
     fourth_roots = {power.base for power in parts_of(expressions)
-                    if power.is_Pow and _has_denominator(power, 4)}
+                    if power.is_Pow and _has_denominator(power, q=4)}
 
     def temporary(base: sp.Expr) -> sp.Symbol:
         """Return the temporary of a base, and define it if it is new."""
@@ -256,7 +256,7 @@ def _name_bases(
             return e
         # before its arguments are renamed, as ``fourth_roots`` has the original bases
         by_root = e.is_Pow and e.base in fourth_roots and (
-            _has_denominator(e, 2) or _has_denominator(e, 4))
+            _has_denominator(e, q=2) or _has_denominator(e, q=4))
         e = apply_function(e.func, [rename(a) for a in e.args])
         if by_root:
             return temporary(sp.sqrt(e.base)) ** (2 * e.exp)

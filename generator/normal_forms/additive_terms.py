@@ -228,7 +228,7 @@ class HamiltonianTerms:
         The constant of H is omitted, except the shares that complete squares of a potential.
         """
         squares, remainder = self.forms.powers(self.terms, self.support.p)
-        addends = [self._with_terms(sp.Mul(term(*outer), power)) for outer, power in squares]
+        addends = [self._as_addend(sp.Mul(term(*outer), power)) for outer, power in squares]
         kinetic: dict[int, Terms] = defaultdict(dict)
         potential: Terms = {}
         constant: Terms = {}
@@ -241,12 +241,12 @@ class HamiltonianTerms:
                 potential[m] = a
         addends += [Addend(self.forms.short(terms), terms) for terms in kinetic.values()]
         # each potential takes a share of the constant, and leaves the others to the next
-        for terms in self._potentials(potential):
-            potential_addends, constant = self._potential(terms, constant)
+        for terms in self._coupled_potentials(potential):
+            potential_addends, constant = self._potential_addends(terms, constant)
             addends += potential_addends
         return addends
 
-    def _potentials(self, terms: Terms) -> Iterator[Terms]:
+    def _coupled_potentials(self, terms: Terms) -> Iterator[Terms]:
         """Yield the terms of each set of coupled coordinates, then the terms in time alone."""
         blocks = {monomial: self.support.blocks(monomial) for monomial in terms}
         groups = connected_components(blocks.values())
@@ -258,7 +258,7 @@ class HamiltonianTerms:
             potentials[group][monomial] = coefficient
         yield from filter(None, potentials)
 
-    def _potential(self, terms: Terms, constant: Terms) -> tuple[list[Addend], Terms]:
+    def _potential_addends(self, terms: Terms, constant: Terms) -> tuple[list[Addend], Terms]:
         """Return the addends of a potential, and the part of ``constant`` not used by them.
 
         Powers of differences are sought in all terms, other forms in terms of equal support. A
@@ -269,17 +269,19 @@ class HamiltonianTerms:
         by_factor: dict[tuple[Monomial, Number, frozenset[int]], list[sp.Expr]] = defaultdict(list)
         for (constants, a), power in powers:
             by_factor[constants, a, self.support.classes_of(power)].append(power)
-        addends = [self._with_terms(sp.Mul(term(constants, a), sp.Add(*sums)))
+        addends = [self._as_addend(sp.Mul(term(constants, a), sp.Add(*sums)))
                    for (constants, a, _), sums in by_factor.items()]
-        with_powers = self._bundles(addends, remainder)
+        with_powers = self._addends_of_bundles(addends, remainder)
         is_polynomial = all(base.is_Symbol for m in terms for base, _ in m)
         if powers and is_polynomial:
-            without_powers = self._bundles([], total_of(terms, constant))
+            without_powers = self._addends_of_bundles(addends=[], terms=total_of(terms, constant))
             if costs_less([total(without_powers[0])], [total(with_powers[0])]):
                 return without_powers
         return with_powers
 
-    def _bundles(self, addends: list[Addend], terms: Terms) -> tuple[list[Addend], Terms]:
+    def _addends_of_bundles(
+        self, addends: list[Addend], terms: Terms
+    ) -> tuple[list[Addend], Terms]:
         """Return ``addends`` and the addends of ``terms``, and the unused part of the constant.
 
         Terms with the same classes of coordinates are a bundle, which becomes one addend or two.
@@ -291,7 +293,7 @@ class HamiltonianTerms:
                 bundles[self.support.classes(m)][m] = a
         for bundle in bundles.values():
             for subset in self._split_linear(bundle):
-                addend, constant = self._bundle(subset, constant)
+                addend, constant = self._addend_of_bundle(subset, constant)
                 addends.append(addend)
         return addends, constant
 
@@ -308,6 +310,7 @@ class HamiltonianTerms:
         parts: dict[frozenset[int], Terms] = defaultdict(dict)
         for m, a in terms.items():
             stays = m in nonlinear or blocks[m] & nonlinear_blocks
+            # the empty set stands for all terms that stay together
             parts[frozenset() if stays else blocks[m]][m] = a
         return list(parts.values())
 
@@ -315,11 +318,11 @@ class HamiltonianTerms:
         """Whether the variable factors of a term are one symbol to the power 1."""
         return [(x.is_Symbol, n) for x, n in self.forms.compact.split(m)[0]] == [(True, 1)]
 
-    def _bundle(self, terms: Terms, constant: Terms) -> tuple[Addend, Terms]:
+    def _addend_of_bundle(self, terms: Terms, constant: Terms) -> tuple[Addend, Terms]:
         """Return the addend of ``terms``, completed to a square if possible, and the new constant.
 
-        c r² = c (terms/c + completion): the constant of H may lend no more than it has, so that no
-        term is added.
+        c r² = terms + completion: the constant of H may lend no more than it has, so that no term
+        is added.
         """
         # terms = c · inner with c = outer · factor: only ``inner`` is completed to a square
         outer, factor, inner = without_common(terms)
@@ -333,7 +336,7 @@ class HamiltonianTerms:
             return Addend(square, total_of(terms, completion)), unused
         return Addend(self.forms.short(terms), terms), constant
 
-    def _with_terms(self, e: sp.Expr) -> Addend:
+    def _as_addend(self, e: sp.Expr) -> Addend:
         """Return an expression as an addend."""
         return Addend(e, self.forms.terms(e))
 

@@ -209,7 +209,7 @@ class NormalForm:
         lead = leading(inner)
         if lead is None:
             return terms
-        tail = scale_terms({m: b for m, b in inner.items() if m != lead}, quotient(-1, inner[lead]))
+        tail = scale_terms({m: c for m, c in inner.items() if m != lead}, quotient(-1, inner[lead]))
         head: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
         quotient_terms = dict(terms)
         # a term that the division makes may be divisible again
@@ -220,8 +220,8 @@ class NormalForm:
                 continue
             cofactor: Terms = {multiply_monomials(m, inverse(lead)).monomial: quotient_terms.pop(m)}
             expanded = total_of(self._times(cofactor, head), self._times(cofactor, tail))
-            for monomial, b in expanded.items():
-                add_to(quotient_terms, monomial, b)
+            for monomial, c in expanded.items():
+                add_to(quotient_terms, monomial, c)
                 if has_below(monomial, base) and divides(lead, monomial):
                     waiting.append(monomial)
         return quotient_terms

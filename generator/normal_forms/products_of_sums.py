@@ -127,17 +127,17 @@ _MOST_SQUARES, _MOST_ROOT_PAIRS = 64, 3
 
 def squares_of(terms: Terms) -> list[tuple[Number, Terms]] | None:
     """Return pairs (a_k, s_k) with terms = Σ a_k s_k²; None if there are none."""
-    if not all(isinstance(n, int) and n > 0 for m in terms for _, n in m):
+    if not all(isinstance(k, int) and k > 0 for m in terms for _, k in m):
         return None
     # monomials m of the terms a m²
-    roots = {frozenset((base, n // 2) for base, n in m): a for m, a in terms.items()
-             if not any(n % 2 for _, n in m)}
+    roots = {frozenset((base, k // 2) for base, k in m): a for m, a in terms.items()
+             if not any(k % 2 for _, k in m)}
     if not roots or len(roots) > _MOST_SQUARES or len(roots) == len(terms):
         return None  # without mixed terms there is nothing to combine
     # a mixed term 2 a m n of (m ± n)² joins the roots m and n, with this sign
     neighbours: dict[Monomial, list[tuple[Monomial, int]]] = defaultdict(list)
     for t, a in terms.items():
-        if any(n % 2 for _, n in t):
+        if any(k % 2 for _, k in t):
             signs = _signs(t, a, roots)
             if signs is None:
                 return None
@@ -348,7 +348,7 @@ class _PowerSplitter:
             # a is constant, and A is not: a p² + 2 a p A
             has_variable_shift = any(self.compact.split(m)[0] for m in linear)
             if not self.compact.split(factor)[0] and has_variable_shift:
-                self._take((factor, a), {frozenset([(x, 1)]): 1}, 2, linear)
+                self._take((factor, a), {frozenset([(x, 1)]): 1}, n=2, second=linear)
 
     def _cofactors(
         self, x: sp.Symbol, monomials: Iterable[Monomial], momenta: frozenset[sp.Symbol]
@@ -441,12 +441,13 @@ class _PowerSplitter:
             return
         for (x, y), (a, sign) in powers.items():
             root: Terms = {frozenset([(x, 1)]): 1, frozenset([(y, 1)]): sign}
-            if n > 2 or not self._take((constants, a), root, 2, self._linear(x, y, sign)):
+            if n > 2 or not self._take((constants, a), root, n=2,
+                                       second=self._linear_constant(x, y, sign)):
                 power = self.form.product([{constants: -a}, *[root] * n])
                 self.remainder = total_of(self.remainder, power)
                 self.powers.append(((constants, a), self.compact(root) ** n))
 
-    def _linear(self, x: sp.Expr, y: sp.Expr, sign: int) -> Terms:
+    def _linear_constant(self, x: sp.Expr, y: sp.Expr, sign: int) -> Terms:
         """Return the first of the constants b of b (x ± y) in the remaining terms."""
         for constants in sorted(self.constants_of.get(frozenset([(x, 1)]), ()), key=order):
             b, c = (self.remainder.get(constants | {(z, 1)}, 0) for z in (x, y))
@@ -464,8 +465,8 @@ class _PowerSplitter:
             (base, n), = variables
             if n == 2:
                 root: Terms = {frozenset([(base, 1)]): 1}
-                self._take_powers_of_sums(self._constants_times(base, 2), root, 2,
-                                          self._constants_times(base, 1))
+                self._take_powers_of_sums(self._constants_times(base, n=2), root, n=2,
+                                          second=self._constants_times(base, n=1))
 
     def _constants_times(self, base: sp.Expr, n: int) -> Terms:
         """Return the constants a of all terms a baseⁿ that remain."""

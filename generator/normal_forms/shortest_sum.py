@@ -58,12 +58,12 @@ def cost(expressions: Iterable[sp.Expr]) -> int:
         visited.add(e)
         variable_args = [a for a in e.args if varies(a)]
         if variable_args:
-            total += _operations(e, variable_args)
+            total += _own_cost(e, variable_args)
             stack += variable_args
     return total
 
 
-def _operations(e: sp.Expr, variable_args: list[sp.Expr]) -> int:
+def _own_cost(e: sp.Expr, variable_args: list[sp.Expr]) -> int:
     """Return the operations of e itself, without those of its arguments.
 
     ``variable_args`` are the arguments that depend on a variable; constants cost nothing.
@@ -117,7 +117,7 @@ class Compact:
         outer, content, inner = without_common(terms)
         root, remainder = square_root(inner)
         if root and not remainder:  # a perfect square
-            content, root = absorb_factor_two(content, root, 2)
+            content, root = absorb_factor_two(content, root, n=2)
             return sp.Mul(term(outer, content), self(root) ** 2)
         # 2 (x + y) stays 2 x + 2 y: SymPy multiplies numbers into a sum
         if not outer and is_power_of_two(rational(content)):

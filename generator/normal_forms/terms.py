@@ -61,7 +61,7 @@ def symbols_in(monomials: Iterable[Monomial]) -> set[sp.Symbol]:
 
 
 def quotient(a: Number, b: Number) -> Number:
-    """Return a/b, as an int where it is one."""
+    """Return a/b, as an int where it is one; b = 1 only makes an int of a whole fraction a."""
     ratio = Fraction(a) / b
     return int(ratio) if ratio.denominator == 1 else ratio
 

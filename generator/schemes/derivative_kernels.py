@@ -215,10 +215,10 @@ def derivative_rows(expressions: Sequence[sp.Expr], columns: Sequence[sp.Symbol]
 def _spark_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of SPARK methods: rates and constraint forces by constants of the run."""
     if not system.m:
-        return _rates(system, columns)
+        return _rate_kernels(system, columns)
     q, lam = list(system.q), vector("lambda", system.m)
     return [
-        *_rates(system, columns),
+        *_rate_kernels(system, columns),
         Kernel("force_by_constants", "d(G^T lambda)/dc", {"q": q, "lambda": lam},
                {"force_c": derivative_rows(transposed_product(system.G, lam), columns)}),
         *_constraint_kernels(system, columns),
@@ -247,7 +247,7 @@ def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Ke
     return [by_constants, hidden]
 
 
-def _rates(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+def _rate_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of rates at one state by constants: (H_q − F)_c and H_pc.
 
     For a Lagrangian L_vc and (L_q + F)_c at fixed v.
@@ -277,9 +277,9 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
     system = scheme.system
     (qm, pm), (dq, dp) = scheme.means, scheme.differences
     if isinstance(scheme, LagrangianEMS):
-        kernels = _discrete_lagrangian(scheme, columns)
+        kernels = _discrete_lagrangian_kernels(scheme, columns)
     elif isinstance(system, LagrangianSystem):
-        kernels = _rates(system, columns)  # IMS of a Lagrangian: the rates at the midpoint
+        kernels = _rate_kernels(system, columns)  # IMS of a Lagrangian: the rates at the midpoint
     else:
         D_q, D_p = scheme.mean_rates
         arguments: dict[str, Any] = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, **time_input(system)}
@@ -302,7 +302,9 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
     ]
 
 
-def _discrete_lagrangian(scheme: LagrangianEMS, columns: Sequence[sp.Symbol]) -> list[Kernel]:
+def _discrete_lagrangian_kernels(
+    scheme: LagrangianEMS, columns: Sequence[sp.Symbol]
+) -> list[Kernel]:
     """Return the derivatives of L_v and of the mean generalised force R of EMS of a Lagrangian.
 
     R depends on the means of q, the velocities v0 and v1 of both ends, and constants; derivatives

@@ -176,7 +176,7 @@ def _root(u: DiscreteDifference) -> DiscreteDifference:
     return u.apply(total / 2, quotient).with_ends(u0, u1)
 
 
-def _geometric(u: DiscreteDifference) -> tuple[sp.Expr, sp.Expr]:
+def _geometric_mean(u: DiscreteDifference) -> tuple[sp.Expr, sp.Expr]:
     """Return g = √u₁ √u₀ and Δu/(2g) = sinh(½ Δ log u); NaN if u₀ or u₁ is negative."""
     u0, u1 = u.ends
     g = share(sp.sqrt(u1) * sp.sqrt(u0))
@@ -188,7 +188,7 @@ def _real_power(u: DiscreteDifference, c: sp.Expr) -> DiscreteDifference:
 
     With z = Δu/(2g): ½ Δ log u = z asinhc(z) =: ℓ, mean gᶜ cosh(cℓ), Δ(uᶜ) = 2 gᶜ sinh(cℓ).
     """
-    g, z = _geometric(u)
+    g, z = _geometric_mean(u)
     growth = share(c * z * Asinhc(z))  # ½ Δ(c log u)
     mean = g**c * sp.cosh(growth)
     quotient = c * g ** (c - 1) * Sinhc(growth) * Asinhc(z)
@@ -213,7 +213,7 @@ def exponential(u: DiscreteDifference, base: sp.Expr = sp.E) -> DiscreteDifferen
 def logarithm(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of log u."""
     u = u.with_shared_parts()
-    g, z = _geometric(u)
+    g, z = _geometric_mean(u)
     return u.apply(sp.log(g), Asinhc(z) / g)
 
 
@@ -246,7 +246,9 @@ def _mean_of(function: Callable[[sp.Expr], sp.Expr], u: DiscreteDifference) -> s
     return (function(u1) + function(u0)) / 2
 
 
-def _arc(u: DiscreteDifference, root: Callable[[sp.Expr], sp.Expr], cardinal: type) -> sp.Expr:
+def _arc_slope(
+    u: DiscreteDifference, root: Callable[[sp.Expr], sp.Expr], cardinal: type
+) -> sp.Expr:
     """Return 2 cardinal(Δu/(r₁ + r₀))/(r₁ + r₀) with r = root(u): u = sin θ has r = cos θ."""
     u0, u1 = u.ends
     total = share(root(u1) + root(u0))
@@ -255,12 +257,12 @@ def _arc(u: DiscreteDifference, root: Callable[[sp.Expr], sp.Expr], cardinal: ty
 
 def _asin(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of asin u; r = √(1 − u²) is the cosine of the angle."""
-    return u.apply(_mean_of(sp.asin, u), _arc(u, _circle, Atanc))
+    return u.apply(_mean_of(sp.asin, u), _arc_slope(u, _circle, Atanc))
 
 
 def _acos(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of acos u = π/2 − asin u."""
-    return u.apply(_mean_of(sp.acos, u), -_arc(u, _circle, Atanc))
+    return u.apply(_mean_of(sp.acos, u), -_arc_slope(u, _circle, Atanc))
 
 
 def _circle(x: sp.Expr) -> sp.Expr:
@@ -270,16 +272,17 @@ def _circle(x: sp.Expr) -> sp.Expr:
 
 def _atan(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of atan u = atan2(u, 1)."""
-    return angle(u, DiscreteDifference(sp.Integer(1), {}, u.steps))
+    return angle(u, DiscreteDifference(sp.Integer(1), slope={}, steps=u.steps))
 
 
 def angle(y: DiscreteDifference, x: DiscreteDifference) -> DiscreteDifference:
-    """Return the difference of atan2(y, x): the angle between the vectors w at the two ends.
+    """Return the difference of atan2(y, x): the angle between w = (x, y) at the two ends.
 
-    Its tangent is (w₀ × w₁)/(w₀ · w₁), of half the angle (w₀ × w₁)/r with r = |w₀||w₁| + w₀·w₁,
-    which is |s|²/(2|w₀||w₁|) of the bisector s = |w₁|w₀ + |w₀|w₁: no digits cancel where w₁ is
-    nearly −w₀. The mean is half the angle after the start: both are continuous where atan2 jumps
-    by 2π; only atan2 itself differs there from its definition, no periodic function of it does.
+    Its tangent is (w₀ × w₁)/(w₀ · w₁); the tangent of half the angle is (w₀ × w₁)/r, where r
+    (``total``) = |w₀||w₁| + w₀·w₁ is |s|²/(2|w₀||w₁|) of the bisector s = |w₁|w₀ + |w₀|w₁: no
+    digits cancel where w₁ is nearly −w₀. The mean is half the angle after the start: both are
+    continuous where atan2 jumps by 2π; only atan2 itself differs there from its definition, no
+    periodic function of it does.
     """
     y, x = y.with_shared_parts(), x.with_shared_parts()
     (y0, y1), (x0, x1) = y.ends, x.ends
@@ -324,7 +327,7 @@ def _asinh(u: DiscreteDifference) -> DiscreteDifference:
 def _acosh(u: DiscreteDifference) -> DiscreteDifference:
     """Return the difference of acosh u; r = √(u² − 1) is the hyperbolic sine of the angle."""
     return u.apply(_mean_of(sp.acosh, u),
-                    _arc(u, lambda x: sp.sqrt(x - 1) * sp.sqrt(x + 1), Atanhc))
+                    _arc_slope(u, lambda x: sp.sqrt(x - 1) * sp.sqrt(x + 1), Atanhc))
 
 
 def _atanh(u: DiscreteDifference) -> DiscreteDifference:
@@ -443,9 +446,9 @@ def _clamp(
     step = (s.change,)
     clamped = DiscreteDifference(s.mean, {0: sp.Integer(1)}, step)
     if high is not None:
-        clamped = extreme(Min, clamped, DiscreteDifference(high, {}, step))
+        clamped = extreme(Min, clamped, DiscreteDifference(high, slope={}, steps=step))
     if low is not None:
-        clamped = extreme(Max, clamped, DiscreteDifference(low, {}, step))
+        clamped = extreme(Max, clamped, DiscreteDifference(low, slope={}, steps=step))
     return clamped
 
 

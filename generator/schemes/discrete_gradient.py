@@ -114,10 +114,10 @@ def discrete_gradient(
     }
     nodes = [node for node in parts_of([expression]) if isinstance(node, Shared)]
     names = {node: sp.Symbol(f"_part{i}", real=True) for i, node in enumerate(nodes)}
-    *bodies, root = substitute([*(node.args[0] for node in nodes), expression], names)
+    *arguments, root = substitute([*(node.args[0] for node in nodes), expression], names)
     node_differences = []
-    for symbol, body in zip(names.values(), bodies, strict=True):
-        difference = differentiate(body, leaves, steps)
+    for symbol, argument in zip(names.values(), arguments, strict=True):
+        difference = differentiate(argument, leaves, steps)
         change = share(difference.change)
         # a shared subexpression is one more variable, with the step ``change``
         leaves[symbol] = DiscreteDifference(share(difference.mean), {len(steps): sp.Integer(1)},
@@ -165,7 +165,7 @@ class _Differences:
         """Return the difference of e."""
         if e not in self.differences:
             if e.free_symbols.isdisjoint(self.symbols):
-                self.differences[e] = DiscreteDifference(e, {}, self.dx)
+                self.differences[e] = DiscreteDifference(e, slope={}, steps=self.dx)
             elif e in self.conditional:
                 self.differences[e] = self._conditional_difference(e)
             else:

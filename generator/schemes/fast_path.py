@@ -121,8 +121,8 @@ class FastSystem:
         c = sp.cancel(self.schur[0][0] / square)  # from one entry; all others are checked
         differences = [
             force - c * row[a]
-            for a, forces in enumerate(self.forces)
-            for force, row in zip(forces, self.system.G, strict=True)
+            for a, forces_on_a in enumerate(self.forces)
+            for force, row in zip(forces_on_a, self.system.G, strict=True)
         ]
         return c if all(self.reduce_modulo_g(e) == 0 for e in differences) else None
 
@@ -177,7 +177,8 @@ class FastSystem:
     def gradients(self) -> tuple[list[sp.Expr], list[sp.Expr], list[sp.Expr]]:
         """H_p, then H_q − F in terms of w, then w_j = a_j u_j of the shared sums u_j.
 
-        a_j is the constant that u_j is multiplied by wherever it occurs: one product less.
+        a_j (``factor``) is the constant that u_j is multiplied by wherever it occurs: one product
+        less.
         """
         H_p, H_q = ([self.folds(e) for e in gradient]
                     for gradient in (self.system.H_p, self.system.minus_p_rate))
@@ -227,7 +228,7 @@ class FastSystem:
             force = {"H_p": H_p, "H_q": H_q}
             force_doc += ", H_p"
         return [
-            *self._common(projected=True),
+            *self._common_kernels(projected=True),
             Kernel("velocity", velocity_doc, state, velocity),
             Kernel("force", force_doc, force_inputs, force),
             *energy_rate_kernels(system),
@@ -242,15 +243,15 @@ class FastSystem:
         D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_rates)
         minus_forces = " - F(qm, pm, t)" if self.system.forces else ""
         kernels = [
-            *self._common(projected=False),
+            *self._common_kernels(projected=False),
             Kernel("mean_velocity", "D_p", inputs, {"D_p": D_p}),
             Kernel("mean_force", f"D_q{minus_forces}", inputs | time_input(self.system),
                    {"D_q": D_q}),
         ]
-        return [*kernels, *self._mean_constraint(scheme), *scheme.energy_rate_kernels(),
+        return [*kernels, *self._mean_constraint_kernels(scheme), *scheme.energy_rate_kernels(),
                 *scheme.constraint_rate_kernels(), *self._multiplier_kernels()]
 
-    def _mean_constraint(self, scheme: MeanScheme) -> list[Kernel]:
+    def _mean_constraint_kernels(self, scheme: MeanScheme) -> list[Kernel]:
         """Return the kernel of Ḡ, if there are constraints."""
         if not self.system.m:
             return []
@@ -265,14 +266,14 @@ class FastSystem:
         if self.schur_inverse is None:
             state = {"q": list(self.system.q), "p": list(self.system.p)}
             return [Kernel("schur", "W = G H_pp G^T", state, {"W": self.schur})]
-        kernels = [Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0", {},
-                          {"W_inverse": self.schur_inverse})]
+        kernels = [Kernel("schur_inverse", "W^-1, with W = G H_pp G^T constant where g = 0",
+                          inputs={}, outputs={"W_inverse": self.schur_inverse})]
         if self.correction is not None:
-            kernels.append(Kernel("correction", "c, with H_pp G^T = c G^T where g = 0", {},
-                                  {"c_correction": self.correction}))
+            kernels.append(Kernel("correction", "c, with H_pp G^T = c G^T where g = 0",
+                                  inputs={}, outputs={"c_correction": self.correction}))
         return kernels
 
-    def _common(self, *, projected: bool) -> list[Kernel]:
+    def _common_kernels(self, *, projected: bool) -> list[Kernel]:
         """Return H, g and f on lanes: f in twice the working precision, its matrix reduced.
 
         The matrix is needed only if momenta are projected onto f = 0 (SPARK methods).
@@ -357,7 +358,7 @@ class FastLagrangian(FastSystem):
         """Return M, b, V, the generalised force between the ends, and G and g_t there."""
         assert isinstance(scheme, LagrangianIMS)
         return [*common_kernels(self.system), *scheme.motion_kernels(),
-                *self._mean_constraint(scheme), *scheme.constraint_rate_kernels()]
+                *self._mean_constraint_kernels(scheme), *scheme.constraint_rate_kernels()]
 
 
 def fast_system(system: System) -> FastSystem:

@@ -90,7 +90,7 @@ class FrameRotation:
         if self.turns_multipliers:
             kernels.append(self._kernel(
                 "rotate_multipliers", "C^(-T) lambda, where g(e^(theta A) q) = C g(q)", m,
-                [[s.turns or Rotation({}) for s in group] for group in groups]))
+                [[s.turns or Rotation(blocks={}) for s in group] for group in groups]))
         return kernels
 
     def _kernel(

@@ -142,24 +142,27 @@ class SplittingScheme:
 
     def kernels(self) -> list[Kernel]:
         """Return the kernels of the rates and axes of rotations, which are called once a run."""
+        rates = {
+            "sphere": self._hoist([body.a for body in self.splitting.bodies]),
+            "axis_rate": self._hoist([axis.d for _, axis in self.axes]),
+            "axis_offset": self._hoist([axis.c for _, axis in self.axes]),
+            "further_rate": self._hoist([axis.d for _, axis in self.further]),
+            "further_offset": self._hoist([axis.c for _, axis in self.further]),
+            "drag": self._hoist(self.drag)}
         # C has no arrays of length 0: without axes there is one of zeros
         no_axis = [[sp.S.Zero] * 3]
+        directions = {
+            "axis": [self._hoist(axis.axis) for _, axis in self.axes] or no_axis,
+            "further_axis": [self._hoist(axis.axis) for _, axis in self.further] or no_axis}
         kernels = [
-            Kernel("flow_rates", "rates of rotations, and k of drags, of a run", {}, {
-                "sphere": self._hoist([body.a for body in self.splitting.bodies]),
-                "axis_rate": self._hoist([axis.d for _, axis in self.axes]),
-                "axis_offset": self._hoist([axis.c for _, axis in self.axes]),
-                "further_rate": self._hoist([axis.d for _, axis in self.further]),
-                "further_offset": self._hoist([axis.c for _, axis in self.further]),
-                "drag": self._hoist(self.drag)}),
-            Kernel("axis_directions", "unit vectors of the axes of rotations, in body axes", {}, {
-                "axis": [self._hoist(axis.axis) for _, axis in self.axes] or no_axis,
-                "further_axis": [self._hoist(axis.axis) for _, axis in self.further]
-                or no_axis}),
-        ]
+            Kernel("flow_rates", "rates of rotations, and k of drags, of a run", inputs={},
+                   outputs=rates),
+            Kernel("axis_directions", "unit vectors of the axes of rotations, in body axes",
+                   inputs={}, outputs=directions)]
         if self.splitting.space:
-            kernels.append(Kernel("space_rates", "angular velocities of axes of space", {}, {
-                "omega": [self._hoist(space.omega) for space in self.splitting.space]}))
+            kernels.append(Kernel(
+                "space_rates", "angular velocities of axes of space", inputs={},
+                outputs={"omega": [self._hoist(space.omega) for space in self.splitting.space]}))
         return kernels
 
     def state_kernels(self) -> list[Kernel]:
@@ -176,12 +179,12 @@ class SplittingScheme:
                    {"y": self.momenta}, {"velocity": self._hoist(velocity),
                                          "offset": self._hoist(offset)})]
         if work and self.system.forces:
-            power, = self._hoist([self._power()])
+            power, = self._hoist([self._force_power()])
             kernels.append(Kernel("force_power", "power of forces and of explicit time in a kick",
                                   state | time, {"power": power}))
         if work and self.has_drag:
             # drags act in free motions, whose energy without them would be constant
-            T, power = self._hoist([self._kinetic(further=False), self._drag_power()])
+            T, power = self._hoist([self._kinetic_energy(further=False), self._drag_power()])
             kernels.append(Kernel("drift_energy", "the part of H that free motions conserve", state,
                                   {"T": T}))
             kernels.append(Kernel("drag_power", "power of drags on the rest of T", state,
@@ -225,7 +228,7 @@ class SplittingScheme:
         return [self.constants.since_start(e).xreplace({clock: _TIME})
                 for e in expressions] or [sp.S.Zero]
 
-    def _kinetic(self, *, further: bool = True) -> sp.Expr:
+    def _kinetic_energy(self, *, further: bool = True) -> sp.Expr:
         """T = Σ (½ a |m|² + Σ (½ d (e·m)² + c e·m)) + ½ p·M⁻¹p + v·p − ω·J, in q and y.
 
         ``further``: whether T has the rotations that do not commute with free motions.
@@ -263,10 +266,10 @@ class SplittingScheme:
                 power -= body.drag * (axis.d * e_m**2 + axis.c * e_m)
         return power
 
-    def _power(self) -> sp.Expr:
+    def _force_power(self) -> sp.Expr:
         """F·(∂T/∂y) + ∂V/∂t, the power of applied forces and of explicit time."""
         splitting, time = self.splitting, self.splitting.system.time
-        slopes, = jacobian([self._kinetic()], self.momenta)
+        slopes, = jacobian([self._kinetic_energy()], self.momenta)
         power = sum((e * x for e, x in zip(_flat(splitting.applied), slopes, strict=True)),
                     sp.S.Zero)
         return power if time is None else power + sp.diff(splitting.V, time)

@@ -145,10 +145,11 @@ class SparkScheme:
         """Return the derivative kernels that the stage loops call."""
         system = self.system
         if isinstance(system, LagrangianSystem):
-            return [*motion_kernels(system), *newton_kernels(system), *self._curvature(),
+            return [*motion_kernels(system), *newton_kernels(system), *self._curvature_kernels(),
                     *velocity_kernels(system)]
         return [*self._rate_kernels(), *energy_rate_kernels(system),
-                *constraint_rate_kernels(system), *self._curvature(), *velocity_kernels(system)]
+                *constraint_rate_kernels(system), *self._curvature_kernels(),
+                *velocity_kernels(system)]
 
     def _rate_kernels(self) -> list[Kernel]:
         """Return the kernels of H_q − F and H_p, and of their derivatives by q and p."""
@@ -167,7 +168,7 @@ class SparkScheme:
                        state, {"H_qq": system.minus_p_rate_by_q, "H_qp": system.minus_p_rate_by_p,
                                "H_pq": system.H_pq, "H_pp": system.H_pp})]
 
-    def _curvature(self) -> list[Kernel]:
+    def _curvature_kernels(self) -> list[Kernel]:
         """Return the kernel of K = d(Gᵀλ)/dq, if there are constraints."""
         system, lam = self.system, vector("lambda", self.system.m)
         if not system.m:

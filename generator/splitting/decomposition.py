@@ -292,7 +292,7 @@ class _Search:
         """
         q, m = body
         m_in_space = rotation_matrix(q) * sp.Matrix(m)
-        rotation = self._monomial_coefficients(slots, _inner(delta, m_in_space))
+        rotation = self._monomial_coefficients(slots, _inner_product(delta, m_in_space))
         differences = {
             monomial: sp.expand(coefficients.get(monomial, _ZERO) - rotation.get(monomial, _ZERO))
             for monomial in coefficients | rotation}
@@ -449,7 +449,7 @@ class _Search:
         if not any(force):
             return _ZERO_VECTOR, _ZERO
         torque = left_matrix(q) * sp.Matrix(force).xreplace(self._p_by_m) / 2
-        k, remainder = self._drag(list(torque), self.m[b], q)
+        k, remainder = self._split_off_drag(list(torque), self.m[b], q)
         R = rotation_matrix(q)
         # a torque that depends on m is evaluated with m = Rᵀ l as temporaries
         if any(e.free_symbols & self._m_by_l.keys() for e in remainder):
@@ -461,10 +461,10 @@ class _Search:
     def _force_at(self, i: int) -> tuple[sp.Expr, sp.Expr]:
         """Return the force on a coordinate of a point without its drag, and k of the drag."""
         force = self.system.forces[i].xreplace(self._p_by_m) if self.system.forces else _ZERO
-        k, (remainder,) = self._drag([force], [self.system.p[i]], ())
+        k, (remainder,) = self._split_off_drag([force], [self.system.p[i]], q=())
         return substitute([remainder], self._m_by_l)[0], k
 
-    def _drag(
+    def _split_off_drag(
         self, force: Sequence[sp.Expr], momenta: Sequence[sp.Symbol], q: Sequence[sp.Symbol]
     ) -> tuple[sp.Expr, list[sp.Expr]]:
         """Return (k, F + k m) for a force F = −k m + …, with F + k m without momenta m, k constant.
@@ -595,14 +595,14 @@ def _axis_rotations(
     Raises InputError if S is neither diagonal nor a I + b e eᵀ.
     """
     a, axes = _eigenaxes(system, body, S)
-    rotations = [AxisRotation(e, d, _inner(e, c)) for e, d in axes]
+    rotations = [AxisRotation(e, d, _inner_product(e, c)) for e, d in axes]
     # the component of c perpendicular to the axes has a rotation of its own, ½ 0 (e·m)² + |c| e·m
     across = [sp.expand(x - sum(rotation.c * rotation.axis[k] for rotation in rotations))
               for k, x in enumerate(c)]
     if not all(map(_is_zero, across)):
         nonzero = [k for k, x in enumerate(across) if x != 0]
         if len(nonzero) == 1:  # without a root, and with the sign of c
-            rotations.append(AxisRotation(_unit(nonzero[0]), _ZERO, across[nonzero[0]]))
+            rotations.append(AxisRotation(_unit_vector(nonzero[0]), _ZERO, across[nonzero[0]]))
         else:
             length = sp.sqrt(sp.Add(*(x**2 for x in across)))
             rotations.append(AxisRotation(
@@ -622,7 +622,7 @@ def _eigenaxes(
     if S[0, 1] == S[0, 2] == S[1, 2] == 0:
         # S = x I + (z − x) e₃ e₃ᵀ + (y − x) e₂ e₂ᵀ has one axis where two entries are equal
         a, axes = (y, [(0, x - y)]) if _is_zero(y - z) else (x, [(2, z - x), (1, y - x)])
-        return a, [(_unit(k), d) for k, d in axes if not _is_zero(d)]
+        return a, [(_unit_vector(k), d) for k, d in axes if not _is_zero(d)]
     products = [S[0, 1] * S[0, 2], S[0, 1] * S[1, 2], S[0, 2] * S[1, 2]]
     if all(e != 0 for e in products):  # S = a I + b e eᵀ has S_01 S_02/S_12 = b e_0²
         squares = [products[0] / S[1, 2], products[1] / S[0, 2], products[2] / S[0, 1]]
@@ -638,13 +638,13 @@ def _eigenaxes(
         "take another scheme, such as 'G-L'.")
 
 
-def _unit(k: int) -> Vector:
+def _unit_vector(k: int) -> Vector:
     """Return the unit vector along coordinate axis k."""
     e = [sp.Integer(int(k == i)) for i in range(3)]
     return e[0], e[1], e[2]
 
 
-def _inner(e: Sequence[sp.Expr], c: Sequence[sp.Expr]) -> sp.Expr:
+def _inner_product(e: Sequence[sp.Expr], c: Sequence[sp.Expr]) -> sp.Expr:
     """Return the inner product e·c."""
     return sp.Add(*(x * y for x, y in zip(e, c, strict=True)))
 

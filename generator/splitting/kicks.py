@@ -79,7 +79,7 @@ def shorten_on_unit_sphere(
         shorter = [_factor(quotient.expression(e)) for e in expressions]
     except TooLongError:
         return list(expressions)
-    return min((list(expressions), shorter), key=lambda row: _operations(row, symbols))
+    return min((list(expressions), shorter), key=lambda row: _operation_count(row, symbols))
 
 
 def _factor(e: sp.Expr) -> sp.Expr:
@@ -87,7 +87,7 @@ def _factor(e: sp.Expr) -> sp.Expr:
     return shortest(e) if len(sp.Add.make_args(e)) <= _MAX_TERMS else e
 
 
-def _operations(expressions: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> int:
+def _operation_count(expressions: Sequence[sp.Expr], symbols: set[sp.Symbol]) -> int:
     """Return the number of operations, each subexpression once; those without ``symbols`` are free.
     """
     return sum(abs(int(e.exp)) if e.is_Pow and e.exp.is_Integer else len(e.args)

@@ -239,7 +239,8 @@ class KickTemplate:
         With W = R S Rᵀ N of the whole torque on each body and the velocity M⁻¹ times the whole
         force on points, the slopes of all instances add up to the kick of G.
         """
-        return _slope(self.kick, self.bodies, self.coordinates, self.rates[:-1], self.rates[-1])
+        return _force_gradient(self.kick, self.bodies, self.coordinates,
+                               angular_velocities=self.rates[:-1], velocities=self.rates[-1])
 
 
 def _shorten(torques: Sequence[Vector], forces: Sequence[sp.Expr],
@@ -252,7 +253,7 @@ def _shorten(torques: Sequence[Vector], forces: Sequence[sp.Expr],
     return Kick(short_torques, tuple(components))
 
 
-def _slope(
+def _force_gradient(
     kick: Kick, quaternions: Sequence[tuple[sp.Symbol, ...]], points: Sequence[sp.Symbol],
     angular_velocities: Sequence[Sequence[sp.Expr]], velocities: Sequence[sp.Expr],
 ) -> Kick:
@@ -401,5 +402,5 @@ class Splitting:
         velocities = dict.fromkeys(self.points, _ZERO)
         for (i, j), e in inverse_mass.items():
             velocities[i] += e * share(force[j])
-        return _slope(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
-                      angular_velocities, list(velocities.values()))
+        return _force_gradient(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
+                               angular_velocities, list(velocities.values()))

@@ -31,7 +31,7 @@ def expand_if_short(e: sp.Expr) -> sp.Expr:
 
 def is_small(e: sp.Expr) -> bool:
     """Whether an expression is short enough to be expanded."""
-    terms, length = _size(e)
+    terms, length = _expanded_size(e)
     return terms * length <= MAX_SYMBOLS
 
 
@@ -42,12 +42,12 @@ def can_be_factored(e: sp.Expr) -> bool:
     if not is_small(e) or not e.is_rational_function():
         return False
     denominators = {power.base for power in e.atoms(sp.Pow) if power.exp.is_negative}
-    common = math.prod(_size(d)[0] for d in denominators)
-    return common * _size(e)[0] <= MAX_NUMERATOR_TERMS
+    common = math.prod(_expanded_size(d)[0] for d in denominators)
+    return common * _expanded_size(e)[0] <= MAX_NUMERATOR_TERMS
 
 
 @lru_cache(maxsize=2**14)
-def _size(e: sp.Expr) -> tuple[int, int]:
+def _expanded_size(e: sp.Expr) -> tuple[int, int]:
     """Return bounds of the number of terms of the expansion, and of the symbols of a term.
 
     Denominators, radicands and arguments are expanded, too, and are parts of one term. Both numbers
@@ -55,7 +55,7 @@ def _size(e: sp.Expr) -> tuple[int, int]:
     """
     if e.is_Atom:
         return 1, 1
-    sizes = [_size(argument) for argument in e.args]
+    sizes = [_expanded_size(argument) for argument in e.args]
     if e.is_Add:
         return _saturate(sum(t for t, _ in sizes)), max(length for _, length in sizes)
     if e.is_Mul:

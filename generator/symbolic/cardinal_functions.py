@@ -71,7 +71,7 @@ class _Slope(Numeric):
         return -cls(-z) if z.could_extract_minus_sign() else None
 
 
-def _slope(derivative: Any, third: int) -> Any:
+def _slope_function(derivative: Any, third: int) -> Any:
     """Return the function (class of f(z)/z, z) ↦ (f′(z) − f(z)/z)/z in mpmath.
 
     ``derivative`` is f′; ``third`` is f‴(0): for z → 0 the result is f‴(0) z/3.
@@ -94,7 +94,7 @@ def _make_slope(function: type[_Cardinal], derivative: Any, third: int) -> type[
 
     ``derivative`` is f′ in mpmath, ``third`` is f‴(0).
     """
-    evaluate = _slope(derivative, third)
+    evaluate = _slope_function(derivative, third)
     name = f"{function.__name__}Slope"
     return type(name, (_Slope,), {
         "__doc__": f"The derivative of {function.c_name}.",
@@ -120,11 +120,11 @@ def _cardinal(name: str, function: Any, derivative: Any, third: int) -> type[_Ca
     return cardinal
 
 
-Sinc = _cardinal("Sinc", mp.sin, mp.cos, -1)
-Sinhc = _cardinal("Sinhc", mp.sinh, mp.cosh, 1)
-Asinhc = _cardinal("Asinhc", mp.asinh, lambda z: 1 / mp.sqrt(1 + z * z), -1)
-Atanc = _cardinal("Atanc", mp.atan, lambda z: 1 / (1 + z * z), -2)
-Atanhc = _cardinal("Atanhc", mp.atanh, lambda z: 1 / (1 - z * z), 2)
+Sinc = _cardinal("Sinc", mp.sin, mp.cos, third=-1)
+Sinhc = _cardinal("Sinhc", mp.sinh, mp.cosh, third=1)
+Asinhc = _cardinal("Asinhc", mp.asinh, lambda z: 1 / mp.sqrt(1 + z * z), third=-1)
+Atanc = _cardinal("Atanc", mp.atan, lambda z: 1 / (1 + z * z), third=-2)
+Atanhc = _cardinal("Atanhc", mp.atanh, lambda z: 1 / (1 - z * z), third=2)
 
 #: Functions that the C of a slope calls besides the cardinal function itself.
 _NEEDS = {"asinhc_slope": ("asinhc", "sinhc_slope"), "atanc_slope": ("atanc", "sinc_slope"),

@@ -79,22 +79,22 @@ def slopes(e: sp.Expr, symbols: tuple[sp.Symbol, ...]) -> list[sp.Expr]:
     symbols.
     """
     nodes = [node for node in parts_of([e]) if isinstance(node, Shared)]
-    # a symbol for each node: its body and e are short expressions in these
+    # a symbol for each node: its argument and e are short expressions in these
     names = {node: sp.Symbol(f"_r{i}", real=True) for i, node in enumerate(nodes)}
-    *bodies, root = substitute([*(node.args[0] for node in nodes), e], names)
+    *arguments, root = substitute([*(node.args[0] for node in nodes), e], names)
     # symbol → terms of its adjoint
     terms: dict[sp.Symbol, list[sp.Expr]] = {}
 
-    def add_products(adjoint: sp.Expr, body: sp.Expr) -> None:
-        """Add adjoint · ∂(body)/∂x to the terms of each symbol x in a body."""
-        for term in sp.Add.make_args(body):
+    def add_products(adjoint: sp.Expr, argument: sp.Expr) -> None:
+        """Add adjoint · ∂(argument)/∂x to the terms of each symbol x in the argument of a node."""
+        for term in sp.Add.make_args(argument):
             for x in sorted(term.free_symbols, key=name_of):
                 terms.setdefault(x, []).append(adjoint * derivative(term, x))
 
-    add_products(sp.Integer(1), root)
+    add_products(sp.Integer(1), root)  # e itself has the adjoint 1
     # a node comes after those that it contains: backwards, its adjoint is complete when it is used
-    for node, body in zip(reversed(nodes), reversed(bodies), strict=True):
+    for node, argument in zip(reversed(nodes), reversed(arguments), strict=True):
         if names[node] in terms:
-            add_products(share(sp.Add(*terms[names[node]])), body)
+            add_products(share(sp.Add(*terms[names[node]])), argument)
     node_of = {symbol: node for node, symbol in names.items()}
     return substitute([sp.Add(*terms.get(x, ())) for x in symbols], node_of)

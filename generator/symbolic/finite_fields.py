@@ -150,7 +150,7 @@ class Residues:
             return self._exponential(e)
         if e.is_Pow and (e.exp.is_Rational or e.exp.is_Float):
             return self._power_of(e.base, sp.Rational(e.exp), values[e.base])
-        return self._unknown(e)
+        return self._random_values_for(e)
 
     def _number(self, x: sp.Rational) -> Residue:
         """Return p q⁻¹ modulo the prime of a fraction p/q, at every point."""
@@ -161,7 +161,7 @@ class Residues:
         """Return random numbers other than 0."""
         return self._rng.integers(1, self.prime, self.size)
 
-    def _unknown(self, e: Any) -> Residue:
+    def _random_values_for(self, e: Any) -> Residue:
         """Return random numbers for an expression without rules; one number for a constant."""
         if e not in self._random_values:
             if getattr(e, "free_symbols", None):
@@ -186,10 +186,10 @@ class Residues:
         return power
 
     def _power_of(self, e: sp.Expr, exponent: sp.Rational, base: Residue) -> Residue:
-        """Return base^(p/q), by square roots and by one root of odd order.
+        """Return base^exponent, by square roots and by one root of odd order.
 
-        ``base`` has the residues of e. A root of odd order r is unique, x^(1/r mod p − 1), if r
-        and p − 1 are coprime.
+        ``base`` has the residues of e. A root of odd order r (``odd``) is unique,
+        x^(1/r mod prime − 1), if r and prime − 1 are coprime.
         """
         q = int(exponent.q)
         # q = 2^twos · odd
@@ -198,7 +198,7 @@ class Residues:
         if gcd(odd, self.prime - 1) > 1:
             raise UnsuitablePrimeError(f"numbers have several roots modulo {self.prime}")
         if q > 1 and not self._with_roots:
-            root = self._unknown(sp.Pow(e, sp.Rational(1, q), evaluate=False))
+            root = self._random_values_for(sp.Pow(e, sp.Rational(1, q), evaluate=False))
         else:
             root = self._power(base, pow(odd, -1, self.prime - 1)) if odd > 1 else base
             for _ in range(twos):
@@ -230,7 +230,7 @@ class Residues:
         for unit, n in _terms(e.args[0]):
             # z_k stands for exp(u_k/d) with the common denominator d of all n_k: powers are whole
             steps = n * self._units[unit]
-            z = z * self._power(self._unknown((unit, circular)), int(steps)) % p
+            z = z * self._power(self._random_values_for((unit, circular)), int(steps)) % p
         inverse = self._power(z, -1)
         # sin = (z − 1/z)/2i and cos = (z + 1/z)/2 with i = √−1; sinh and cosh without i
         i = _eighth_root(p) ** 2 % p if circular else 1

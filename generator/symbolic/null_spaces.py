@@ -99,11 +99,11 @@ class NullSpace:
     def _iterate_forms(self) -> Iterator[tuple[int, Residue, list[int]]]:
         """Yield each suitable prime with a basis in reduced echelon form and its pivots."""
         for prime in primes():
-            form = self._modulo(prime)
+            form = self._form_modulo(prime)
             if form is not None:
                 yield prime, *form
 
-    def _modulo(self, prime: int) -> tuple[Residue, list[int]] | None:
+    def _form_modulo(self, prime: int) -> tuple[Residue, list[int]] | None:
         """Return a basis in reduced echelon form and its pivots; None for an unsuitable prime."""
         if prime not in self._echelon_forms:
             try:
@@ -116,7 +116,7 @@ class NullSpace:
         """Return the basis modulo a prime: block by block, the space is cut by the conditions."""
         basis = np.eye(self.size, dtype=np.int64)  # its columns
         if self._within is not None:
-            outer = self._within._modulo(prime)
+            outer = self._within._form_modulo(prime)
             if outer is None:
                 return None
             basis = outer[0].T

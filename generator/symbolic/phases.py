@@ -31,14 +31,14 @@ class Phase(Numeric):
     @staticmethod
     def value(*arguments: Any) -> Any:
         """Return the value at mpmath numbers, to working precision."""
-        factor, s, start, b = arguments
-        angle = factor * s * start + b
+        c, s, start, b = arguments
+        angle = c * s * start + b
         return mp.atan2(mp.sin(angle), mp.cos(angle))
 
     def fdiff(self, argindex: int = 1) -> sp.Expr:
-        """Return the derivative."""
-        factor, s, start, _ = self.args
-        slopes: list[sp.Expr] = [s * start, factor * start, factor * s, sp.Integer(1)]
+        """Return the derivative by an argument, counted from 1."""
+        c, s, start, _ = self.args
+        slopes: list[sp.Expr] = [s * start, c * start, c * s, sp.Integer(1)]
         return slopes[argindex - 1]
 
 
@@ -92,15 +92,15 @@ class _TimeShift:
         if self._time not in x.free_symbols:
             return x
         if isinstance(x, _PERIODIC):
-            argument = self._linear(x.args[0], periodic=True)
+            argument = self._shift_linear_sum(x.args[0], periodic=True)
             return x.func(self.shift(x.args[0]) if argument is None else argument)
         if x == self._time or x.is_Add or x.is_Mul:
-            linear_sum = self._linear(x, periodic=False)
+            linear_sum = self._shift_linear_sum(x, periodic=False)
             if linear_sum is not None:
                 return linear_sum
         return x.func(*map(self.shift, x.args))
 
-    def _linear(self, x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
+    def _shift_linear_sum(self, x: sp.Expr, *, periodic: bool) -> sp.Expr | None:
         """Return a sum a t + b + … as a τ + φ + …; None if no term is linear in the time.
 
         φ = a t0 + b is a constant of the run, reduced modulo 2π (``Phase``) if ``periodic``.

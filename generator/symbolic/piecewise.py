@@ -89,14 +89,14 @@ def piecewise_form_of(e: sp.Expr, symbols: set[sp.Symbol]) -> PiecewiseForm:
     first = next(_comparisons([e], symbols), None)
     if first is None:
         raise NotPiecewiseError("it has a floor, which jumps")
-    variable = _split(first, symbols).variable
+    variable = _as_comparison(first, symbols).variable
     other_symbols = sorted(map(str, (e.free_symbols - variable.free_symbols) & symbols))
     if other_symbols:
         raise NotPiecewiseError(f"it depends on {', '.join(other_symbols)} besides "
                                 f"{_short(variable)}, which its conditions compare")
     symbol, in_symbol = _in_one_symbol(e, variable, symbols)
     limits = _sorted_limits(in_symbol, symbol)
-    parts = [_between(in_symbol, symbol, limits, i) for i in range(len(limits) + 1)]
+    parts = [_piece_between(in_symbol, symbol, limits, i) for i in range(len(limits) + 1)]
     for limit, (below, above) in zip(limits, pairwise(parts), strict=True):
         _refuse_jump(below.xreplace({symbol: limit}), above.xreplace({symbol: limit}),
                      f"where {_short(variable)} = {_short(limit)}")
@@ -137,7 +137,7 @@ class _Comparison(NamedTuple):
     rises: bool  # whether c > 0
 
 
-def _split(w: sp.Expr, symbols: set[sp.Symbol]) -> _Comparison:
+def _as_comparison(w: sp.Expr, symbols: set[sp.Symbol]) -> _Comparison:
     """Return w = c (s − b) as a comparison of s with b.
 
     s has the terms of w with the symbols, divided by the coefficient c of the first. Raises
@@ -161,7 +161,7 @@ def _in_one_symbol(
     is_root = variable.is_Pow and variable.exp == sp.Rational(1, 2)
     symbol = sp.Symbol("_s", real=True, **({"nonnegative": True} if is_root else {}))
     for replacements in _solutions(variable, symbol, symbols, is_root):
-        forms = {_without(e.xreplace(replacement), symbols) for replacement in replacements}
+        forms = {_free_of(e.xreplace(replacement), symbols) for replacement in replacements}
         # one form, in s alone, whichever solution is taken
         if len(forms) == 1 and forms.isdisjoint({None}):
             return symbol, forms.pop()
@@ -169,7 +169,7 @@ def _in_one_symbol(
                             "conditions compare")
 
 
-def _without(e: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
+def _free_of(e: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
     """Return e or its expansion, the first that is independent of the symbols, or None."""
     return next((form for form in (e, sp.expand(e)) if form.free_symbols.isdisjoint(symbols)), None)
 
@@ -208,7 +208,7 @@ def _sorted_limits(e: sp.Expr, symbol: sp.Symbol) -> list[sp.Expr]:
     """
     limits: dict[sp.Expr, None] = {}
     for w in _comparisons([e], {symbol}):
-        variable, limit, _ = _split(w, {symbol})
+        variable, limit, _ = _as_comparison(w, {symbol})
         if variable != symbol:
             raise NotPiecewiseError(f"its conditions compare {_short(w)} with 0, which is not "
                                     "linear in the variable")
@@ -254,7 +254,8 @@ def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.E
                       for high, also_rises in step_limits if not also_rises}
             continue
         # limits in the branch below a limit are below it, limits in the other branch above
-        for limit, rises in _step_limit(Where(a, b, 0, 1), symbol):
+        step = Where(a, b, 0, 1)
+        for limit, rises in _step_limit(step, symbol):
             if not rises:
                 below, above = above, below
             pairs |= {(inner_limit, limit) for inner_limit in _limits_in(below, symbol)}
@@ -265,7 +266,7 @@ def _order_by_position(e: sp.Expr, symbol: sp.Symbol) -> set[tuple[sp.Expr, sp.E
 def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
     """Yield the limits of the conditions in e on the variable."""
     for w in _comparisons([e], {symbol}):
-        yield sp.expand(_split(w, {symbol}).limit)
+        yield sp.expand(_as_comparison(w, {symbol}).limit)
 
 
 def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
@@ -276,14 +277,14 @@ def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, boo
     switch = sides(step) if selects_side(step, {symbol}) else None
     if switch is None or _has_sides(switch.w, {symbol}):
         return
-    _, limit, rises = _split(switch.w, {symbol})
+    _, limit, rises = _as_comparison(switch.w, {symbol})
     yield sp.expand(limit), rises == (switch.below == 0)
 
 
 # ---------------------------------------------------------------- pieces between the limits
 
 
-def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
+def _piece_between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -> sp.Expr:
     """Return the expression for values of ``symbol`` between limits i − 1 and i, both excluded.
 
     ``limits`` ascend; the first and the last piece are unbounded. A side is selected by the sign
@@ -295,7 +296,7 @@ def _between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: int) -
         rebuilt = node.func(*arguments) if arguments else node
         switch = sides(rebuilt) if selects_side(rebuilt, {symbol}) else None
         if switch is not None:
-            _, limit, rises = _split(switch.w, {symbol})
+            _, limit, rises = _as_comparison(switch.w, {symbol})
             is_above = limits.index(sp.expand(limit)) < i
             is_positive = rises == is_above
             rebuilt = switch.above if is_positive else switch.below

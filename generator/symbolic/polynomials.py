@@ -36,7 +36,7 @@ def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
     """
     places: dict[sp.Symbol, int] = {}
     try:
-        terms, denominator = _polynomial(e, places, {})
+        terms, denominator = _polynomial(e, places, results={})
     except _OtherExpressionError:
         return None
     symbols = list(places)

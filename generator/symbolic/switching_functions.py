@@ -207,10 +207,10 @@ def switches_of(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
 
 
 def on_side(e: sp.Expr, side: Callable[[sp.Expr], sp.Expr | None]) -> sp.Expr:
-    """Return e with each switch replaced by (1 − s) (side w < 0) + s (side w > 0), s = side(w).
+    """Return e with each switch replaced by (1 − s) (side w < 0) + s (side w > 0).
 
-    s = 0 or 1 selects a side; None leaves the switch unchanged. For a floor, side(argument) is its
-    value.
+    The weight s = side(w) selects a side by 0 or 1; None leaves the switch unchanged. For a floor,
+    side(argument) is its value.
     """
     replacement: dict[sp.Basic, sp.Basic] = {}
     for node in parts_of([e]):

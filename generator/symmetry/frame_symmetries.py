@@ -157,7 +157,7 @@ class _SymmetrySearch:
         self.frame_fields: list[LinearField] = []
         self.names = {str(s) for s in (*system.q, *system.p, *system.parameters)}
         self.unnamed_count = 0
-        self.unconditional = self._unconditional(list(self._candidates()))
+        self.unconditional = self._unconditional_symmetries(list(self._candidates()))
 
     def _candidates(self) -> Iterator[LinearField]:
         """Yield the named linear fields, and the rotations of pairs of coordinates."""
@@ -167,7 +167,7 @@ class _SymmetrySearch:
             name = f"rotation of ({self.system.q[i]}, {self.system.q[j]})"
             yield LinearField(name, n, {(j, i): Fraction(1), (i, j): Fraction(-1)})
 
-    def _unconditional(self, fields: list[LinearField]) -> dict[str, LinearField]:
+    def _unconditional_symmetries(self, fields: list[LinearField]) -> dict[str, LinearField]:
         """Return the fields that are symmetries for any parameters, by name."""
         space = SymmetrySpace(self.system, fields, numbers={})
         return {field.name: field for field in fields if space.contains(field)}
@@ -207,7 +207,7 @@ class _SymmetrySearch:
     def other_symmetries(self) -> Iterator[tuple[FrameSymmetry]]:
         """Yield the other symmetries for any parameters, as far as they commute."""
         for field in self.unconditional.values():
-            yield from self._with_fewest_conditions("", [field])
+            yield from self._with_fewest_conditions(name="", fields=[field])
 
     def _with_fewest_conditions(
         self, name: str, fields: Sequence[LinearField] | Iterator[LinearField]
@@ -232,9 +232,9 @@ class _SymmetrySearch:
         if symmetries:
             chosen_symmetry = min(symmetries, key=lambda symmetry: len(symmetry.conditions))
             self.frame_fields.append(chosen_symmetry.field)
-            yield (replace(chosen_symmetry, name=self._name(name)),)
+            yield (replace(chosen_symmetry, name=self._unused_name(name)),)
 
-    def _name(self, name: str) -> str:
+    def _unused_name(self, name: str) -> str:
         """Return the name of a rate, omega_1 and so on where a name is empty or in use."""
         while not name or name in self.names:
             self.unnamed_count += 1
@@ -245,7 +245,7 @@ class _SymmetrySearch:
     def _is_new(self, field: LinearField) -> bool:
         """Whether a field commutes with the selected fields and is linearly independent."""
         return (all(commute(field.weights, f.weights) for f in self.frame_fields)
-                and _independent([*self.frame_fields, field]))
+                and _are_independent([*self.frame_fields, field]))
 
     # ------------------------------------------------------------ proofs
 
@@ -358,7 +358,7 @@ class _SymmetrySearch:
         return bool(identically_zero([terms for terms in sums if any(e != 0 for e in terms)]))
 
 
-def _independent(fields: Sequence[LinearField]) -> bool:
+def _are_independent(fields: Sequence[LinearField]) -> bool:
     """Whether the fields are linearly independent; only their nonzero entries are compared."""
     entries = sorted({entry for field in fields for entry in field.weights})
     rows: list[list[Any]] = []
@@ -412,7 +412,7 @@ def _solved_conditions(
             return None
         # solve for a symbol, which later coefficients contain
         conditions.append(condition)
-        symbol = _solvable(condition)
+        symbol = _solvable_symbol(condition)
         solution = sp.solve(condition, symbol)[0]
         solution_of = {s: x.xreplace({symbol: solution}) for s, x in solution_of.items()}
         solution_of[symbol] = solution
@@ -424,12 +424,12 @@ def _solved_conditions(
 def _linear_factor(e: sp.Expr) -> sp.Expr | None:
     """Return a factor of a polynomial that may vanish and is linear in a symbol, or None."""
     for factor, _ in sp.factor_list(e)[1]:
-        if not factor.is_nonzero and _solvable(factor) is not None:
+        if not factor.is_nonzero and _solvable_symbol(factor) is not None:
             return _normalise_sign(factor)
     return None
 
 
-def _solvable(e: sp.Expr) -> sp.Symbol | None:
+def _solvable_symbol(e: sp.Expr) -> sp.Symbol | None:
     """Return the last symbol, by name, in which e is linear with a number as coefficient.
 
     A division by an expression would need a condition of its own.

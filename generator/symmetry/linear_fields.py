@@ -168,7 +168,7 @@ def _unit_quaternions(system: System) -> Iterator[list[int]]:
 def _motions(n: int, blocks: _Blocks) -> list[LinearField]:
     """Return the rigid motions that move all blocks together: rotations, and shifts of points."""
     if blocks.size == 2:  # in the plane, about e3
-        rotations = [_turn(n, blocks, 2, "angular momentum")]
+        rotations = [_turn(n, blocks, k=2, name="angular momentum")]
     else:
         rotations = [_turn(n, blocks, k, f"angular momentum about {axis}")
                      for k, axis in enumerate(_AXES)]

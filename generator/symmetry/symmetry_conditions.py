@@ -70,8 +70,8 @@ class SymmetrySpace:
     @property
     def basis(self) -> list[LinearField]:
         """A basis without names; in reduced echelon form if the fields have one entry 1 each."""
-        combined = (LinearField.linear_combination("", row, self.fields, self._n)
-                    for row in self._space.rows)
+        combined = (LinearField.linear_combination(name="", factors=row, fields=self.fields,
+                                                   n=self._n) for row in self._space.rows)
         return [field for field in combined if field.weights]
 
     def contains(self, field: LinearField) -> bool:

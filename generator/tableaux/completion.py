@@ -110,11 +110,11 @@ def _constraint_parts(
     zero, half, end = sp.Integer(0), sp.Rational(1, 2), sp.Integer(1)
     if not has_zero:
         is_interpolatory = _is_interpolatory(b, c, rounding)
-        starts_and_ends = _vanish(A[0], rounding) and _vanish(
+        starts_and_ends = _all_vanish(A[0], rounding) and _all_vanish(
             [a - weight for a, weight in zip(A[-1], b, strict=True)], rounding)
         if starts_and_ends:
             yield _with_partner(A, b, b, c)  # Ā = A: the stages are the constraint nodes
-        elif is_interpolatory and _vanish([c[0], c[-1] - 1], rounding):
+        elif is_interpolatory and _all_vanish([c[0], c[-1] - 1], rounding):
             yield _with_partner(_collocation(b, c, c), b, b, c)
         if is_interpolatory:
             largest = len(c) + 1 if rounding else min(len(c) + 1, _MOST_EXACT_NODES)
@@ -125,7 +125,7 @@ def _constraint_parts(
            "b_tilde": [[half], [half]], "c_tilde": [[zero], [end]]}
 
 
-def _vanish(entries: Iterable[sp.Expr], rounding: Rounding | None) -> bool:
+def _all_vanish(entries: Iterable[sp.Expr], rounding: Rounding | None) -> bool:
     """Whether all numbers are zero, exactly or to the digits of decimals."""
     return all(vanishes_to(entry, rounding) for entry in entries)
 
@@ -134,10 +134,10 @@ def _is_interpolatory(
     b: Sequence[sp.Expr], c: Sequence[sp.Expr], rounding: Rounding | None
 ) -> bool:
     """Whether the nodes c are distinct and b_j = ∫₀¹ ℓ_j of their Lagrange polynomials."""
-    if any(_vanish([u - v], rounding) for i, u in enumerate(c) for v in c[:i]):
+    if any(_all_vanish([u - v], rounding) for i, u in enumerate(c) for v in c[:i]):
         return False
-    return _vanish((integral - weight for integral, weight in
-                    zip(_integrals(c, sp.Integer(1)), b, strict=True)), rounding)
+    return _all_vanish((integral - weight for integral, weight in
+                        zip(_integrals(c, sp.Integer(1)), b, strict=True)), rounding)
 
 
 def _collocation(b: list[sp.Expr], c: Sequence[sp.Expr], nodes: Sequence[sp.Expr]) -> Rows:

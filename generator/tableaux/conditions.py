@@ -207,22 +207,22 @@ def _bounds(tableau: Tableau, constrained: bool = True) -> list[tuple[int, str]]
 
 def check_tableau(tableau: Tableau) -> list[Condition]:
     """Return every condition with its result, in the order of reports."""
-    return list(_check(tableau))
+    return list(_conditions_of(tableau))
 
 
 @cache
-def _check(tableau: Tableau) -> tuple[Condition, ...]:
+def _conditions_of(tableau: Tableau) -> tuple[Condition, ...]:
     """Return all conditions of a tableau, each with its residual."""
     largest_k = counts(tableau)
     lines = (
-        *_structure(tableau),
-        _multipliers(tableau),
-        *(_symplectic(tableau)),
+        *_structure_conditions(tableau),
+        _multipliers_condition(tableau),
+        *(_symplectic_conditions(tableau)),
         *(_counted_condition(tableau, label, largest_k) for label in LABELS),
         *(_adjoint_condition(label, largest_k) for label in D_LABELS),
-        _symmetric(tableau),
-        _stability(tableau),
-        _order(tableau),
+        _symmetry_condition(tableau),
+        _stability_condition(tableau),
+        _order_condition(tableau),
     )
     if tableau.decimal_digits is None:
         return lines
@@ -238,7 +238,7 @@ def remarks(tableau: Tableau, *, constrained: bool = True) -> list[str]:
     """
     clauses = []
     for line in check_tableau(tableau):
-        clause = f"{line.name} ({line.equation}; {_size(line)})"
+        clause = f"{line.name} ({line.equation}; {_residual_text(line)})"
         if line.required and not line.holds:
             clauses.append(f"violates {clause}")
         elif line.name.startswith(("symplectic", "symmetric")) and line.found != "yes":
@@ -255,12 +255,12 @@ def remarks(tableau: Tableau, *, constrained: bool = True) -> list[str]:
     return clauses
 
 
-def _size(line: Condition) -> str:
+def _residual_text(line: Condition) -> str:
     """Return "residual 0.1", or the residual itself if it is a word."""
     return f"residual {line.residual}" if line.residual[:1].isdigit() else line.residual
 
 
-def _structure(tableau: Tableau) -> list[Condition]:
+def _structure_conditions(tableau: Tableau) -> list[Condition]:
     """Check the separation of T1 and T2: Q̃_0 = q_k, Q̃_p = q_{k+1}, and Λ_p occurs only in T2."""
     t, basis = tableau, tableau.basis
     a_bar, a_tilde = basis["A_bar"], basis["A_tilde"]
@@ -283,7 +283,7 @@ def _structure(tableau: Tableau) -> list[Condition]:
     ]
 
 
-def _multipliers(tableau: Tableau) -> Condition:
+def _multipliers_condition(tableau: Tableau) -> Condition:
     """Check M = Ā Ã, which is regular if T1 determines the multipliers."""
     size = multiplier_condition(tableau)
     regular = multiplier_inverse(tableau) is not None
@@ -297,7 +297,7 @@ def _multipliers(tableau: Tableau) -> Condition:
     )
 
 
-def _symplectic(tableau: Tableau) -> list[Condition]:
+def _symplectic_conditions(tableau: Tableau) -> list[Condition]:
     """Check symplecticity of the map, which is required if claimed, and reported otherwise."""
     t, basis = tableau, tableau.basis
     forces = symplectic_residual(t.stages, t.stages, basis["A_hat"], basis["A"], basis["b"],
@@ -349,11 +349,12 @@ def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
     k = holds_to(partial(stage_residual, nodes, nodes, V), t, required_k + 1)
     residual = "0"
     if k < required_k:
-        residual = mp.nstr(magnitude(stage_residual(nodes, nodes, V, k + 1), nodes, None), 5)
+        size = magnitude(stage_residual(nodes, nodes, V, k + 1), nodes, columns=None)
+        residual = mp.nstr(size, 5)
     lines = [
-        _condition(t, "v_0l = 0", "v_0l = 0", first * V, None, nodes, required=True),
-        _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - basis["b_tilde"].transpose(), None,
-                   nodes, required=True),
+        _condition(t, "v_0l = 0", "v_0l = 0", first * V, rows=None, columns=nodes, required=True),
+        _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - basis["b_tilde"].transpose(),
+                   rows=None, columns=nodes, required=True),
         Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {required_k}", f"holds to k = {k}",
                   k >= required_k, residual, required=True),
         # Ā is regular: a polynomial of degree s that vanishes at 0 and at c̃_1..c̃_p is 0.
@@ -451,7 +452,7 @@ def _symmetry_residuals(tableau: Tableau) -> Iterator[tuple[Matrix | None, Nodes
         yield symmetry_residual(rows, columns, basis[name], basis[b_columns]), rows, columns
 
 
-def _symmetric(tableau: Tableau) -> Condition:
+def _symmetry_condition(tableau: Tableau) -> Condition:
     """Return the condition of symmetry in time, with the largest residual."""
     residuals = list(_symmetry_residuals(tableau))
     has_symmetric_nodes = all(residual is not None for residual, _, _ in residuals)
@@ -473,7 +474,7 @@ def _symmetric(tableau: Tableau) -> Condition:
     )
 
 
-def _stability(tableau: Tableau) -> Condition:
+def _stability_condition(tableau: Tableau) -> Condition:
     """Check A- and L-stability; a claimed L-stability is required, also with constraints."""
     R, claimed = stability(tableau), bool(tableau.claims.get("L_stable"))
     is_l_stable = R is not None and R.l_stable and R.constrained
@@ -485,7 +486,7 @@ def _stability(tableau: Tableau) -> Condition:
                      residual="0" if holds else text, required=claimed)
 
 
-def _order(tableau: Tableau) -> Condition:
+def _order_condition(tableau: Tableau) -> Condition:
     """Return the condition of order: the proved one, compared with the claimed one."""
     proved = tableau.order
     claimed = tableau.claims.get("order")

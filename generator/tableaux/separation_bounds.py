@@ -49,7 +49,7 @@ def vanishes(expression: sp.Expr) -> bool:
     """
     if expression.is_Rational:
         return bool(expression == 0)
-    if not _contains_zero(expression, 256):
+    if not _contains_zero(expression, bits=256):
         return False
     bits = _separation_bits(expression)
     return _contains_zero(expression, bits)
@@ -93,7 +93,7 @@ def enclosure(expression: sp.Expr, bits: int = 256) -> Any:
     """Return an mpmath interval that contains an exact real number."""
     interval = MPIntervalContext()
     interval.prec = bits + 64
-    return _value(expression, interval, {})
+    return _value(expression, interval, cache={})
 
 
 def _contains_zero(expression: sp.Expr, bits: int) -> bool:
@@ -111,7 +111,7 @@ def _contains_zero(expression: sp.Expr, bits: int) -> bool:
 
 def _separation_bits(expression: sp.Expr) -> int:
     """Return n such that the number is zero or at least 2^−n."""
-    bound = _bound(expression, {})
+    bound = _bound(expression, cache={})
     degree = prod(k for _, k in bound.roots)
     bits = (degree - 1) * bound.u.bit_length() + (bound.m * bound.λ).bit_length() + 1
     if bits > MAX_BITS:

@@ -68,7 +68,8 @@ class Stability:
     @property
     def deficit(self) -> sp.Poly:
         """E(w) = |denominator|² − |numerator|² at z = iy, w = y²."""
-        denominator, numerator = _square(self.denominator), _square(self.numerator)
+        denominator = _squared_modulus(self.denominator)
+        numerator = _squared_modulus(self.numerator)
         terms = {}
         for powers, c in (denominator - numerator).terms():
             # a difference below the round-off of its operands is 0
@@ -161,7 +162,7 @@ def _drop_round_off(polynomial: sp.Poly, rounding: sp.Rational) -> sp.Poly:
     return sp.Poly.from_dict(terms, polynomial.gen, domain="QQ")
 
 
-def _square(polynomial: sp.Poly) -> sp.Poly:
+def _squared_modulus(polynomial: sp.Poly) -> sp.Poly:
     """Return |P(iy)|² as a polynomial in w = y²."""
     product = polynomial * polynomial.compose(sp.Poly(-z, z, domain="QQ"))  # even in z
     terms = {(k // 2,): c * (-1) ** (k // 2) for (k,), c in product.terms() if c}
