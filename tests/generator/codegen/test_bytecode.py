@@ -1,4 +1,4 @@
-"""Templates are made bytecode once."""
+"""Templates are compiled to bytecode once."""
 
 import sys
 from pathlib import Path

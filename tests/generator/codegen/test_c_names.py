@@ -143,7 +143,7 @@ def broken(names, folder):
 
 
 def is_readable(name):
-    """Whether cffi takes a declaration with this name."""
+    """Return whether cffi takes a declaration with this name."""
     try:
         ffi = cffi.FFI()
         ffi.cdef(f"typedef struct {{ double {name}; }} s;")

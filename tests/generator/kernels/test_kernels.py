@@ -417,7 +417,7 @@ def grow(children):
 
 
 def numbers_are_short(e):
-    """Whether every integer in e is a double; longer ones are rounded as they are printed."""
+    """Return whether every integer in e is a double; longer ones are rounded when printed."""
     return all(max(abs(n.p), n.q) < 2**53 for n in e.atoms(sp.Rational))
 
 

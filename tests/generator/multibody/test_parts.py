@@ -62,7 +62,7 @@ def test_points_on_springs_and_balls():
 
 
 def gyrostat(C: float, across: float, e: np.ndarray, omega: np.ndarray, rate: float) -> np.ndarray:
-    """Return Ω̇: J'Ω̇ = (J Ω + C ν e) × Ω, h = C (e·Ω + ν) kept, J' without C."""
+    """Return Ω̇ of J'Ω̇ = (J Ω + C ν e) × Ω with constant h = C (e·Ω + ν), J' without C."""
     bus, arm, mass = np.diag([9.0, 8.0, 5.0]), np.array([0.3, 0.0, 0.1]), 80 * 4 / 84
     bare = bus + across * (np.eye(3) - np.outer(e, e))
     bare += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))  # about the common centre of mass

@@ -56,7 +56,7 @@ def polynomials(value, symbols=()):
 
 
 def vanishes(value):
-    """Whether an expression or matrix is zero as a polynomial."""
+    """Return whether an expression or matrix is zero as a polynomial."""
     return not any(polynomials(value)[1])
 
 
@@ -66,7 +66,7 @@ def basis_of(relations):
 
 
 def vanishes_on(relations, value):
-    """Whether an expression or matrix lies in the ideal of the relations."""
+    """Return whether an expression or matrix lies in the ideal of the relations."""
     basis = basis_of(tuple(relations))
     symbols = set().union(*(e.free_symbols for e in basis))
     ring, entries = polynomials(value, symbols)

@@ -1,4 +1,4 @@
-"""Starts: angles and travels of joints set the pose; given velocities are kept or refused."""
+"""Starts: angles and travels of joints set the pose; given velocities hold or are refused."""
 
 import math
 

@@ -147,7 +147,7 @@ RANDOM = (
     st.tuples(*[st.floats(-2, -1e-3) | st.floats(1e-3, 2)] * 4),
     st.tuples(*[st.integers(-1000, 1000).map(lambda n: n / 1000)] * 4),
     st.sampled_from([0.5, 0.1, 1e-2, 1e-4, 1e-8, 1e-16, 0.0]),
-    # No whole numbers: a power with a symbol as exponent takes positive bases only.
+    # No integers: a power with a symbol as exponent takes positive bases only.
     st.tuples(*[st.floats(0.51, 0.99) | st.floats(1.01, 1.97)] * 2),
 )
 QUIET = [HealthCheck.filter_too_much, HealthCheck.too_slow, HealthCheck.data_too_large]

@@ -43,7 +43,7 @@ def test_coefficients_are_those_of_ehle_and_axelsson_and_rounding_is_dropped():
     weights = (16 - SIX) / 36, (16 + SIX) / 36, sp.Rational(1, 9)
     for derived, published in ((three.A[0], first), (three.A[-1], weights), (three.b, weights)):
         assert all(sp.expand(a - b) == 0 for a, b in zip(derived, published, strict=True))
-    # A coefficient of z^k counts (2s)^k: one that is small and decides |R| far out is kept.
+    # A coefficient of z^k counts (2s)^k: a small one that decides |R| far out stays.
     unit = sp.Rational(1, 100)
     small = sp.Poly(1 + sp.Rational(1, 10_000) * z**4, z, domain="QQ")
     assert _drop_round_off(small, unit) == small  # 8^4/10^4 is no rounding beside 1

@@ -290,7 +290,7 @@ def test_remarks_name_what_limits_the_order_in_manifests_of_given_tableaux_only(
 def test_claims_of_a_method_that_is_not_symplectic(
     claim: dict[str, bool], broken: list[str], tmp_path: Path
 ) -> None:
-    """A symplectic claim fails where it is made or left open; a wrong claim stops any stepper."""
+    """A false or missing claim to be symplectic fails; a false claim stops any stepper."""
     table = json.loads((FOLDER / "radau_plain_2.json").read_text(encoding="utf-8"))
     del table["symplectic"]
     path = tmp_path / "claims.json"

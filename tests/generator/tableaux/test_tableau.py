@@ -346,7 +346,7 @@ def test_digits_that_numeric_cannot_give_are_refused(digits):
 
 
 def is_correctly_rounded(rounded, value, bits):
-    """Whether a fraction has that many bits and lies within half a unit of its last place."""
+    """Return whether a fraction has that many bits and is within half a unit of its last place."""
     if rounded == 0:
         return value == 0
     odd = rounded.numerator
