@@ -124,7 +124,7 @@ def _write(
     """Write the artefact and print its files; return the exit code, 1 if its bits differ from C."""
     if scheme_options["out"] is not None and not target.suffix:
         check_no_file("--out", scheme_options["out"])
-    pairs = [_value(text) for text in values]
+    pairs = [_name_and_value(text) for text in values]
     names = [name for name, _ in pairs]
     for name in names:
         if names.count(name) > 1:
@@ -161,12 +161,14 @@ def _model(name: str, settings: tuple[str, ...]) -> Any:
         from ..generator.parsing.text_file import model_text
 
         changes = settings_of(settings)
-        return read_model(model_text(Path(name)), name, None, changes).model if changes else name
+        if not changes:
+            return name
+        return read_model(model_text(Path(name)), name, settings=changes).model
     entry = entry_named(name)
     return entry.make(**arguments_of(entry, settings)) if settings else entry.name
 
 
-def _value(text: str) -> tuple[str, Any]:
+def _name_and_value(text: str) -> tuple[str, Any]:
     """Return name and value of ``--parameter``; γ and α may have a rule's name."""
     name, sign, number_text = text.partition("=")
     if not sign:

@@ -94,7 +94,7 @@ def fit(
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=None if sigma is None else real_number("--sigma", sigma))
     click.echo(json.dumps(_result(outcome), indent=2)
-               if as_json else repr(outcome)[1:-1])
+               if as_json else repr(outcome)[1:-1])  # without < and >
     return 0 if outcome.converged else 1
 
 

@@ -105,7 +105,11 @@ def _sound(results: Sequence[Result]) -> bool:
 def _progress(
     result_count: int, *, quiet: bool
 ) -> Iterator[tuple[Callable[[str, int], None] | None, Callable[[str], None] | None]]:
-    """Yield callbacks of progress: a bar on a terminal, elsewhere one line for each result."""
+    """Yield callbacks of progress: a bar on a terminal, elsewhere one line for each result.
+
+    The first takes the name of a result and the number of results done, the second a text on what
+    is being computed; None where nothing is shown.
+    """
     if quiet or sys.stderr is None or (result_count == 1 and not sys.stderr.isatty()):
         yield None, None
         return
@@ -188,9 +192,9 @@ def _print_table(table: Table) -> None:
             cell = cells.get((row, column))
             text = Text()
             if cell is not None:
-                text.append(number_text(cell.ours, scientific, 3))
+                text.append(number_text(cell.ours, scientific, digits=3))
                 if cell.paper is not None:
-                    text.append(f"\n{number_text(cell.paper, scientific, 2)}"
+                    text.append(f"\n{number_text(cell.paper, scientific, digits=2)}"
                                 f"\n{MARKS[cell.verdict]} {cell.verdict}", _COLOURS[cell.verdict])
                 elif cell.note:
                     text.append(f"\n{cell.note}")

@@ -144,8 +144,8 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
                              "give one.")
     # a file is a tableau, anything else the name of a stepper
     if target.endswith(".json") or Path(target).is_file():
-        return [Spec.from_arguments(None, None, choice["rep"], choice["system"], choice["real"],
-                                    Path(target))]
+        return [Spec.from_arguments(rep=choice["rep"], system=choice["system"],
+                                    real=choice["real"], tableau=Path(target))]
     for key in ("rep", "system", "real"):
         if choice[key]:
             raise InputError(f"--{key} {choice[key]!r} is given besides {target!r}, which says it "
@@ -287,9 +287,9 @@ def _print_certificate(certificate: Certificate) -> None:
         if line.why and not line.holds:
             console.print(f"{line.quantity}: {line.why}", highlight=False, markup=False)
     failed = [line.quantity for line in certificate.lines if line.holds is False]
-    judged = sum(line.holds is not None for line in certificate.lines)
+    count = sum(line.holds is not None for line in certificate.lines)
     result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
-    click.echo(f"{certificate.model}: {judged} guarantees of {certificate.stepper}: {result}")
+    click.echo(f"{certificate.model}: {count} guarantees of {certificate.stepper}: {result}")
 
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:

@@ -52,7 +52,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
     Event detection does not change the bits of the states. It runs on the caller's thread. A cell
     with an event that is not located has the status NOT_CONVERGED.
     """
-    every = study.every or steps
+    every = study.every or steps  # without samples only the start and the end are stored
     runs = _runs(study, stepper, steps, every, cells, group, q, p)
     # a first run brackets the events between steps, a second one locates them in the brackets
     levels = Levels.of(stepper.binding, stepper.manifest, study.events)
@@ -68,7 +68,7 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
             return _join([run_with_events(study, stepper, steps, cells, group[side], q[side],
                                           p[side])
                           for side in (slice(half), slice(half, None))])
-        crossings = []
+        crossings = []  # one cell, whose results are NaN
         if not ensemble_states.status[0]:  # a cell that failed before keeps its reason
             ensemble_states.status[0] = NOT_CONVERGED
     binding, row_count = ensemble_states.binding, steps // every + 1
@@ -98,7 +98,7 @@ def _join(parts: list[CellEnds]) -> CellEnds:
 
 def _fill(ensemble_states: EnsembleStates) -> None:
     """Integrate all runs of an ensemble on this thread; a tile is not interrupted."""
-    ensemble_states.fill(range(len(ensemble_states.reports)), lambda: False)
+    ensemble_states.fill(range(len(ensemble_states.reports)), stop=lambda: False)
 
 
 def _runs(

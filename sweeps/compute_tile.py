@@ -112,7 +112,7 @@ def _run_without_events(
     if out is not None:  # compiled code stores states after steps, not the start
         samples = tuple(np.concatenate([start[:, None], stored_states], axis=1)
                         for start, stored_states in zip((q0, p0), out, strict=True))
-    return CellEnds(q, p, reports, status, samples, {})
+    return CellEnds(q, p, reports, status, samples, event_results={})
 
 
 def _memory(stepper: Stepper) -> tuple[Any, ...]:
@@ -242,6 +242,9 @@ def _consistent(
 
     def check(rows: Array, keeps_f: bool) -> Array:
         """Return whether the starts of cells are consistent, with the parameters of the first cell.
+
+        ``keeps_f`` says that the scheme keeps the momentum constraint, whose error is then bounded
+        by round-off.
         """
         parameters = _struct(stepper, structs[rows[0]])
         return defects_of_starts(stepper.binding, keeps_f, parameters, q[rows], p[rows],
@@ -249,10 +252,11 @@ def _consistent(
 
     for group_rows in equal_constraints:
         # one check serves cells with one start
-        consistent[group_rows] = check(group_rows if study.has_axis("q") else group_rows[:1], True)
+        consistent[group_rows] = check(group_rows if study.has_axis("q") else group_rows[:1],
+                                       keeps_f=True)
     if not stepper.manifest.scheme.keeps_momentum_constraint:
         for i in np.flatnonzero(~consistent):
-            consistent[i] = check(np.array([i]), False)[0]
+            consistent[i] = check(np.array([i]), keeps_f=False)[0]
     return consistent
 
 

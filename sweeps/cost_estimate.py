@@ -65,9 +65,10 @@ def estimate(study: Study, fields: list[StoredField]) -> Estimate:
     cell_bytes = sum(field.row_bytes for field in fields)
     tile_bytes = cell_bytes * math.prod(tile_shape(study))  # the last tile of an axis is padded
     return Estimate(
-        study.size, tiles, steps, steps * mean, steps * max(mean - two_errors, 0.0),
-        steps * (mean + two_errors), tiles * tile_bytes, tiles * len(fields),
-        2 * tile_bytes,  # a thread computes one tile while its last one is written
+        study.size, tiles, steps, cpu_seconds=steps * mean,
+        low=steps * max(mean - two_errors, 0.0), high=steps * (mean + two_errors),
+        disk_bytes=tiles * tile_bytes, files=tiles * len(fields),
+        memory_bytes=2 * tile_bytes,  # a thread computes one tile while its last one is written
     )
 
 

@@ -90,9 +90,10 @@ def fields_of(study: Study, keep: Iterable[str] | None = None) -> list[StoredFie
     fields = [
         *_error_fields(binding.has_forces, joule),
         _scalar_field("iterations_mean", "iterations a step"),
-        StoredField("iterations_max", (), {"long_name": "most iterations of a step"}, "i4"),
-        StoredField("newton_steps", (), {"long_name": "steps that only Newton could do"}, "i8"),
-        StoredField("steps_done", (), {"long_name": "steps done"}, "i8"),
+        StoredField("iterations_max", (), {"long_name": "most iterations of a step"}, dtype="i4"),
+        StoredField("newton_steps", (), {"long_name": "steps that only Newton could do"},
+                    dtype="i8"),
+        StoredField("steps_done", (), {"long_name": "steps done"}, dtype="i8"),
         StoredField("q", state, {"long_name": "coordinates at the end"}),
         StoredField("p", state, {"long_name": "momenta at the end", **momentum}),
     ]
@@ -276,9 +277,11 @@ def create_store(
                      field.dtype, _fill(field),
                      [*dimensions, *(name for name, _ in field.inner)], field.attributes)
     for name, (along, coordinate, coordinate_attributes) in _coordinates(study).items():
-        create_array(group, name, coordinate.shape, coordinate.shape, coordinate.dtype, 0, along,
-                     coordinate_attributes).with_config(
-                         {"write_empty_chunks": True})[...] = coordinate
+        array = create_array(group, name, shape=coordinate.shape, chunks=coordinate.shape,
+                             dtype=coordinate.dtype, fill=0, dimensions=along,
+                             attributes=coordinate_attributes)
+        # zeros are written too: a missing file means damage
+        array.with_config({"write_empty_chunks": True})[...] = coordinate
     consolidate(path)
 
 

@@ -189,7 +189,7 @@ def _compute_result(
             raise InputError("resume goes on with a store; give out.")
         memory = MemorySink(study, fields)
         try:
-            _compute(study, fields, set(), memory, threads, client, progress, None)
+            _compute(study, fields, set(), memory, threads, client, progress, path=None)
         except Stopped as stopped:  # the cells so far are not lost
             stopped.dataset = memory.dataset(attributes)
             raise
@@ -285,7 +285,7 @@ def _compute(
 
 
 def _interruption_text(progress_count: _CellCount, path: Path | None) -> str:
-    """Return the error of a sweep interrupted by a signal."""
+    """Return the message of the error of a sweep that a signal has interrupted."""
     where = ".dataset" if path is None else repr(str(path))
     if progress_count.done == progress_count.all:
         return (f"Stopped after the last of {progress_count.all:,} cells: the sweep is complete, "

@@ -172,7 +172,7 @@ def starts(
     if "q" in table:
         return start_axis(table["q"], table["p"])
     # p = 2 L(q)ᵀ J Ω needs the inertia, one for all states
-    name, inertia = next(iter(start.bodies.items()), ("", None))
+    name, inertia = next(iter(start.bodies.items()), ("", None))  # γ of the first body, if any
     moments, inverse_entries = inertia_names(name)
     if inertia is None or len(start.q0) != 4 or varied & {*moments, *inverse_entries}:
         raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "
@@ -182,7 +182,7 @@ def starts(
         inertia = [parameters[moment] for moment in moments]
     elif not parameter_values.keys().isdisjoint(inverse_entries):
         inertia = tensor_of_inverse([parameters[entry] for entry in inverse_entries])
-    omega = as_rows("angular_velocity", table["angular_velocity"], 3)
+    omega = as_rows("angular_velocity", table["angular_velocity"], width=3)
     q = _quaternions(table.get("quaternion", start.q0))
     if len(q) not in (1, len(omega)):
         raise InputError(f"{len(q)} quaternions are given for {len(omega)} angular velocities; "
@@ -196,4 +196,4 @@ def _quaternions(quaternions: Any) -> Array:
     sequences = (list, tuple, np.ndarray)
     is_single = (isinstance(quaternions, sequences) and len(quaternions) > 0
                  and not isinstance(quaternions[0], sequences))
-    return as_rows("quaternion", [quaternions] if is_single else quaternions, 4)
+    return as_rows("quaternion", [quaternions] if is_single else quaternions, width=4)

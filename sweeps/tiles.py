@@ -133,8 +133,8 @@ def cells_of(study: Study, tile: Tile) -> Cells:
     parameters = {name: column(name, study.parameters.get(name)) for name in names
                   if name not in study.means}
     means = {name: _means(name, rule, parameters) for name, rule in study.means.items()}
-    return Cells(
-        column(SCHEME, 0), {name: (parameters | means)[name] for name in names},
+    return Cells(  # without an axis of schemes there is one, of number 0
+        column(SCHEME, common=0), {name: (parameters | means)[name] for name in names},
         dt, study.steps_of(dt), column("q", study.q), column("p", study.p),
     )
 

@@ -141,7 +141,7 @@ def steps_for(
 
 
 def steps_of(span: Mapping[str, Any], t0: Any, dt: Any) -> int:
-    """Return the whole steps of a run of ``steps`` or to ``t_end``; 0 where no dt tells them."""
+    """Return the whole steps of a run of ``steps`` or to ``t_end``; 0 to t_end without a dt."""
     from ...runtime.integration.run_arguments import span_of
 
     if dt is None and "t_end" in span:
@@ -162,7 +162,7 @@ def check_span(problem: str, options: Mapping[str, str | None]) -> None:
     timed = options["dtau"] is not None or options["step_error"] is not None
     # these formats have no place for a step; a TOML file or an MJCF names one, once it is read
     if problem.endswith((".urdf", ".sdf")) and Path(problem).is_file() and not timed:
-        _require_span(Path(problem).name, None, None, options)
+        _require_span(Path(problem).name, dt=None, steps=None, options=options)
 
 
 def _require_span(

@@ -37,6 +37,8 @@ class RunOutcome:
         All states, or of a stored run a selection for pictures; its report is of every step.
     last : Trajectory
         Ends with the last stored state.
+    seconds : float
+        The integration took.
     steps : int
         Steps of this call; a resumed run has the steps of earlier calls besides.
     out : str or None
@@ -112,7 +114,7 @@ def integrate_to(
     """Integrate and write the states; an error comes with all states before it."""
     if out is not None and _is_store(out):
         return _integrate_into_store(step, start, out, arguments, resume=resume)
-    return _in_memory(step, start, out, arguments)
+    return _integrate_in_memory(step, start, out, arguments)
 
 
 def stored_location(out: Path | None) -> str:
@@ -122,7 +124,7 @@ def stored_location(out: Path | None) -> str:
     return f"What is stored in {str(out)!r} is whole: the same command with --resume goes on."
 
 
-def _in_memory(
+def _integrate_in_memory(
     step: Stepper, start: Start, out: Path | None, arguments: dict[str, Any],
 ) -> RunOutcome:
     """Integrate in memory and write ``out``; return the outcome with the error that ended the run.
@@ -150,7 +152,7 @@ def _in_memory(
     ended_by = next((event.name for event in events
                      if event.terminal and len(trajectory.events.get(event.name, ()))), None)
     return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, saved_path, trouble,
-                      ended_by, trajectory._grid is not None)
+                      ended_by, between_steps=trajectory._grid is not None)
 
 
 def _with_location(
@@ -186,9 +188,10 @@ def _integrate_into_store(
         trouble, recording = error, open_recording(store)
     assert isinstance(recording, Recording)
     seconds = time.perf_counter() - started
-    sampled_states = recording[:: -(-len(recording) // _SHOWN)]  # a sample of a long run, for plots
+    # a sample of a long run, for plots: the stride is rounded up
+    sampled_states = recording[:: -(-len(recording) // _SHOWN)]
     last_state = recording[-1:]
     return RunOutcome(sampled_states, last_state, seconds, recording.steps_done - before,
-                      str(store), trouble,
-                recording.ended_by,
-                recording.status == COMPLETE and "rest" in recording.attributes["run"])
+                      str(store), trouble, recording.ended_by,
+                      between_steps=recording.status == COMPLETE
+                      and "rest" in recording.attributes["run"])

@@ -26,7 +26,7 @@ __all__ = ["about_tuning", "as_text", "axis_errors", "json_text", "result_of", "
 _AT_REST = 1e-13
 #: Largest move of a start onto the constraints, in parts of its size, that is none: typed digits.
 _MOVED = 1e-12
-#: Numbers of a ``StepReport`` that a report has under the same names, in its order.
+#: Numbers of ``Trajectory.report`` that a report has under the same names, in its order.
 _REPORTED = ("energy_start", "energy_error_max", "energy_error_mean", "constraint_max",
              "constraint_mean", "momentum_constraint_max", "momentum_constraint_mean",
              "iterations_mean", "iterations_max", "newton_steps")
@@ -312,7 +312,7 @@ def _step_size(result: dict[str, Any]) -> str:
 
 
 def _event_line(kind: str, name: str, crossings: dict[str, Any]) -> str:
-    """Return the line of an event, impact or touch: its count and its first four times."""
+    """Return the line of an event or impact: its count and its first four times."""
     times = ", ".join(f"{t:.12g}" for t in crossings["t"][:4])
     ellipsis = ", …" if len(crossings["t"]) > 4 else ""
     return f"  {f'{kind} {name}':<23} {len(crossings['t']):,} times" + (f": {times}{ellipsis} s"

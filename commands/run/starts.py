@@ -56,7 +56,7 @@ def stepper_and_start(
                       model_stepper(spec, options=options))
     if not scaled:
         step._refuse_scaled(command="this command")
-    return StepperAndStart(None, step, defaults, t0)
+    return StepperAndStart(paper_problem=None, stepper=step, defaults=defaults, t0=t0)
 
 
 def refuse_repeated_keys(settings: tuple[str, ...]) -> None:
@@ -68,6 +68,7 @@ def refuse_repeated_keys(settings: tuple[str, ...]) -> None:
 
 
 def _key(setting: str) -> str:
+    """Return the key of a setting KEY=VALUE."""
     return setting.partition("=")[0].strip()
 
 
