@@ -131,7 +131,9 @@ def generate(
 
 
 def _in_normal_form(system: System, *, framed: bool) -> tuple[System, CoMovingFrame | None]:
-    """Return the system in normal form, in scaled time and in its co-moving frame, and the frame.
+    """Return the system in normal form and in scaled time, and its co-moving frame or None.
+
+    If it is ``framed``, the system is in that frame.
     """
     system = scale_time(canonical(system))
     frame = frame_of(system) if framed else None
@@ -151,7 +153,8 @@ def _method(
 ) -> _Method:
     """Return the method of a spec.
 
-    ``reduced`` is the system with subexpressions that are constant in a run as ``constants``.
+    ``reduced`` is the system with subexpressions that are constant in a run as ``constants``;
+    ``tableau`` is None for IMS and EMS.
     """
     if spec.order is not None:
         scheme = splitting_scheme(system, reduced, constants, spec.order, spec.composition)

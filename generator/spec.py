@@ -93,8 +93,9 @@ class Spec:
         order: Any = None,
         composition: Any = None,
     ) -> Spec:
-        """Return a spec whose every field is usable.
+        """Return a spec from a user's arguments, each of them checked; None takes its default.
 
+        ``system`` is a name, or the path of a model file.
         Raises InputError naming the value, the allowed ones and the cure.
         """
         if tableau is not None:
@@ -155,7 +156,7 @@ class Spec:
 
 
 def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = False) -> str:
-    """Return the name of a stepper; double is not mentioned."""
+    """Return the name of a stepper from its parts; a ``real`` "double" is not mentioned."""
     parts = [system, method, rep, "frame" if framed else "",
              "" if real == "double" else real.replace("-", "_")]
     return "_".join(word for word in parts if word)
@@ -181,10 +182,12 @@ def _system_source(system: str | None, rep: Any) -> _SystemSource:
             raise InputError(f"{shown(system)} is a problem, not a system; choose its system, "
                              f"{problem.make().system}.")
         raise unknown_name("system", system, [*SYSTEMS, *MODELS])
-    return _SystemSource(name, None, rep_name or ("gamma" if name in SYSTEMS else ""))
+    return _SystemSource(
+        name, file=None, rep=rep_name or ("gamma" if name in SYSTEMS else ""))
 
 
 def _real(real: Any) -> RealName:
+    """Return the name of a floating-point type, by default "double"; refuse unknown ones."""
     return choose("floating-point type", "double" if real is None else real, REALS)
 
 

@@ -50,6 +50,7 @@ def read_xml(text: str) -> Element:
     # one call of ``characters`` for a text, not one for each line of it
     parser.buffer_text = True
     try:
+        # True: the text is complete
         parser.Parse(text.encode(), True)
     except expat.ExpatError as error:
         raise InputError(f"line {error.lineno}: it is no XML ({expat.ErrorString(error.code)}); "

@@ -122,9 +122,9 @@ class Formulas:
     ) -> tuple[dict[sp.Symbol, sp.Symbol], dict[str, float]]:
         """Return the parameters that a system's expressions contain: their symbols and values.
 
-        Symbols map those of the formulas to those of the system. These differ for a parameter that
-        a formula divides by: it is declared nonzero, and refused if it is 0. A parameter that only
-        other numbers of the file need is left out.
+        The first dict leads from the symbols of the formulas to the symbols of the system. These
+        differ for a parameter that a formula divides by: it is declared nonzero, and refused if it
+        is 0. A parameter that only other numbers of the file need is left out.
         """
         formulas = list(expressions)
         present = set().union(*(e.free_symbols for e in formulas))

@@ -213,7 +213,7 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> _Material
             raise _refusal(composite, f"has {key} {shown(config[key])}; write one number in Pa, 0 "
                            "or more.")
         moduli += number
-    return _Material(moduli[0], moduli[1], config.get("flat") == "true")
+    return _Material(G=moduli[0], E=moduli[1], is_flat=config.get("flat") == "true")
 
 
 class _Section(NamedTuple):
@@ -292,7 +292,8 @@ def _bodies(
     """Return the first body of a chain of segments, each inside the one before it.
 
     The x axis of a body is the tangent, its origin the beginning of its segment; ball joints are
-    at the origins, and the first body has the joint ``initial``. Sites mark both ends.
+    at the origins, and the first body has the joint ``initial``. Sites mark both ends. ``parts``
+    has the attributes of joints, geoms and sites; ``form`` and ``sizes`` are as of ``_form``.
     """
     values, line, points = composite.attributes, composite.line, _curve(composite)
     prefix, edges = values.get("prefix", ""), np.diff(points, axis=0)

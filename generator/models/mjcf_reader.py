@@ -494,7 +494,7 @@ def _fill_names(names: Sequence[str], kind: str, first: int) -> list[str]:
 
 
 def _unique(names: Sequence[str], substitutes: Sequence[str]) -> list[str]:
-    """Return names of which empty ones are replaced; a substitute in use gets a number."""
+    """Return names of which empty ones are replaced by substitutes; one in use gets a number."""
     used_names = {*names}
     unique_names = []
     for name, substitute in zip(names, substitutes, strict=True):

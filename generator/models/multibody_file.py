@@ -255,7 +255,7 @@ def _add_body(builder: Multibody, table: TomlTable, rep: str | None) -> Body:
 
 
 def _add_point_mass(builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable) -> Body:
-    """Add a point mass; ``bodies`` is for the signature that rotors have, too."""
+    """Add a point mass; ``bodies`` is not used, but belongs to the signature of ``_add_rotor``."""
     table.allow("name", "mass", "position", "velocity")
     table.require("name", "mass")
     vectors = {key: table.vector(key, 3) for key in ("position", "velocity") if key in table}
@@ -314,7 +314,8 @@ def _symbols_of_formulas(
     """Return name → expression of the symbols in formulas of position, and of position and motion.
 
     Position: coordinates, axes of bodies, angles and travels of joints. Motion: also momenta,
-    angular velocities, rates of joints and t.
+    angular velocities, rates of joints and t. A measure of a joint with one of the names
+    ``reserved``, which parameters have, is left out.
     """
     position: dict[str, sp.Expr] = {}
     motion: dict[str, sp.Expr] = {"t": builder.time}

@@ -436,7 +436,10 @@ class RobotBuilder:
         self, limb: int, frames: tuple[Frame, Frame], axes: Sequence[Floats],
         points: Sequence[Floats],
     ) -> None:
-        """Add the joints of a limb as a chain of coordinates, with a flywheel for each armature."""
+        """Add the joints of a limb as a chain of coordinates, with a flywheel for each armature.
+
+        The arguments are as of ``_add_combined_joint``.
+        """
         joints, build = self.robot.bodies[limb].joints, self.builder
         rows = []
         for joint, axis, point in zip(joints, axes, points, strict=True):
@@ -456,6 +459,9 @@ class RobotBuilder:
         points: Sequence[Floats],
     ) -> bool:
         """Add several joints of a limb as one joint of the builder; return whether there is one.
+
+        ``frames`` are the parent and the limb; ``axes`` and ``points`` have a unit vector and a
+        point in space, (3,), for each joint.
 
             two or three slides of the ground               constraints of attitude and position
             two slides of the ground and a hinge            planar joint
@@ -606,7 +612,7 @@ class RobotBuilder:
             self._add_limits(connection.name, connection, loop.range or (0.0, 0.0))
 
     def _add_limits(self, name: str, connection: Connection, bounds: tuple[float, float]) -> None:
-        """Add the ends of the range of a coordinate: stops, or springs beyond them."""
+        """Add the ends of the range of a coordinate, ``bounds``: stops, or springs beyond them."""
         build, limits, (lower, upper) = self.builder, self.robot.limits, bounds
         label = self.joint_names.free(f"{name}_limits")
         if limits == "stops":

@@ -396,8 +396,8 @@ def _tree(
 ) -> Robot:
     """Return the robot: the first joint to each link as its child belongs to the tree.
 
-    All further joints to a link close loops. The root floats unless the world is in the tree or
-    ``base`` says otherwise.
+    All further joints to a link close loops. ``pose`` is where the options put the model. The root
+    floats unless the world is in the tree or ``base`` says otherwise.
     """
     robot, places = Robot(scopes.name, "an SDF", "link"), scopes.places
     first: dict[str, PlacedJoint] = {}  # child → the joint of the tree

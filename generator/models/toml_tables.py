@@ -50,7 +50,8 @@ def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
 def number_of_text(text: str) -> Any:
     """Return a number as decimals, as arithmetic such as "pi/2", or with a unit, "30 deg"."""
     number = decimal(text)
-    return TomlTable({text: text}, "", InputError).number(text, UNITS) if number is None else number
+    return TomlTable({text: text}, where="", error=InputError).number(
+        text, UNITS) if number is None else number
 
 
 def _exact_double(text: str) -> float:

@@ -172,7 +172,10 @@ class Assembly:
                                 "at which they are nearer to it")
 
     def _refuse_half_turns(self, poses: Mapping[Frame, Pose], cure: str) -> None:
-        """Refuse poses in which a fixed joint holds, but half a turn off."""
+        """Refuse poses in which a fixed joint holds, but half a turn off.
+
+        ``cure`` ends the message.
+        """
         for link in self.links:
             if isinstance(link, Fixed):
                 link.refuse_half_turn(self.poses, poses, cure)
@@ -440,7 +443,8 @@ class Assembly:
 
         ``equations`` are the system's constraints, ``counted`` the names of joints whose full
         turns count. A ``Slide`` and connections of point masses have no layout. Of the connections
-        of moving points, only joints that hold a point or an axis have one.
+        of moving points, only joints that hold a point or an axis have one. ``parameters`` and
+        ``values`` are as of ``joint_at``.
         """
         def layout(link: Connection, *, is_counted: bool) -> JointLayout:
             """Return the layout of a joint, with those of its constraints that the system keeps."""

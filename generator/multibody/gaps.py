@@ -57,7 +57,8 @@ def gaps_of_plane(
 ) -> list[sp.Expr]:
     """Return the gap φ = R_b n · d − ϱ of each point of a, or sphere about it, to a plane of b.
 
-    ``frames`` are a and b; ``on_b`` is a point of the plane, and ``normal`` n, in axes of b.
+    ``frames`` are a and b; ``points`` are in axes of a; ``on_b`` is a point of the plane, and
+    ``normal`` n, in axes of b.
     Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
     negative radius.
     """
@@ -74,6 +75,7 @@ def gaps_of_spheres(
 ) -> list[sp.Expr]:
     """Return the gap φ = |d| − ϱ_a − ϱ_b of each sphere of a to a sphere of b.
 
+    ``frames`` are a and b, ``points`` and ``on_b`` the centres of the spheres in their axes.
     ``radius`` is one number for both bodies, or ϱ_a and ϱ_b. Values of parameters go into
     ``store``. Raises InputError for negative radii, and where both are 0.
     """
@@ -88,7 +90,10 @@ def gaps_of_spheres(
 def _distances(
     name: str, frames: tuple[Frame, Frame], points: Array, on_b: Array, store: Store
 ) -> list[Sequence[sp.Expr]]:
-    """Return d = x_a + R_a r_a − x_b − R_b r_b, three expressions, for each point r_a."""
+    """Return d = x_a + R_a r_a − x_b − R_b r_b, three expressions, for each point r_a.
+
+    ``frames`` are a and b, ``points`` has r_a as rows, and ``on_b`` is r_b.
+    """
     a, b = frames
     point_b = b.point(named_vector(f"{name}_b", on_b.tolist(), store))
     # NAME_a of a single point, NAME_a1, NAME_a2, … of several

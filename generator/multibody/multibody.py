@@ -582,7 +582,7 @@ class Multibody:
         default their relative attitude at the start. Other arguments as for ``ball``.
         The end of a beam is clamped: three constraints, and a potential of half a segment.
         """
-        q = None if rotation is None else attitude(f"{name!r}", None, rotation)
+        q = None if rotation is None else attitude(f"{name!r}", quaternion=None, matrix=rotation)
         pair = self._pair(name, a, b, at, on_a, on_b)
         if {pair["a"], pair["b"]} & {x for beam in self._components.beams for x in beam.segments}:
             return self._join(self._clamp(name, (a, b), pair, q))
@@ -808,7 +808,11 @@ class Multibody:
         self, name: str, a: Frame | str, b: Frame | str, *, on_a: ArrayLike = (0.0, 0.0, 0.0),
         on_b: ArrayLike = (0.0, 0.0, 0.0), length: float | None = None,
     ) -> Rod:
-        """Keep two points at a distance: one constraint; by default at that of the start."""
+        """Keep two points at a distance: one constraint.
+
+        It is ``length`` in m, by default their distance at the start; ``on_a`` and ``on_b`` are in
+        body axes.
+        """
         if length is not None:
             length = positive(f"length of {name!r}", length)
         return self._join(Rod(
@@ -874,8 +878,8 @@ class Multibody:
         coordinates, four constraints, ratio 1.
 
         What robots have as rotor inertia, and MuJoCo as ``armature``: a n² is added to the joint's
-        entry of the mass matrix. Its axis turns with no body, so that it has no gyroscopic effect;
-        a ``rotor`` with ``couple`` has that.
+        entry of the mass matrix. Its axis turns with no body, so that it has no gyroscopic effect,
+        which a ``rotor`` with ``couple`` has.
 
         Parameters
         ----------
@@ -1074,7 +1078,11 @@ class Multibody:
     # ------------------------------------------------------------ forces, parameters and quantities
 
     def parameter(self, name: str, value: float, *, positive: bool = False) -> sp.Symbol:
-        """Return a symbol for potentials, forces and quantities, with its value."""
+        """Return a symbol for potentials, forces and quantities, with its value.
+
+        With ``positive`` SymPy simplifies expressions for a symbol above 0, and other values are
+        refused.
+        """
         self._components.claim(name, "parameter")
         domain = {"positive": True} if as_flag("positive", positive) else {"real": True}
         number = float(finite(f"parameter {name!r}", value, shape=()))
@@ -1131,7 +1139,7 @@ class Multibody:
         """Add a motor: a torque about the axis of a joint (N m), or a force along it (N).
 
         A number, or an expression of ``time``, parameters, symbols of bodies, and ``angle(joint)``,
-        ``rate(joint)``, …. It acts on the joint's second body and back on its first.
+        ``rate(joint)``, …. It acts on the joint's second body, and its opposite on the first.
         """
         quantity, effort = ("travel", force) if torque is None else ("angle", torque)
         if effort is None or (torque is not None and force is not None):

@@ -83,7 +83,10 @@ _rotation_of_symbols = lru_cache(maxsize=1024)(_rotation)
 
 
 def double_momentum(x: Sequence[sp.Expr], y: Sequence[sp.Expr]) -> list[sp.Expr]:
-    """Return 2l = L(q) p, twice the angular momentum in body axes (19): three bilinear sums."""
+    """Return 2l = L(q) p, twice the angular momentum in body axes (19): three bilinear sums.
+
+    q is the argument x, p the argument y.
+    """
     return [sum(a * b for a, b in zip(row, y, strict=True)) for row in left_matrix(x).tolist()]
 
 
@@ -94,7 +97,7 @@ def kinetic_energy(
     inertia: Sequence[sp.Expr] = moments,
     weight: sp.Expr | None = None,
 ) -> sp.Expr:
-    """Return T(q, p): original (20), α-type (22) or γ-type (26), with w = L(q)p.
+    """Return T(q, p) for q = x and p = y: original (20), α-type (22) or γ-type (26), w = L(q)p.
 
         original   ⅛ wᵀJ⁻¹w
         α-type     ⅛ wᵀJ⁻¹w + (qᵀp)²/(8α)
@@ -136,7 +139,7 @@ def symmetric_matrix(entries: Sequence[sp.Expr]) -> sp.Matrix:
 
 
 def gravity_potential(x: Sequence[sp.Expr] = q) -> sp.Expr:
-    """Return V = mgl cos θ = mgl qᵀ diag(1, −1, −1, 1) q (79)."""
+    """Return V = mgl cos θ = mgl qᵀ diag(1, −1, −1, 1) q (79), for q = x."""
     x0, x1, x2, x3 = x
     return mgl * (x0**2 - x1**2 - x2**2 + x3**2)
 
@@ -150,7 +153,10 @@ def tensor_symbols(prefix: str = "") -> sp.Matrix:
 def angular_velocity(
     x: Sequence[sp.Expr] = q, y: Sequence[sp.Expr] = p, inertia: Sequence[sp.Expr] = moments
 ) -> list[sp.Expr]:
-    """Return Ω = J⁻¹ ½ L(q) p in body axes (19), three entries."""
+    """Return Ω = J⁻¹ ½ L(q) p in body axes (19), three entries, for q = x and p = y.
+
+    ``inertia`` is as of ``kinetic_energy``.
+    """
     if len(inertia) != 3:
         halves = sp.Matrix(double_momentum(x, y)) / 2
         return list(symmetric_matrix(inertia) * halves)
@@ -252,4 +258,4 @@ def heavy_top(rep: Rep) -> System:
 
 def free_body(rep: Rep) -> System:
     """Return a body without forces: parameters I1, I2, I3, and alpha or gamma."""
-    return body_system("free_body", rep, sp.Integer(0), ())
+    return body_system("free_body", rep, potential=sp.Integer(0))

@@ -40,7 +40,7 @@ _ROUND_OFF = 8 * float(np.finfo(float).eps)
 _NOTHING = 1e-14
 #: τ of the first step times the largest entry of its matrix.
 _FIRST_TAU = 1e3
-#: τ times that entry at which steps are those of 1/τ alone.
+#: τ times that entry below which the matrix of a step is nearly 1/τ alone.
 _SMALL_TAU = 0.1
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
@@ -77,8 +77,8 @@ class _Statics:
         q = (*system.q, *multipliers)
         forces = [F.xreplace(at_rest) for F in system.forces] + [sp.Integer(0)] * system.m
         structure = Structure(ElementSystem(
-            q, (), system.parameters, L, forces=tuple(forces) if system.forces else (),
-            time=system.time))
+            q, p=(), parameters=system.parameters, H=L,
+            forces=tuple(forces) if system.forces else (), time=system.time))
         self.time = {x: t for x in (system.time,) if x is not None}
         self.values = np.array([float(parameters[str(x)]) for x in system.parameters])
         # template, sign in the residual, its entries, and their derivatives by the template's q
@@ -230,7 +230,8 @@ def _implicit_step(
 ) -> tuple[Array, float]:
     """Return (δq, −λ_new), shape (n + m,), of an implicit Euler step, and δqᵀ (J + 1/τ) δq.
 
-    ``J`` has rows, columns and values of the matrix at x = (q, λ), n of which are q.
+    r and ``J``, as rows, columns and values, are the residual and its matrix at x = (q, λ), n
+    entries of which are q; ``tau`` is the length τ of the step.
     """
     J_rows, J_columns, J_values = J
     diagonal = np.arange(n)

@@ -202,7 +202,8 @@ def _rational(rows: Array) -> Iterator[list[sp.Rational]]:
 def _potential(omega: Sequence[sp.Expr], x: Sequence[sp.Symbol]) -> sp.Expr | None:
     """Return φ with dφ = ω, or dφ = ω/ω_i for an entry ω_i; None if neither is integrated.
 
-    φ is integrated entry by entry: ∫ (ω_k − ∂φ/∂x_k) dx_k is added for each k, and dφ compared.
+    ``omega`` has the entries ω_k of ω = Σ ω_k dx_k. φ is integrated entry by entry:
+    ∫ (ω_k − ∂φ/∂x_k) dx_k is added for each k, and dφ compared.
     """
     # an integrating factor 1/ω_i finds the potentials of rows that were multiplied by a function
     variable_entries = [e for e in dict.fromkeys(omega) if e.free_symbols & {*x}]

@@ -106,7 +106,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
     refuse_constant(owner, constraints.expressions, constraints.constraint_names)
     names = constraints.names
     if not names:
-        return Redundancy(owner, ())
+        return Redundancy(owner, constraints=())
     # The rank is taken where g = 0: rows dependent there may be independent elsewhere.
     point = nearest_point(constraints, q)
     G = constraints.rows(q if point is None else point)
@@ -232,7 +232,8 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
     if not point:
         return [False] * len(constraints)
     try:
-        values, round_off = evaluate(constraints, point), EPS * rounding(constraints, point, {})
+        values = evaluate(constraints, point)
+        round_off = EPS * rounding(constraints, point, errors={})
     except (InputError, TypeError, ArithmeticError):
         # one expression that cannot be evaluated does not hide the others
         return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]

@@ -223,7 +223,8 @@ class Structure:
         """Return the expressions in local symbols x, y and k, and the indices of the local symbols.
 
         Coordinates and momenta are numbered by their order in the system, constants by their order
-        in the expressions. Parts of equal structure are derived once.
+        in the expressions. ``rows`` are the rows of g or F that the instance has. Parts of equal
+        structure are derived once.
         """
         structure, symbols = structure_of(expressions)
         q, p = (sorted(index_of[s] for s in symbols if s in index_of)

@@ -90,7 +90,8 @@ def _cotangents(
 ) -> dict[str, Any]:
     """Return the cotangents of ``sum_over_states`` from ∂ℓ/∂x in each row, shape (rows,), by name.
 
-    ∂ℓ/∂x is the cotangent of x in its row; a parameter has the sum over all rows.
+    ∂ℓ/∂x is the cotangent of x in its row; a parameter has the sum over all rows. ``multipliers``
+    are their names at states; ``to_steps`` takes their cotangents from the states to the steps.
     """
     system, time = run.manifest.system, run.manifest.system.time or "t"
     zero = 0 * run.t

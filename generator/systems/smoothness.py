@@ -204,14 +204,15 @@ class Switching:
         return _describe(self.switches)
 
     def named_jumps(self, *, discrete: bool) -> str:
-        """The zeros at which forces jump, as text."""
+        """Return the zeros of ``jumps_of_forces`` as text."""
         return _describe(self.jumps_of_forces(discrete=discrete))
 
     def manifest_fields(self, order: int, *, discrete: bool) -> dict[str, Any]:
         """Return the fields of the manifest about switches; {} without any.
 
-        ``remarks``, a list of sentences, says where a method of order ``order`` loses its order;
-        ``jumps`` says where forces jump, for the message of a failed step.
+        "remarks", a list of sentences, says where a method of order ``order`` loses its order;
+        "jumps" says where forces jump, for the message of a failed step. ``discrete`` is as of
+        ``jumps_of_forces``.
         """
         if not self.switches:
             return {}

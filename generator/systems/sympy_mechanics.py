@@ -377,7 +377,10 @@ def _symbols_of_motion(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[s
 def _replace_symbols(
     mechanics: Mechanics, expressions: Sequence[sp.Expr], symbol_of: Mapping[sp.Expr, sp.Symbol]
 ) -> list[sp.Expr]:
-    """Return expressions in symbols: q(t), q̇(t) and inputs replaced, speeds in terms of q̇."""
+    """Return expressions in symbols: q(t), q̇(t) and inputs replaced, speeds in terms of q̇.
+
+    ``symbol_of`` has the symbols of q(t) and q̇(t).
+    """
     return substitute(substitute(expressions, mechanics.motion.speeds),
                       {**symbol_of, **mechanics.inputs})
 

@@ -138,7 +138,7 @@ class FrameMotion:
         return component
 
     def _farthest_frame(self, *vectors: Any) -> Any:
-        """Return the frame farthest in the tree, of those in which the vectors have components."""
+        """Return the frame farthest in the tree among the frames of the vectors' components."""
         return max((frame for vector in vectors for _, frame in vector.args),
                    key=lambda frame: len(self._path(frame)), default=self.frame)
 
@@ -177,11 +177,14 @@ class FrameMotion:
 
     def _path(self, axes: Any) -> list[Any]:
         """Return the frames of the tree from the inertial one to ``axes``, both included."""
+        # 0 is SymPy's number of the tree of orientations
         return list(reversed(axes._dict_list(self.frame, 0)))
 
 
 def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:
-    """Return the nearest point that ``suits`` accepts, of those ``point`` is placed from, or None.
+    """Return the point nearest to ``point``, in steps from place to place, that ``suits`` accepts.
+
+    None if there is no such point.
     """
     return next((neighbour for neighbour in _connected_points(point) if suits(neighbour)), None)
 
