@@ -160,9 +160,9 @@ def test_arrays_are_converted_by_value(gl3):
     swapped = TOP.q0.astype(TOP.q0.dtype.newbyteorder())
     for q in (TOP.q0.tolist(), tuple(TOP.q0.tolist()), wide[:, 3], backwards[::-1], matrix[0],
               TOP.q0.astype(np.longdouble), swapped, np.float64(1) * TOP.q0, memoryview(TOP.q0)):
-        before = np.array(q).tobytes()
+        bytes_of_q = np.array(q).tobytes()
         assert equal(gl3.integrate(q, TOP.p0, steps=3, **RUN), expected)
-        assert np.array(q).tobytes() == before
+        assert np.array(q).tobytes() == bytes_of_q
 
 
 def test_integers_and_other_floats_are_converted():

@@ -32,8 +32,9 @@ def test_ensemble_of_newton_equals_single_runs_bit_for_bit(step):
     run = {"steps": 20, "every": 3, "solver": "newton"}
     ensemble = step.integrate_ensemble(q, p, dt=dts, parameters=PARAMETERS | {"gamma": gammas},
                                        **run)
-    listed = step.integrate_ensemble(q, p, dt=dts, workers=2,
-                                     parameters=[PARAMETERS | {"gamma": g} for g in gammas], **run)
+    from_list = step.integrate_ensemble(q, p, dt=dts, workers=2,
+                                        parameters=[PARAMETERS | {"gamma": g} for g in gammas],
+                                        **run)
     assert len(ensemble) == 6
     assert not ensemble.failures
     assert ensemble.q.shape == ensemble.p.shape == (6, 8, 4)
@@ -44,7 +45,7 @@ def test_ensemble_of_newton_equals_single_runs_bit_for_bit(step):
         single = step.integrate(q[i], p[i], dt=dts[i], parameters=PARAMETERS | {"gamma": gammas[i]},
                                 **run)
         assert equal(ensemble.members[i], single)
-        assert equal(listed.members[i], single)
+        assert equal(from_list.members[i], single)
         for name in ("t", "q", "p", "multipliers", "iterations"):
             assert np.array_equal(getattr(ensemble, name)[i], getattr(single, name))
 
@@ -56,15 +57,15 @@ def test_a_trajectory_does_not_depend_on_its_neighbours(step, count):
     run = {"steps": 90, "every": 7}
     ensemble = step.integrate_ensemble(q, p, dt=dts, parameters=PARAMETERS | {"gamma": gammas},
                                        **run)
-    back = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1,
-                                   parameters=PARAMETERS | {"gamma": gammas[::-1]}, **run)
+    reversed_order = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1,
+                                             parameters=PARAMETERS | {"gamma": gammas[::-1]}, **run)
     for i in range(count):
         parameters = PARAMETERS | {"gamma": gammas[i]}
-        alone = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i],
-                                        parameters=parameters, **run)
-        assert equal(ensemble.members[i], alone.members[0])
-        assert equal(ensemble.members[i], back.members[count - 1 - i])
-        assert ensemble.members[i].report == alone.members[0].report
+        batch_of_one = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i],
+                                               parameters=parameters, **run)
+        assert equal(ensemble.members[i], batch_of_one.members[0])
+        assert equal(ensemble.members[i], reversed_order.members[count - 1 - i])
+        assert ensemble.members[i].report == batch_of_one.members[0].report
         single = step.integrate(q[i], p[i], dt=dts[i], parameters=parameters, **run)
         assert np.abs(single.q - ensemble.q[i]).max() < 1e-13
         assert np.abs(single.p - ensemble.p[i]).max() < 1e-13 * np.abs(p[i]).max()
@@ -75,8 +76,8 @@ def test_failing_member_does_not_touch_the_others(gl3):
     q, p, dts, _ = members()
     dts[2] = 5.0
     ensemble = gl3.integrate_ensemble(q, p, dt=dts, steps=12, parameters=PARAMETERS)
-    alone = gl3.integrate_ensemble(q[2:3], p[2:3], dt=5.0, steps=12, parameters=PARAMETERS)
-    failure, caught = ensemble.failures[2], alone.failures[0]
+    failing = gl3.integrate_ensemble(q[2:3], p[2:3], dt=5.0, steps=12, parameters=PARAMETERS)
+    failure, caught = ensemble.failures[2], failing.failures[0]
     assert list(ensemble.failures) == [2]
     assert (failure.step, failure.reason) == (caught.step, caught.reason)
     rows = failure.step
@@ -134,8 +135,8 @@ def test_plain_numbers_are_checked_all_at_once(gl3, monkeypatch):
     assert len(looks) == 1
     for sets in ([PARAMETERS | {"gamma": g} for g in gammas],
                  [PARAMETERS | {"gamma": Fraction(g)} for g in gammas]):
-        listed = gl3.integrate_ensemble(q, p, parameters=sets, **run)
-        assert np.array_equal(listed.q, ensemble.q)
+        from_list = gl3.integrate_ensemble(q, p, parameters=sets, **run)
+        assert np.array_equal(from_list.q, ensemble.q)
     assert len(looks) == 1 + 1 + 40
     inertia = PARAMETERS | {"I2": PARAMETERS["I2"] * np.linspace(0.9, 1.1, 40)}
     del inertia["gamma"]
@@ -181,14 +182,15 @@ def test_defects_with_parameters_of_their_own_are_those_one_by_one(step):
     columns[names[0]] *= np.linspace(1, 2, 6)
     sets = binding.parameter_sets(columns, np.zeros(6))
     p = p * np.linspace(1, 2, 6)[:, None] + 0.25  # no longer on the constraints
-    for each in (1, 2):
-        defects = binding.defects(sets, np.repeat(q, each, axis=0), np.repeat(p, each, axis=0))
+    for repeats in (1, 2):
+        defects = binding.defects(sets, np.repeat(q, repeats, axis=0),
+                                  np.repeat(p, repeats, axis=0))
         for i in range(6):
             parameters = binding.parameters({name: float(columns[name][i]) for name in names})
-            alone = binding.defects(parameters, q[i : i + 1], p[i : i + 1])
-            for together, single_defect in zip(defects, alone, strict=True):
-                assert np.array_equal(together[i * each : (i + 1) * each],
-                                      [single_defect[0]] * each)
+            single_defects = binding.defects(parameters, q[i : i + 1], p[i : i + 1])
+            for joint_defects, single_defect in zip(defects, single_defects, strict=True):
+                assert np.array_equal(joint_defects[i * repeats : (i + 1) * repeats],
+                                      [single_defect[0]] * repeats)
 
 
 @pytest.mark.parametrize(("changes", "words"), [

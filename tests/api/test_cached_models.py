@@ -81,22 +81,23 @@ def test_other_arguments_have_other_numbers(pair):
 @pytest.mark.parametrize("scheme", [("G-L", 2), ("EMS", None)])
 def test_the_constraint_on_the_momenta_is_derived_once(scheme, monkeypatch):
     """Only the system with its constants derives it, for whatever depends on it."""
-    derive, of = System.hidden.func, {}
+    derive, derived = System.hidden.func, {}
     monkeypatch.setattr(System, "hidden", property(
-        lambda system: of[system] if system in of else of.setdefault(system, derive(system))))
+        lambda system: derived[system] if system in derived
+        else derived.setdefault(system, derive(system))))
     generated = generate(Spec.from_arguments(*scheme, "gamma"))
-    assert list(of) == [generated.scheme.system]
+    assert list(derived) == [generated.scheme.system]
 
 
 def test_what_is_imported_for_good_is_not_looked_through(monkeypatch):
     """The collector rests meanwhile; an import that was done before changes no count."""
-    before = gc.get_freeze_count()  # what was there when all tests were collected
+    count = gc.get_freeze_count()  # what was there when all tests were collected
     with imported_for_good("gyrospark"):
         assert gc.isenabled()
-    assert gc.get_freeze_count() <= before
+    assert gc.get_freeze_count() <= count
     monkeypatch.delitem(sys.modules, "gyrospark.core.lazy_imports")
     lists = [[] for _ in range(1000)]
     with imported_for_good("gyrospark.core.lazy_imports"):
         assert not gc.isenabled()
     assert gc.isenabled()
-    assert gc.get_freeze_count() >= before + len(lists) // 2
+    assert gc.get_freeze_count() >= count + len(lists) // 2

@@ -60,10 +60,11 @@ def test_every_argument_is_spoilt(folder):
     for call in folder[1]:
         function, arguments = call.make()
         parameters = inspect.signature(function).parameters
-        names = {name for name, of in parameters.items()
-                 if of.kind is not of.VAR_POSITIONAL or name in arguments}
+        names = {name for name, parameter in parameters.items()
+                 if parameter.kind is not parameter.VAR_POSITIONAL or name in arguments}
         # Of the stepper's method, of targets, of robots' files; the gap of a latch.
-        if collected := {name for name, of in parameters.items() if of.kind is of.VAR_KEYWORD}:
+        if collected := {name for name, parameter in parameters.items()
+                         if parameter.kind is parameter.VAR_KEYWORD}:
             names = names - collected | set(arguments)
         assert set(arguments) <= names, call.name
         if call.name.startswith("Multibody."):  # several calls share a method's arguments

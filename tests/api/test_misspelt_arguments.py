@@ -32,8 +32,9 @@ def functions():
         if inspect.isfunction(public):
             yield public, ()
         if inspect.ismodule(public):
-            yield from ((getattr(public, each), ()) for each in public.__all__
-                        if inspect.isfunction(getattr(public, each)))
+            yield from ((getattr(public, name_of_function), ())
+                        for name_of_function in public.__all__
+                        if inspect.isfunction(getattr(public, name_of_function)))
     for cls in (*CLASSES, Tableau, gs.problems.Problem):
         for name in dir(cls):
             member = inspect.getattr_static(cls, name)
@@ -47,7 +48,7 @@ def functions():
 def test_every_public_function_refuses_a_misspelt_argument_by_a_sentence():
     checked = 0
     for function, itself in functions():
-        kinds = {each.kind for each in inspect.signature(function).parameters.values()}
+        kinds = {parameter.kind for parameter in inspect.signature(function).parameters.values()}
         if inspect.Parameter.VAR_KEYWORD in kinds:
             continue
         with pytest.raises(ArgumentError, match="misspelt_by_purpose"):
@@ -57,24 +58,24 @@ def test_every_public_function_refuses_a_misspelt_argument_by_a_sentence():
 
 
 def test_the_nearest_name_is_proposed(gl3):
-    for call, named in (
+    for call, proposal in (
             (lambda: gl3.integrate(TOP.q0, TOP.p0, tend=1.0, **RUN), "t_end"),
             (lambda: gs.lyapunov(gl3, TOP.q0, TOP.p0, cuont=2, steps=3, **RUN), "count"),
             (lambda: gs.stepper(skeme="G-L"), "scheme"),
             (lambda: gs.Event("q1", lvel=3.0), "level"),
             (lambda: gs.models.double_pendulum(lenght=3), "double_pendulum")):
-        with pytest.raises(gs.InputError, match=named):
+        with pytest.raises(gs.InputError, match=proposal):
             call()
         with pytest.raises(TypeError):  # as of any other function
             call()
 
 
 def test_missing_and_surplus_arguments_are_named(gl3):
-    for call, named in ((lambda: gl3.step(TOP.q0, TOP.p0), "dt"),
-                        (lambda: gl3.integrate(TOP.q0, TOP.p0, 1e-3, 3), "2 .* 4"),
-                        (lambda: gl3.integrate(TOP.q0, q=TOP.q0), "without names"),
-                        (lambda: gs.Start.of_body(TOP.q0, attitude=TOP.q0), "'attitude' twice")):
-        with pytest.raises(ArgumentError, match=named):
+    for call, argument in ((lambda: gl3.step(TOP.q0, TOP.p0), "dt"),
+                           (lambda: gl3.integrate(TOP.q0, TOP.p0, 1e-3, 3), "2 .* 4"),
+                           (lambda: gl3.integrate(TOP.q0, q=TOP.q0), "without names"),
+                           (lambda: gs.Start.of_body(TOP.q0, attitude=TOP.q0), "'attitude' twice")):
+        with pytest.raises(ArgumentError, match=argument):
             call()
 
 

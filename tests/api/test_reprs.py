@@ -67,9 +67,10 @@ def shown(tmp_path_factory):
     dip = gs.Event("q1", level=0.2)
     section = gs.section(step, [TOP.q0] * 2, [TOP.p0] * 2, event=dip, steps=300, **RUN)
     tops = systems.run("double_top", systems.stepper("double_top"), 3)
-    swung = step.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
+    with_events = step.integrate(TOP.q0, TOP.p0, steps=300, events=dip, **RUN)
     ensemble = step.integrate_ensemble([TOP.q0] * 30, [TOP.p0] * 30, steps=100, **RUN)
-    moved = step.integrate(TOP.q0, TOP.p0, steps=3, tangents=gs.Tangents(parameters=["mgl"]), **RUN)
+    with_tangents = step.integrate(TOP.q0, TOP.p0, steps=3,
+                                   tangents=gs.Tangents(parameters=["mgl"]), **RUN)
     out = tmp_path_factory.mktemp("reprs") / "run.zarr"
     return [
         *systems.stepper("heavy_top_in_frame").symmetries,
@@ -82,8 +83,8 @@ def shown(tmp_path_factory):
         certificate, *certificate.lines, verify_stepper(Spec("EMS", None, "gamma")), model,
         model.system, small_system(), *built(),
         step.consistent(TOP.q0, TOP.p0 + 0.1, parameters=PARAMETERS),
-        moved, moved.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
-        step.hessian(moved, {"q": [1.0, 0.0, 0.0, 0.0]}, wrt=["mgl"]),
+        with_tangents, with_tangents.tangents, run.gradient({"q": run.q[-1]}), gs.Tangents(),
+        step.hessian(with_tangents, {"q": [1.0, 0.0, 0.0, 0.0]}, wrt=["mgl"]),
         gs.lyapunov(step, TOP.q0, TOP.p0, steps=40, every=20, **RUN),
         gs.fit(step, TOP, run.t[::100], run.q[::100], free=["I1"], **RUN),
         gs.periodic_orbit(systems.stepper("pendulum"), [0.6, -0.8], [0.0, 0.0], dt=6.5 / 40,
@@ -92,7 +93,7 @@ def shown(tmp_path_factory):
         gs.Solver("newton", tolerance=1e-9), gs.Inputs([0.1, 0.2], hold=3),
         gs.Impact("floor"), fallen().impacts["floor"],
         systems.run("beam", systems.stepper("beam", "IMS"), 2).beam("rod"),
-        gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, swung.events["q1"], gs.cite(step),
+        gs.Shape("disc", (0.1, 0.1, 0.02)), dip, section, with_events.events["q1"], gs.cite(step),
         record(step, TOP.q0, TOP.p0, steps=3, **RUN, out=out),
         gs.build("cpp", "fast-top", scheme="EMS", dt=1e-3, out=out.parent / "cpp"),
     ]
@@ -342,17 +343,17 @@ def test_progress_of_ensembles_sections_and_fits(gl3):
     start = gs.Start(*systems.start("pendulum", step), systems.case("pendulum").parameters)
     run = step.integrate(start, dt=0.01, steps=20)
     for workers in (1, 2):
-        done = []
+        counts = []
         gl3.integrate_ensemble([TOP.q0] * 64, [TOP.p0] * 64, steps=100, **RUN, workers=workers,
-                               events=gs.Event("q1"), progress=done.append)
-        assert done == sorted(done)
-        assert done[-1] == 64 * 100
-    done = []
+                               events=gs.Event("q1"), progress=counts.append)
+        assert counts == sorted(counts)
+        assert counts[-1] == 64 * 100
+    counts = []
     gs.section(step, [start], event=gs.Event(step.manifest.system.coordinates[0]), dt=0.01,
-               steps=20, progress=done.append)
-    assert done[-1] == 20
-    done = []
+               steps=20, progress=counts.append)
+    assert counts[-1] == 20
+    counts = []
     gs.fit(step, start, run.t[1:], run.q[1:], dt=0.01, observe="q", free=[next(iter(
-        start.parameters))], horizons=[10, 15], progress=done.append)
-    assert sorted(set(done)) == [0, 1, 2, 3]
-    assert done == sorted(done)
+        start.parameters))], horizons=[10, 15], progress=counts.append)
+    assert sorted(set(counts)) == [0, 1, 2, 3]
+    assert counts == sorted(counts)

@@ -91,12 +91,12 @@ def test_times_are_the_clocks():
 
 
 def test_a_job_is_repeated_until_it_takes_long_enough():
-    done = []
-    repeat, times = timing.repeated(lambda: done.append(sum(range(1000))), 2e-3)
+    results = []
+    repeat, times = timing.repeated(lambda: results.append(sum(range(1000))), 2e-3)
     assert times > 1
-    done.clear()
+    results.clear()
     repeat()
-    assert len(done) == times
+    assert len(results) == times
 
 
 def entry(program, setting, cost=1.0, error=0.0, quick=True):
@@ -187,19 +187,19 @@ def test_peers_begin_where_we_do():
     H = step.energy(top.q, top.p, parameters=tops.parameters())
     assert tops.energy(state) == pytest.approx(H, rel=1e-15)
     h = 1e-4
-    ahead, back = (step.integrate(top.q, top.p, dt=dt, steps=1, parameters=tops.parameters())
-                   for dt in (h, -h))
-    slope = (ahead.angular_velocity()[-1] - back.angular_velocity()[-1]) / (2 * h)
+    ahead, behind = (step.integrate(top.q, top.p, dt=dt, steps=1, parameters=tops.parameters())
+                     for dt in (h, -h))
+    slope = (ahead.angular_velocity()[-1] - behind.angular_velocity()[-1]) / (2 * h)
     rates = tops.euler_equations(*state.q, *state.omega, *tops.INERTIA, tops.MGL)
     np.testing.assert_allclose(rates[4:], slope, rtol=1e-3, atol=1e-3)
-    np.testing.assert_allclose(rates[:4], (ahead.q[-1] - back.q[-1]) / (2 * h), rtol=1e-3,
+    np.testing.assert_allclose(rates[:4], (ahead.q[-1] - behind.q[-1]) / (2 * h), rtol=1e-3,
                                atol=1e-3)
 
 
 def test_errors_are_those_at_the_end():
     contestant = prepared(still, 0.1)
-    away = reference_states.distance(tops.tops()[0].q[None], 1)[0]
-    assert contestant.errors["dx (m)"] == pytest.approx(away)
+    distance = reference_states.distance(tops.tops()[0].q[None], 1)[0]
+    assert contestant.errors["dx (m)"] == pytest.approx(distance)
     assert max(contestant.errors["ΔH/H"], contestant.errors["|q| − 1"]) < 4 * EPS
     costs = contestant.costs({"run": timing.Sample((2e-6,), (1.0,))})
     assert costs == pytest.approx({"CPU µs/s": 2.0, "ns/step": 200.0})

@@ -98,18 +98,18 @@ def _newton_euler(scene):
         pull = spring.stiffness * (1 - spring.length / np.linalg.norm(d)) * d
         force += pull @ (motion(*ends[0]) - motion(*ends[1]))
     for joint in scene.joints:
-        together = motion(joint.b, joint.at) - motion(joint.a, joint.at)
+        relative = motion(joint.b, joint.at) - motion(joint.a, joint.at)
         turn = (motion(joint.b, joint.at + e) - motion(joint.b, joint.at)
                 - motion(joint.a, joint.at + e) + motion(joint.a, joint.at)
                 for e in np.eye(3))
         if joint.kind == "slide":
-            rows += [joint.axes[:2] @ together, *turn]
+            rows += [joint.axes[:2] @ relative, *turn]
         else:
-            rows.append(together)
+            rows.append(relative)
             if joint.kind == "hinge":
-                moved = joint.at + joint.axes[2]
-                rows.append(joint.axes[:2] @ (motion(joint.b, moved) - motion(joint.a, moved)
-                                              - together))
+                end_of_axis = joint.at + joint.axes[2]
+                rows.append(joint.axes[:2] @ (
+                    motion(joint.b, end_of_axis) - motion(joint.a, end_of_axis) - relative))
     J = np.vstack(rows)
     K = np.block([[M, J.T], [J, np.zeros((len(J), len(J)))]])
     accelerations = np.linalg.lstsq(K, np.concatenate([force, np.zeros(len(J))]))[0][:n]

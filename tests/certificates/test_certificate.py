@@ -199,8 +199,8 @@ def test_sliding_in_a_plane():
 def test_a_start_within_round_off_is_not_held_against_the_scheme():
     """|q|² − 1 = 30 ε at the start is allowed; the first step takes it back."""
     model = model_of("pendulum")
-    off = replace(model, q0=np.array(model.q0) * (1 + 15 * EPS))
-    assert gs.certify(off, "G-L", 2, steps=20).line(G).value < 4 * EPS
+    displaced = replace(model, q0=np.array(model.q0) * (1 + 15 * EPS))
+    assert gs.certify(displaced, "G-L", 2, steps=20).line(G).value < 4 * EPS
 
 
 # ---------------------------------------------------------------- what does not
@@ -237,9 +237,9 @@ def test_reversal_of_a_method_that_is_not_symmetric(tmp_path):
     for step in (gs.stepper("G-L", 2),
                  gs.stepper(tableau=bent_tableau(tmp_path, **BENT), allow_invalid=True)):
         run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=200, parameters=PARAMETERS)
-        back = reversal(step, run, PARAMETERS, (1.0, 0.2))
-        assert 1 <= back.growth < 1e3
-        sizes.append(back.q_error)
+        measured = reversal(step, run, PARAMETERS, (1.0, 0.2))
+        assert 1 <= measured.growth < 1e3
+        sizes.append(measured.q_error)
     assert sizes[0] < 1e-12 < 1e-5 < sizes[1]
 
 

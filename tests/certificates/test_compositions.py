@@ -52,15 +52,15 @@ def test_an_interval_is_rounded_outwards_to_three_digits():
     assert _interval_text(mp.iv.mpf([1.2345, 1.2345])) == "[1.23e+0, 1.24e+0]"
 
 
-def moved(original, kind, i, by):
+def moved(original, kind, i, shift):
     """Return a composition with one number, and its mirror image, moved by this much."""
     numbers = list(getattr(original, kind))
     for j in {i, len(numbers) - 1 - i}:
-        numbers[j] += by
+        numbers[j] += shift
     middle = len(numbers) // 2
     if kind != "gradients" and i != middle:
         for j in {middle, len(numbers) - 1 - middle}:
-            numbers[j] -= 2 * by / (2 - len(numbers) % 2)
+            numbers[j] -= 2 * shift / (2 - len(numbers) % 2)
     return replace(original, **{kind: tuple(numbers)})
 
 
@@ -118,8 +118,8 @@ def test_nodes_of_sabag_are_gaussian():
     conditions = OrderConditions(sabag)
     x = np.array([float(value) for value in conditions.unknowns])
     F, J = (values[: len(conditions.words)] for values in FloatConditions(conditions).evaluate(x))
-    along = np.linalg.svd(J)[2][-1]  # the family: its direction has no part in c
-    assert abs(along[5:] @ x[5:]) < 1e-7
+    direction = np.linalg.svd(J)[2][-1]  # the family: its direction has no part in c
+    assert abs(direction[5:] @ x[5:]) < 1e-7
     assert np.abs(F).max() < 1e-14
 
 
@@ -205,14 +205,14 @@ def test_the_proof_encloses_the_stored_numbers(name):
 @pytest.mark.parametrize(("name", "part", "i"), [
     ("G4", "drifts", 0), ("G4", "gradients", 0), ("BM4", "kicks", 1), ("G6", "weights", 1)])
 def test_a_wrong_digit_is_found(name, part, i):
-    by = Fraction(1, 10**45) if i else Fraction(-1, 10**12)
-    spoilt = moved(COMPOSITIONS[name], part, i, by)
+    shift = Fraction(1, 10**45) if i else Fraction(-1, 10**12)
+    spoilt = moved(COMPOSITIONS[name], part, i, shift)
     if spoilt.base:
         drifts, kicks, gradients = flatten(COMPOSITIONS[spoilt.base], spoilt.weights)
         spoilt = replace(spoilt, drifts=drifts, kicks=kicks, gradients=gradients)
     failed = [line.name for line in check_composition(spoilt) if not line.holds]
     assert any("order" in name for name in failed), failed
-    if abs(by) > Fraction(1, 10**40):  # no solution in the box; else one beside its middle
+    if abs(shift) > Fraction(1, 10**40):  # no solution in the box; else one beside its middle
         assert "exact solution" in failed
 
 
@@ -257,10 +257,10 @@ def test_a_search_finds_what_is_stored(name, starts):
 
 @pytest.mark.parametrize("name", ["G4", "BM4"])  # without free numbers, and with some
 def test_digits_from_doubles_are_those_stored(name, tmp_path, monkeypatch):
-    copied, before = tmp_path / "compositions.json", json.loads(PATH.read_text(encoding="utf-8"))
+    copied, expected = tmp_path / "compositions.json", json.loads(PATH.read_text(encoding="utf-8"))
     shutil.copy(PATH, copied)
     monkeypatch.setattr(composition_search, "PATH", copied)
     x = [float(value) for value in OrderConditions(COMPOSITIONS[name]).unknowns]
     composition_search.store(name, x, "a test")
-    before[name]["found"] = "a test"
-    assert json.loads(copied.read_text(encoding="utf-8")) == before
+    expected[name]["found"] = "a test"
+    assert json.loads(copied.read_text(encoding="utf-8")) == expected

@@ -32,8 +32,8 @@ masses = {"m1": 1.0, "m2": 2.5}
 def points(count):
     """Return coordinates and momenta of points in space."""
     names = [f"{c}{i}" for i in range(count) for c in "xyz"]
-    return tuple(tuple(sp.Symbol(before + name, real=True) for name in names)
-                 for before in ("", "p"))
+    return tuple(tuple(sp.Symbol(prefix + name, real=True) for name in names)
+                 for prefix in ("", "p"))
 
 
 def square(x):
@@ -181,8 +181,8 @@ def test_gravity_in_any_direction(down):
     expected = np.cross(x, y) @ np.array(down)
     ratio = J.values(x, y) / expected
     np.testing.assert_allclose(ratio, ratio[0], rtol=1e-12)
-    named = {(0, 0): SPACE[2]}.get(down[:2])
-    assert J.name == named if named else J.name.startswith("angular momentum about")
+    expected_name = {(0, 0): SPACE[2]}.get(down[:2])
+    assert J.name == expected_name if expected_name else J.name.startswith("angular momentum about")
 
 
 @settings(max_examples=6, derandomize=True)
@@ -256,9 +256,9 @@ def test_directions_that_are_no_fractions_are_not_proved():
 def test_constraints_that_turn_into_one_another():
     """Two points held together: the components of x₁ = x₂ are turned like a vector, exactly."""
     q, p = points(2)
-    together = [a - b for a, b in zip(q[:3], q[3:], strict=True)]
+    differences = [a - b for a, b in zip(q[:3], q[3:], strict=True)]
     system = gs.System(q, p, (m1, m2, g), square(p[:3]) / (2 * m1) + square(p[3:]) / (2 * m2)
-                       + g * (q[2] + q[5]) + square(q[:3]) ** 2, together, name="joined")
+                       + g * (q[2] + q[5]) + square(q[:3]) ** 2, differences, name="joined")
     maps = momentum_maps(system, masses | {"g": 2.0}, [0.1, 0.2, 0.3] * 2, [0.1, 0.2, 0.3] * 2)
     vertical = next(J for J in maps if J.name == SPACE[2])
     assert vertical.any_parameters

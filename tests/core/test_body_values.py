@@ -152,8 +152,8 @@ def test_a_tensor_and_its_inverse(moments, turn):
     R = Rotation.from_rotvec(turn).as_matrix()
     tensor = as_inertia(((R @ np.diag(moments) @ R.T) + (R @ np.diag(moments) @ R.T).T) / 2)
     if np.ndim(tensor) == 2:
-        back = tensor_of_inverse(inverse_entries(tensor))
-        assert np.allclose(back, tensor, rtol=0, atol=32 * EPS)
+        tensor_again = tensor_of_inverse(inverse_entries(tensor))
+        assert np.allclose(tensor_again, tensor, rtol=0, atol=32 * EPS)
     assert np.allclose(sorted(moments_of(tensor)), sorted(moments), rtol=0, atol=32 * EPS)
 
 

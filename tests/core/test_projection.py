@@ -39,8 +39,8 @@ def test_any_start_is_moved_onto_the_constraints(q):
     assert moved.p_name == "abc"[np.argmax(np.abs(moved.p - p))]
     assert moved.before["sphere"] == pytest.approx(abs(np.dot(q, q) - 1))
     # The momenta move along G^T only: what they do along the curve is kept.
-    along = np.cross(*G)
-    assert abs(along @ (moved.p - p)) <= 64 * EPS * np.linalg.norm(along) * moved.p_moved
+    tangent = np.cross(*G)
+    assert abs(tangent @ (moved.p - p)) <= 64 * EPS * np.linalg.norm(tangent) * moved.p_moved
 
 
 def test_the_move_is_the_shortest_to_first_order():
@@ -79,11 +79,11 @@ def test_failures_name_the_constraint():
         gs.consistent(massless, (0.0, 1.0), (1.0, 0.5), parameters={})
     with pytest.raises(gs.InputError, match=r"'sphere'.*vanishes"):
         gs.consistent(curve(), (0, 0, 0), (0, 0, 0), parameters={"w": 1.0})
-    apart = gs.System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2,
-                      (x**2 + y**2 + z**2 - 1, z + 2), name="apart",
-                      constraint_names=("sphere", "plane"))
+    contradictory = gs.System((x, y, z), (a, b, c), (), (a**2 + b**2 + c**2) / 2,
+                              (x**2 + y**2 + z**2 - 1, z + 2), name="apart",
+                              constraint_names=("sphere", "plane"))
     with pytest.raises(gs.InputError, match=r"'(sphere|plane)' stays at|'sphere', 'plane'"):
-        gs.consistent(apart, (1, 2, 3), (0, 0, 0), parameters={})
+        gs.consistent(contradictory, (1, 2, 3), (0, 0, 0), parameters={})
 
 
 def test_arguments_are_checked():

@@ -189,7 +189,7 @@ def test_the_command_line_says_it_in_a_line_and_keeps_json(gyrospark, tmp_path):
 
 def test_warnings_that_a_user_makes_errors_stay_lines(gyrospark, monkeypatch):
     """The command line's own filter comes first, and goes with it."""
-    before = warnings.showwarning
+    showwarning = warnings.showwarning
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         answer = gyrospark("run", "fast-top", "--scheme", "IMS", "--dt", "1e-3", "--steps", "3",
@@ -197,7 +197,7 @@ def test_warnings_that_a_user_makes_errors_stay_lines(gyrospark, monkeypatch):
     assert (answer.code, answer.stderr.count("\n")) == (0, 1)
     assert answer.document["parameters"]["gamma"] == -1
     assert "gamma = -1" in answer.stderr
-    assert warnings.showwarning is before
+    assert warnings.showwarning is showwarning
 
 
 def test_other_commands_say_it_too(gyrospark, generate, tmp_path):

@@ -50,9 +50,9 @@ def compare(pattern: str, printed: str, request) -> None:
 
 def test_output_of_the_demo_is_up_to_date(request, gyrospark, gl3):
     pytest.importorskip("matplotlib")
-    done = gyrospark(*documents.recipe("demo").split()[1:])
-    assert done.code == 0, done.stderr
-    compare(r"\$ make demo\n(.*?)```", done.stdout, request)
+    answer = gyrospark(*documents.recipe("demo").split()[1:])
+    assert answer.code == 0, answer.stderr
+    compare(r"\$ make demo\n(.*?)```", answer.stdout, request)
 
 
 @pytest.mark.slow  # a stepper for this

@@ -66,8 +66,8 @@ QUICK_PAGES = {"citing", "conventions", "gallery/chaplygin_sleigh"}
     pytest.param(path, marks=[pytest.mark.slow] * (names(path) not in QUICK_PAGES))
     for path in PAGES], ids=names)
 def test_cells_of_a_page(path, tmp_path):
-    done = warm_call(["-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    process = warm_call(["-c", RUNNER, json.dumps(cells(path))], cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
 
 
 def test_the_quick_pages_are_there():
@@ -147,7 +147,8 @@ def search():
 
 
 def test_words_that_are_searched_for_lead_to_headings_that_exist(search):
-    words = [word.strip() for listed in search.SYNONYMS.values() for word in listed.split(",")]
+    words = [word.strip() for line_of_words in search.SYNONYMS.values()
+             for word in line_of_words.split(",")]
     assert len(words) == len({word.lower() for word in words})
     assert {"reaction wheel", "timestep", "lyapunov", "limits", "hinge", "degrees of freedom",
             "gimbal lock", "dae", "controller", "step size"} <= set(words)
@@ -188,13 +189,14 @@ def test_names_of_a_table_exist(page):
     owners = {"gs": gs, "build": gs.Multibody, "step": gs.Stepper, "run": gs.Trajectory,
               "sim": gs.Simulation, "model": gs.Model}
     spans = re.findall(r"`([^`\n]+)`", (DOCS / f"{page}.md").read_text(encoding="utf-8"))
-    named = {name_of_owner for span in spans
-             for name_of_owner in re.findall(r"\b(gs|build|step|run|sim|model)\.(\w+)", span)}
-    assert len(named) >= 20 or page == "cheat_sheet"
+    names_of_owners = {name_of_owner for span in spans
+                       for name_of_owner in re.findall(r"\b(gs|build|step|run|sim|model)\.(\w+)",
+                                                       span)}
+    assert len(names_of_owners) >= 20 or page == "cheat_sheet"
     fields = {name for owner in owners.values() if isinstance(owner, type)
               for name in inspect.signature(owner).parameters} | {"ground", "redundancy",
                                                                "time"}
-    missing = {f"{owner}.{name}" for owner, name in named
+    missing = {f"{owner}.{name}" for owner, name in names_of_owners
                if not hasattr(owners[owner], name) and name not in fields}
     assert not missing
 
@@ -231,9 +233,9 @@ def test_cells_run_in_a_fork(tmp_path):
     notebook = new_notebook(cells=[new_markdown_cell("Text."), *map(new_code_cell, sources)])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of threads beside a fork, and of packages
-        done = module("site_cells").run_cells(notebook, str(tmp_path), timeout=60)
+        client = module("site_cells").run_cells(notebook, str(tmp_path), timeout=60)
     assert (tmp_path / "here").exists()
-    assert "ZeroDivisionError" in str(done.err)
+    assert "ZeroDivisionError" in str(client.err)
     first, figure, _, after = (cell.outputs for cell in notebook.cells[1:])
     assert [(output.output_type, output.get("text") or output.data["text/plain"])
             for output in first] == [("stream", "1\n"), ("execute_result", "2")]
@@ -263,17 +265,17 @@ SHORT = ["-b", "dummy", "-D", "root_doc=reference/index",
 @pytest.mark.slow  # Sphinx reads all docstrings for ten seconds
 def test_the_reference_is_built_without_a_warning(tmp_path):
     """Every public docstring and the commands' help, as the site reads them, a line for a page."""
-    done = built(tmp_path, *SHORT)
-    assert done.returncode == 0, done.stderr
-    assert all(f"] {page} (" in done.stdout for page in REFERENCE)
+    process = built(tmp_path, *SHORT)
+    assert process.returncode == 0, process.stderr
+    assert all(f"] {page} (" in process.stdout for page in REFERENCE)
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory):
     pytest.importorskip("myst_nb", reason="the site needs the extra docs: make docs")
     target = tmp_path_factory.mktemp("site")
-    done = built(target, "-j", "auto")
-    assert done.returncode == 0, done.stderr
+    process = built(target, "-j", "auto")
+    assert process.returncode == 0, process.stderr
     return target
 
 
@@ -352,6 +354,6 @@ def test_the_search_leads_to_the_right_page_first(site, search):
     expected = {word.strip(): address.removesuffix("-γ")  # ids in HTML are ASCII
                 for address, words in search.SYNONYMS.items() for word in words.split(",")}
     options = {"FILE_SUFFIX": ".html", "BUILDER": "html", "LINK_SUFFIX": ".html"}
-    done = call(["node", "-e", SEARCH, site, json.dumps(list(expected)), json.dumps(options)])
-    assert done.returncode == 0, done.stderr
-    assert dict(zip(expected, json.loads(done.stdout), strict=True)) == expected
+    process = call(["node", "-e", SEARCH, site, json.dumps(list(expected)), json.dumps(options)])
+    assert process.returncode == 0, process.stderr
+    assert dict(zip(expected, json.loads(process.stdout), strict=True)) == expected

@@ -82,9 +82,9 @@ def test_amalgamation_does_what_the_preprocessor_does(features, headers, tmp_pat
     tokens = []
     for text in ("\n".join(lines), amalgamate("\n".join(lines))):
         (tmp_path / "x.c").write_text(text, encoding="ascii")
-        done = call([*compiler(MAIN), "-E", "-P", f"-I{FOLDER}", "x.c"], cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-        tokens.append("".join(done.stdout.split()))
+        process = call([*compiler(MAIN), "-E", "-P", f"-I{FOLDER}", "x.c"], cwd=tmp_path)
+        assert process.returncode == 0, process.stderr
+        tokens.append("".join(process.stdout.split()))
     assert len(tokens[0]) > 5000
     assert tokens[0] == tokens[1]
 
@@ -102,9 +102,9 @@ def test_the_command_of_the_documents_builds_a_short_file(tmp_path):
     (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
     shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
     include = " ".join(map(str, gyrospark_command("include")))
-    done = call(["sh", "-c", f'{compiler(MAIN)[0]} -std=c11 -O0 -I "$({include})" -c x.c'],
-                cwd=tmp_path)
-    assert (done.returncode, done.stderr) == (0, "")
+    process = call(["sh", "-c", f'{compiler(MAIN)[0]} -std=c11 -O0 -I "$({include})" -c x.c'],
+                   cwd=tmp_path)
+    assert (process.returncode, process.stderr) == (0, "")
     assert (tmp_path / "x.o").is_file()
 
 
@@ -117,9 +117,9 @@ def test_the_command_prints_one_line(gyrospark):
 def test_without_the_folder_the_compiler_says_what_is_missing(tmp_path):
     (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
     shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
-    done = call([*compiler(MAIN), *FLAGS, "-c", "x.c"], cwd=tmp_path)
-    assert done.returncode != 0
-    first = next(line for line in done.stderr.splitlines() if "error" in line)
+    process = call([*compiler(MAIN), *FLAGS, "-c", "x.c"], cwd=tmp_path)
+    assert process.returncode != 0
+    first = next(line for line in process.stderr.splitlines() if "error" in line)
     assert "gyrospark include" in first
 
 
@@ -153,29 +153,29 @@ def test_another_version_of_the_engine_is_refused(other_engine, gyrospark, tmp_p
             "version")
     (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
     shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
-    done = call([*compiler(MAIN), *FLAGS, f"-I{folder}", "-c", "x.c"], cwd=tmp_path)
-    assert done.returncode != 0
-    assert "version" in next(line for line in done.stderr.splitlines() if "error" in line)
+    process = call([*compiler(MAIN), *FLAGS, f"-I{folder}", "-c", "x.c"], cwd=tmp_path)
+    assert process.returncode != 0
+    assert "version" in next(line for line in process.stderr.splitlines() if "error" in line)
 
 
 def test_a_changed_header_is_another_stepper(other_engine):
     """In the key of the cache, in a wheel's digest and in the generator's fingerprint."""
-    before = checked_in_files(NAME)
+    old_files = checked_in_files(NAME)
     other_engine(*CHANGE)
-    after = checked_in_files(NAME)
-    assert {name for name in before if before[name] != after[name]} == {f"{NAME}.c"}
+    new_files = checked_in_files(NAME)
+    assert {name for name in old_files if old_files[name] != new_files[name]} == {f"{NAME}.c"}
     compiler = find_compiler()
-    assert binary_key(before, compiler) != binary_key(after, compiler)
-    assert digest(before) != digest(after)
+    assert binary_key(old_files, compiler) != binary_key(new_files, compiler)
+    assert digest(old_files) != digest(new_files)
 
 
 def test_every_header_counts_in_the_fingerprint_of_generated_sources(monkeypatch):
     """A change to any header invalidates the cached sources."""
     read_bytes, paths = type(ROOT).read_bytes, set()
 
-    def reads(path, *arguments, **named):
+    def reads(path, *arguments, **options):
         paths.add(path)
-        return read_bytes(path, *arguments, **named)
+        return read_bytes(path, *arguments, **options)
 
     monkeypatch.setattr(type(ROOT), "read_bytes", reads)
     generator_fingerprint.__wrapped__()

@@ -101,7 +101,7 @@ def test_forms_without_constraints_have_inputs():
     with budget.shared():
         step = gs.stepper("G-L", stages=2, system=system)
     run = {"dt": 0.005, "steps": 240, "inputs": gs.Inputs(pushes, hold=80)}
-    alone = step.integrate(*START, **run)
-    assert np.abs([*alone.q[-1], *alone.p[-1]] - y).max() <= 1e-9  # of order 4
+    single = step.integrate(*START, **run)
+    assert np.abs([*single.q[-1], *single.p[-1]] - y).max() <= 1e-9  # of order 4
     ensemble = step.integrate_ensemble([START[0]] * 2, [START[1]] * 2, **run)
-    assert np.abs(ensemble.q[1] - alone.q).max() <= 256 * EPS
+    assert np.abs(ensemble.q[1] - single.q).max() <= 256 * EPS

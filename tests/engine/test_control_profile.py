@@ -173,8 +173,8 @@ def test_needs_nothing_but_the_maths_library(tmp_path):
         f"{source.name}.h", "float.h", "math.h", "stdbool.h"}
     assert "double" not in source.source
     write(source.files(), tmp_path)
-    done = call([*compiler(MAIN), "-std=c11", "-O2", "-c", f"{source.name}.c"], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    process = call([*compiler(MAIN), "-std=c11", "-O2", "-c", f"{source.name}.c"], cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
     lines = [line.split() for line in call(["nm", f"{source.name}.o"], cwd=tmp_path)
              .stdout.splitlines()]
     assert {words[-2] for words in lines} <= set("TtrU")
@@ -385,8 +385,8 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
     assert f" *   gyrospark {lines[0][0]}\n *   cc {lines[0][1]} && ./satellite\n" in (
         folder / "main.c").read_text(encoding="utf-8")
     assert gyrospark(*lines[0][0].split()).code == 0  # in the folder of the test
-    done = call([*compiler(MAIN), *STRICT, *lines[0][1].split()[1:]], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
+    process = call([*compiler(MAIN), *STRICT, *lines[0][1].split()[1:]], cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
     output = call([tmp_path / "satellite"], cwd=tmp_path).stdout.splitlines()
     angles = [float(x) for x in re.findall(r"([0-9.e+-]+) degrees", "\n".join(output))]
     assert len(angles) == 7

@@ -69,8 +69,8 @@ def grouped(flags_of_header):
 
 
 def assert_compiles(command, headers, folder=None):
-    done = call([*command, *headers], cwd=folder)
-    assert done.returncode == 0, f"{' '.join(map(str, command))}\n{done.stderr}"
+    process = call([*command, *headers], cwd=folder)
+    assert process.returncode == 0, f"{' '.join(map(str, command))}\n{process.stderr}"
 
 
 def in_one_unit(headers):
@@ -123,10 +123,10 @@ def compiled(folder, source, declarations, *flags, tables=None):
     folder.mkdir(parents=True, exist_ok=True)
     include = [f"-I{tables}"] if tables else []
     library = folder / "toy.so"
-    done = call([*compiler(MAIN), "-O0", "-ffp-contract=off", "-Wpedantic", "-Wconversion",
-                 "-Werror", "-shared", "-fPIC", *FLAGS, *include, *flags, TOY / source, "-o",
-                 library, "-lm"])
-    assert done.returncode == 0, done.stderr
+    process = call([*compiler(MAIN), "-O0", "-ffp-contract=off", "-Wpedantic", "-Wconversion",
+                    "-Werror", "-shared", "-fPIC", *FLAGS, *include, *flags, TOY / source, "-o",
+                    library, "-lm"])
+    assert process.returncode == 0, process.stderr
     ffi = cffi.FFI()
     ffi.cdef(declarations)
     return ffi, ffi.dlopen(str(library))
@@ -297,9 +297,9 @@ def test_masks_and_functions_of_lanes(toy):
     a, b, x, y = draw.normal(size=(4, n))
     b[0], x, out = a[0], abs(x), np.zeros((6, n))
     toy.lib.toy_masks(*toy.pointers(a, b, x, y, out))
-    below = a < b
-    expected = [np.where(below, x, y), np.maximum(a, b), np.minimum(a, b), np.sqrt(x), x**y,
-                np.where(below, x, y)]
+    is_below = a < b
+    expected = [np.where(is_below, x, y), np.maximum(a, b), np.minimum(a, b), np.sqrt(x), x**y,
+                np.where(is_below, x, y)]
     np.testing.assert_allclose(out, expected, rtol=4 * EPS)
     assert np.array_equal(out[[0, 1, 2, 5]], [expected[i] for i in (0, 1, 2, 5)])
 
@@ -399,8 +399,8 @@ def test_lanes_converge_as_numbers_do(toy):
     ended, failed = np.zeros(n, np.int32), np.zeros(n, np.int32)
     toy.lib.toy_converges_lanes(60, *toy.pointers(change, np.zeros_like(change)), 0.0, 50,
                                 *(pointer(toy.ffi, x, "int") for x in (ended, failed)))
-    alone = [converges(toy, sequence) for sequence in sequences]
-    assert list(zip(ended.tolist(), failed.astype(bool).tolist(), strict=True)) == alone
+    singles = [converges(toy, sequence) for sequence in sequences]
+    assert list(zip(ended.tolist(), failed.astype(bool).tolist(), strict=True)) == singles
 
 
 # ---------------------------------------------------------------- predictor
@@ -482,15 +482,15 @@ def test_rows_near_a_level_hold_every_crossing(toy):
 def test_readme_lists_every_header():
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     table = text.partition("## Folders and headers")[2].partition("\n## ")[0]
-    folder, listed = "", set()
+    folder, names_of_headers = "", set()
     for row in re.findall(r"^\| (.*?) \|", table, re.MULTILINE):
         names = re.findall(r"`([\w./]+)`", row)
         if row.startswith("**"):
             (folder,) = names
         else:
-            listed |= {folder + name.removesuffix(".h") for name in names}
-    assert listed == {path.relative_to(FOLDER / "gyrospark").with_suffix("").as_posix()
-                      for path in HEADERS}
+            names_of_headers |= {folder + name.removesuffix(".h") for name in names}
+    assert names_of_headers == {path.relative_to(FOLDER / "gyrospark").with_suffix("").as_posix()
+                                for path in HEADERS}
 
 
 def test_readme_names_what_exists():

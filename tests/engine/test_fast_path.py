@@ -217,15 +217,15 @@ def test_angles_of_any_size_have_the_sines_of_newton():
         return step.integrate_ensemble(x, np.zeros_like(x), dt=dt, steps=steps, workers=1).members
 
     for angle, member in zip(angles, members(angles), strict=True):
-        (alone,) = members(angle[None])  # neighbouring lanes change no bit
-        assert alone.p.tobytes() == member.p.tobytes()
-        alone = step.integrate(angle, np.zeros(1), dt=dt, steps=steps)
+        (single,) = members(angle[None])  # neighbouring lanes change no bit
+        assert single.p.tobytes() == member.p.tobytes()
+        single = step.integrate(angle, np.zeros(1), dt=dt, steps=steps)
         newton = step.integrate(angle, np.zeros(1), dt=dt, steps=steps, solver="newton")
         # increments of 1e16 are coarser than the change of a step
-        assert alone.report.newton_steps == 0 or np.abs(angle) > 1e15
+        assert single.report.newton_steps == 0 or np.abs(angle) > 1e15
         # forces up to 1.2, of angles that are rounded in each step
         size = dt * steps * (np.spacing(4.0) + np.spacing(abs(angle[0])))
-        for run in (alone, member):
+        for run in (single, member):
             assert np.abs(run.p[-1] - newton.p[-1]).max() < 4 * size, angle
 
 

@@ -177,8 +177,8 @@ def test_turning_back_costs_no_digit_after_a_million_seconds():
         run = step.integrate([1.0, 0, 0, 0], p, dt=250, steps=4000, every=4000,
                              parameters=with_gamma(TOP) | {"omega_body": spin})
         half, q = mp.mpf(spin) * 10**6 / 2, [mp.mpf(x) for x in run.q[-1]]
-        off = max(abs(q[0] - mp.cos(half)), abs(q[3] - mp.sin(half)))
-    assert off <= 2 * step.binding.epsilon
+        error = max(abs(q[0] - mp.cos(half)), abs(q[3] - mp.sin(half)))
+    assert error <= 2 * step.binding.epsilon
 
 
 @pytest.mark.slow  # a stepper of one system
@@ -234,8 +234,9 @@ def test_a_run_in_a_frame_is_one_autonomous_map():
     first = step.integrate(TOP.q0, TOP.p0, dt=2e-3, steps=37, parameters=numbers)
     second = step.integrate(first.q[-1], first.p[-1], dt=2e-3, steps=63, parameters=numbers)
     assert abs(second.q[-1] - unsplit.q[-1]).max() < 1e-12
-    back = step.integrate(unsplit.q[-1], unsplit.p[-1], dt=-2e-3, steps=100, parameters=numbers)
-    assert abs(back.q[-1] - TOP.q0).max() < 1e-12
+    reversed_run = step.integrate(unsplit.q[-1], unsplit.p[-1], dt=-2e-3, steps=100,
+                                  parameters=numbers)
+    assert abs(reversed_run.q[-1] - TOP.q0).max() < 1e-12
 
 
 def test_momentum_maps_are_kept():
@@ -252,18 +253,19 @@ def test_multipliers_turn_with_the_constraints():
     step, numbers, (q, p) = tops()
     assert [(s.name, s.condition) for s in step.symmetries] == [
         ("omega_a", "a_I1 = a_I2"), ("omega_b", "b_I1 = b_I2"), ("omega_space", "")]
-    still = step.integrate(q, p, dt=1e-3, steps=40, parameters=numbers, every=4)
-    moved = step.integrate(q, p, dt=1e-3, steps=40, every=4, parameters=numbers | {
+    without_frame = step.integrate(q, p, dt=1e-3, steps=40, parameters=numbers, every=4)
+    in_frame = step.integrate(q, p, dt=1e-3, steps=40, every=4, parameters=numbers | {
         "omega_a": 39.0, "omega_b": 70.0, "omega_space": 20.0})
-    assert abs(moved.q - still.q).max() < 1e-7
-    assert abs(moved.multipliers - still.multipliers).max() < 1e-3 * abs(still.multipliers).max()
+    assert abs(in_frame.q - without_frame.q).max() < 1e-7
+    assert abs(in_frame.multipliers - without_frame.multipliers).max() < 1e-3 * abs(
+        without_frame.multipliers).max()
     for solver in ("newton", "python"):
-        python_run = integrate(step, q, p, dt=1e-3, steps=8, every=4, solver=solver,
+        newton_run = integrate(step, q, p, dt=1e-3, steps=8, every=4, solver=solver,
                                parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
-        compiled_run = step.integrate(q, p, dt=1e-3, steps=8, every=4,
-                                      parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
-        assert abs(python_run.q - compiled_run.q).max() < 1e-13
-        assert abs(python_run.multipliers - compiled_run.multipliers).max() < 1e-8
+        swept_run = step.integrate(q, p, dt=1e-3, steps=8, every=4,
+                                   parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
+        assert abs(newton_run.q - swept_run.q).max() < 1e-13
+        assert abs(newton_run.multipliers - swept_run.multipliers).max() < 1e-8
 
 
 def test_an_impulse_and_a_new_rate_are_in_the_callers_coordinates():
@@ -304,27 +306,28 @@ def test_a_model_file_may_ask_for_frames(tmp_path):
 
 def test_generate_writes_steppers_with_frames(gyrospark, tmp_path):
     choice = ["generate", "--scheme", "G-L", "--stages", "1", "--frame", "symmetries"]
-    done = gyrospark(*choice, "--no-compile", "--out", tmp_path)
-    assert "heavy_top_gl1_gamma_frame: order 2" in done.stdout
+    answer = gyrospark(*choice, "--no-compile", "--out", tmp_path)
+    assert "heavy_top_gl1_gamma_frame: order 2" in answer.stdout
     header = (tmp_path / "heavy_top_gl1_gamma_frame.h").read_text(encoding="utf-8")
     assert "omega_body: J = -p0*q3/2 + p1*q2/2 - p2*q1/2 + p3*q0/2, where I1 = I2" in header
 
 
 def test_a_frame_along_what_is_no_symmetry_is_refused_with_its_condition():
     step, numbers = framed(), with_gamma(TOP)
-    off = numbers | {"I1": np.nextafter(numbers["I1"], 1), "omega_body": 75.4}
+    asymmetric = numbers | {"I1": np.nextafter(numbers["I1"], 1), "omega_body": 75.4}
     expected = r"omega_body = 75\.4.*I1 = I2.*I1 = 0\.002"
     with pytest.raises(gs.InputError, match=expected):
-        step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=off)
+        step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=asymmetric)
     with pytest.raises(gs.InputError, match="I1 = I2"):
-        step.step(TOP.q0, TOP.p0, dt=1e-3, parameters=off)
+        step.step(TOP.q0, TOP.p0, dt=1e-3, parameters=asymmetric)
     with pytest.raises(gs.InputError, match=r"Trajectory 1: .*I1 = I2"):
         step.integrate_ensemble([TOP.q0] * 2, [TOP.p0] * 2, dt=1e-3, steps=1,
-                                parameters=[numbers, off])
+                                parameters=[numbers, asymmetric])
     with pytest.raises(gs.InputError, match="I1 = I2"):
         gs.sweep(TOP, {"omega_body": [0.0, 1.0], "I1": [2e-3, 3e-3]}, scheme="G-L", stages=2,
                  frame="symmetries", dt=1e-3, steps=1)
-    at_rest = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=off | {"omega_body": 0})
+    at_rest = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1,
+                             parameters=asymmetric | {"omega_body": 0})
     assert at_rest.report.steps == 1
 
 

@@ -215,9 +215,9 @@ def test_header_is_for_cplusplus(programs, tmp_path):
     (tmp_path / f"{source.name}.h").write_text(source.header, encoding="utf-8")
     for macro in ("", f"#define {source.name.upper()}_WORK\n"):
         (tmp_path / "main.cpp").write_text(f'{macro}#include "{source.name}.h"\nint main() {{}}\n')
-        done = call(["g++", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only",
-                     "main.cpp"], cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
+        process = call(["g++", "-Wall", "-Wextra", "-pedantic", "-Werror", "-fsyntax-only",
+                        "main.cpp"], cwd=tmp_path)
+        assert process.returncode == 0, process.stderr
 
 
 def test_float128_is_taken():

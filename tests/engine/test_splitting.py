@@ -100,7 +100,7 @@ def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
     """The motion of a body and of a point, each rotated by R, agrees with the motion at rest."""
     step = gs.stepper("splitting", order=4, system=turntable)
     start, values = (turntable.q0, turntable.p0), dict(turntable.parameters)
-    still = step.integrate(*start, dt=0.01, steps=100, parameters=values | dict.fromkeys(
+    at_rest = step.integrate(*start, dt=0.01, steps=100, parameters=values | dict.fromkeys(
         ("w0", "w1", "w2"), 0.0))
     turning = step.integrate(*start, dt=0.01, steps=100, parameters=values)
     w, t = np.array([values[f"w{i}"] for i in range(3)]), 1.0
@@ -108,10 +108,10 @@ def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
     R = rotation_matrix(np.array([np.cos(half), *(-np.sin(half) * w / np.linalg.norm(w))]))
     for name in ("a", "b"):
         rows = [turning.coordinates.index(f"{name}_{x}") for x in "xyz"]
-        assert np.abs(turning.q[-1][rows] - R @ still.q[-1][rows]).max() < 1e-13
-        assert np.abs(turning.p[-1][rows] - R @ still.p[-1][rows]).max() < 1e-13
+        assert np.abs(turning.q[-1][rows] - R @ at_rest.q[-1][rows]).max() < 1e-13
+        assert np.abs(turning.p[-1][rows] - R @ at_rest.p[-1][rows]).max() < 1e-13
     assert np.abs(turning.body("a").angular_momentum()[-1]
-                  - R @ still.body("a").angular_momentum()[-1]).max() < 1e-13
+                  - R @ at_rest.body("a").angular_momentum()[-1]).max() < 1e-13
 
 
 @pytest.mark.slow  # a stepper of one system
@@ -140,15 +140,15 @@ def test_a_run_has_the_same_bits_in_pieces_in_ensembles_and_stored_seldom():
     dt = np.linspace(1e-3, 3e-3, count)
     ensemble = step.integrate_ensemble(q, p, dt=dt, steps=70, parameters=sets, every=7)
     for i in (0, 1, 33, 39):
-        alone = step.integrate(TOP.q0, TOP.p0, dt=dt[i], steps=70, parameters=sets[i])
-        assert np.array_equal(ensemble.q[i], alone.q[::7])
-        assert np.array_equal(ensemble.p[i], alone.p[::7])
-        assert ensemble.members[i].report == alone.report
+        single = step.integrate(TOP.q0, TOP.p0, dt=dt[i], steps=70, parameters=sets[i])
+        assert np.array_equal(ensemble.q[i], single.q[::7])
+        assert np.array_equal(ensemble.p[i], single.p[::7])
+        assert ensemble.members[i].report == single.report
         motion = step.start(TOP.q0, TOP.p0, dt=dt[i], parameters=sets[i])
         for steps in (1, 20, 49):
             motion.advance(steps)
-        assert np.array_equal(motion.q, alone.q[-1])
-        assert np.array_equal(motion.p, alone.p[-1])
+        assert np.array_equal(motion.q, single.q[-1])
+        assert np.array_equal(motion.p, single.p[-1])
 
 
 def test_parameters_change_between_steps():
@@ -180,19 +180,19 @@ def test_round_off_does_not_drift():
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_step_that_fails_keeps_what_was_before_it():
     step = gs.stepper("splitting", order=4)
-    bad = SYMMETRIC | {"mgl": 1e306}
+    overflowing = SYMMETRIC | {"mgl": 1e306}
     with pytest.raises(StepFailed) as failed:
-        step.integrate(TOP.q0, TOP.p0, dt=1e4, steps=50, parameters=bad)
-    done = failed.value.trajectory
-    assert done.report.steps == failed.value.step - 1
-    assert np.isfinite(done.q).all()
+        step.integrate(TOP.q0, TOP.p0, dt=1e4, steps=50, parameters=overflowing)
+    trajectory = failed.value.trajectory
+    assert trajectory.report.steps == failed.value.step - 1
+    assert np.isfinite(trajectory.q).all()
     q, p = np.tile(TOP.q0, (3, 1)), np.tile(TOP.p0, (3, 1))
     ensemble = step.integrate_ensemble(q, p, dt=[1e-3, 1e4, 1e-3], steps=50,
-                                       parameters=[SYMMETRIC, bad, SYMMETRIC])
+                                       parameters=[SYMMETRIC, overflowing, SYMMETRIC])
     assert list(ensemble.failures) == [1]
     assert ensemble.failures[1].step == failed.value.step
-    alone = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=50, parameters=SYMMETRIC)
-    assert np.array_equal(ensemble.q[2], alone.q)
+    single = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=50, parameters=SYMMETRIC)
+    assert np.array_equal(ensemble.q[2], single.q)
 
 
 def test_what_a_splitting_does_not_have_is_refused():
@@ -314,11 +314,11 @@ def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
         assert np.abs(p - expected.p[-1]).max() < 1e-13
     assert ends[0] == ends[1]
     _, (work, *state), q, p = begun(program, values, *start, 5e-3)
-    rows, done, null = np.zeros((4, step.n)), np.zeros(4), program.ffi.NULL
+    rows, work_rows, null = np.zeros((4, step.n)), np.zeros(4), program.ffi.NULL
     parameters = program.parameters({name: float(x) for name, x in values.items()})
     assert program.integrate(parameters, program.options(0.0), 5e-3, 40, 10, *state,
-                             program.pointer(rows), null, null, program.pointer(done),
+                             program.pointer(rows), null, null, program.pointer(work_rows),
                              program.ffi.new(f"{program.name}_report *"), work) == 0
     assert [*q, *p] == ends[0]
     assert np.abs(rows - expected.q[10::10]).max() < 1e-14
-    assert np.abs(done - expected.work[10::10]).max() < 1e-13
+    assert np.abs(work_rows - expected.work[10::10]).max() < 1e-13

@@ -100,11 +100,11 @@ def test_tangents_against_differences_in_50_digits(case):
     with mp.workdps(50):
         numbers = [mp.mpf(values[name]) for name in MOMENTS]
 
-        def end(row, name, by):
-            z = [mp.mpf(float(x)) + by * mp.mpf(float(d))
+        def end(row, name, shift):
+            z = [mp.mpf(float(x)) + shift * mp.mpf(float(d))
                  for x, d in zip([*TOP.q0, *p0], row, strict=True)]
-            parameters = [x + by * (m == name) for m, x in zip(MOMENTS, numbers, strict=True)]
-            return mp.matrix(reference(z[:4], z[4:], mp.mpf(h) + by * (name == "dt"), parameters,
+            parameters = [x + shift * (m == name) for m, x in zip(MOMENTS, numbers, strict=True)]
+            return mp.matrix(reference(z[:4], z[4:], mp.mpf(h) + shift * (name == "dt"), parameters,
                                        steps))
 
         for k, name in enumerate(run.tangents.names):
@@ -116,8 +116,9 @@ def test_tangents_against_differences_in_50_digits(case):
     defect = final[:, :6].T @ omega @ final[:, :6] - first[:, :6].T @ omega @ first[:, :6]
     assert np.abs(defect).max() < 1e-15 * np.abs(final[:, :6]).max()**2 + 1e-14
     w = np.random.default_rng(1).normal(size=8)
-    back = splitting().gradient(run, {"q": w[:4], "p": w[4:]}, wrt=["start", *free, "dt"]).vector()
-    assert np.abs(back - w @ final).max() <= 1e-14 * np.abs(w[:, None] * final).max()
+    gradient = splitting().gradient(run, {"q": w[:4], "p": w[4:]},
+                                    wrt=["start", *free, "dt"]).vector()
+    assert np.abs(gradient - w @ final).max() <= 1e-14 * np.abs(w[:, None] * final).max()
 
 
 def test_runs_backwards_from_checkpoints_and_in_reverse():
@@ -182,10 +183,10 @@ def test_forces_points_inputs_and_time(torque, even):
     step = gs.stepper("splitting", order=2 if torque else 4, system=model.system)
     n, parameters = step.n, [x for x in model.parameters if x != "u"]
     names = [*parameters, "dt", "t0"]
-    by = [dict(zip([*names, "u"], rng.normal(size=len(names) + 1), strict=True))
-          for _ in range(2)]
+    changes = [dict(zip([*names, "u"], rng.normal(size=len(names) + 1), strict=True))
+               for _ in range(2)]
     values = model.parameters | ({"a_I2": model.parameters["a_I1"]} if even else {})
-    for d in by if even else ():
+    for d in changes if even else ():
         d["a_I2"] = d["a_I1"]
     directions = rng.normal(size=(2, 2 * n))
     w = rng.normal(size=2 * n)
@@ -209,15 +210,15 @@ def test_forces_points_inputs_and_time(torque, even):
         return np.concatenate(step.step(begin, **arguments_of_step)[:2])
 
     def cotangent(begin, **arguments_of_step):
-        back = step.vjp(begin, wrt=["q", "p", *parameters, "inputs", "dt", "t0"],
-                        **arguments_of_step)[2](w[:n], w[n:])
-        return np.concatenate([back.q, back.p, [back[name] for name in names],
-                               back["inputs"].ravel()])
+        gradient = step.vjp(begin, wrt=["q", "p", *parameters, "inputs", "dt", "t0"],
+                            **arguments_of_step)[2](w[:n], w[n:])
+        return np.concatenate([gradient.q, gradient.p, [gradient[name] for name in names],
+                               gradient["inputs"].ravel()])
 
-    at_start, begin = arguments(by[0], 0), start(model.q0, model.p0, by[0], 0)
+    at_start, begin = arguments(changes[0], 0), start(model.q0, model.p0, changes[0], 0)
     projected = [np.concatenate([model.q0, model.p0]) * 0 for _ in directions]
     pairs = []
-    for k, (d, direction) in enumerate(zip(by, directions, strict=True)):
+    for k, (d, direction) in enumerate(zip(changes, directions, strict=True)):
         x = direction.copy()
         x[:4] -= model.q0[:4] * (model.q0[:4] @ x[:4])
         x[n : n + 4] -= model.q0[:4] * (x[:4] @ model.p0[:4] + model.q0[:4] @ x[n : n + 4])
@@ -225,17 +226,17 @@ def test_forces_points_inputs_and_time(torque, even):
         derivative = np.concatenate(step.jvp(begin, x[:n], x[n:], d=d, **at_start)[2:])
         exact = differences(end, d, x, 1e-3)
         assert np.abs(derivative - exact).max() < 1e-11 * np.abs(exact).max()
-        along = np.concatenate([x, [d[name] for name in [*names, "u"]]])
-        pairs.append(along)
-        assert w @ derivative == pytest.approx(cotangent(begin, **at_start) @ along,
+        change_vector = np.concatenate([x, [d[name] for name in [*names, "u"]]])
+        pairs.append(change_vector)
+        assert w @ derivative == pytest.approx(cotangent(begin, **at_start) @ change_vector,
                                                abs=1e-14 * np.abs(w * derivative).sum())
     hessian = []
-    for d, x in zip(by, projected, strict=True):
+    for d, x in zip(changes, projected, strict=True):
         product = step.hvp(begin, x[:n], x[n:], w[:n], w[n:], d=d, **at_start)
         hessian.append(np.concatenate([product.q, product.p, [product[name] for name in names],
                                        product["inputs"].ravel()]))
     assert hessian[0] @ pairs[1] == pytest.approx(hessian[1] @ pairs[0], rel=1e-11)
-    exact = differences(cotangent, by[0], projected[0], 1e-3)[2 * n :]
+    exact = differences(cotangent, changes[0], projected[0], 1e-3)[2 * n :]
     assert np.abs(hessian[0][2 * n :] - exact).max() < 1e-9 * np.abs(exact).max()
 
 
@@ -266,13 +267,13 @@ def test_points_without_bodies():
     assert columns == pytest.approx(np.concatenate(step.jvp(
         [0.4], [0.1], [[1, 0]], [[0, 1]], **arguments)[2:]), abs=1e-15)
     assert np.linalg.det(columns) == pytest.approx(1, abs=1e-15)
-    back = step.vjp([0.4], [0.1], **arguments)[2]([0.6], [-0.8])
-    assert [*back.q, *back.p] == pytest.approx([0.6, -0.8] @ columns, abs=1e-15)
+    cotangent = step.vjp([0.4], [0.1], **arguments)[2]([0.6], [-0.8])
+    assert [*cotangent.q, *cotangent.p] == pytest.approx([0.6, -0.8] @ columns, abs=1e-15)
     hessian = step.hvp([0.4], [0.1], [0.3], [-0.2], [0.6], [-0.8], d={"k": 0.5}, **arguments)
     cotangents = [step.vjp([0.4 + s * 0.3], [0.1 - s * 0.2], wrt=["q", "p", "k"], dt=0.3,
                            parameters={"k": 1.2 + s * 0.5, "m": 0.7})[2]([0.6], [-0.8])
                   for s in (1e-5, -1e-5)]
     for name in ("q", "p"):
-        after, before = (getattr(gradient, name) for gradient in cotangents)
-        assert getattr(hessian, name) == pytest.approx((after - before) / 2e-5, abs=1e-9)
+        ahead, behind = (getattr(gradient, name) for gradient in cotangents)
+        assert getattr(hessian, name) == pytest.approx((ahead - behind) / 2e-5, abs=1e-9)
     assert hessian["k"] == pytest.approx((cotangents[0]["k"] - cotangents[1]["k"]) / 2e-5, abs=1e-9)

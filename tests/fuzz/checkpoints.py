@@ -65,9 +65,9 @@ class Case:
         self.integers = [(32, 8), (40, 8)] + [
             (offsets[kind] + integer.offset + i, integer.item) for kind, places in integers.items()
             for integer in places for i in range(0, integer.size, integer.item)]
-        behind = offsets["work"] + work
+        end = offsets["work"] + work
         if self.events:
-            self.integers += 3 * [(behind + 8 * i, 8) for i in range(1 + 2 * len(self.events))]
+            self.integers += 3 * [(end + 8 * i, 8) for i in range(1 + 2 * len(self.events))]
 
     def _record(self) -> None:
         chunk, rows, seconds = recorder.COMMIT_SECONDS, array_layout._MOST_ROWS, recorder.next_chunk

@@ -75,14 +75,14 @@ def symbols() -> dict[str, Any]:
 def check(data: bytes) -> str:
     """Read one text as a formula, as a number of a model file, and as a tableau's entry."""
     choices = Choices(data)
-    how = choices.below(6)
+    kind = choices.below(6)
     text = (choices.rest().decode("utf-8", "surrogateescape") if choices.one_in(4)
             else formula(choices))
     names = symbols()
     try:
-        if how < 3:
+        if kind < 3:
             parse_formula(text, names, frozenset([names["k"], names["m"]]))
-        elif how < 5:
+        elif kind < 5:
             parse_number(text, {"k": 2.5})
         else:
             parse_expression(text)

@@ -99,6 +99,6 @@ def changed_bytes(data: bytes, choices: Choices) -> bytes:
             content[start:start] = content[start : start + 1 + choices.below(40)]
         else:
             width = choices.pick((1, 2, 4, 8))
-            content[start : start
-                    + width] = choices.pick((b"\0", b"\xff", b"\x7f", b"\x80")) * width
+            content[start : start + width] = choices.pick(
+                (b"\0", b"\xff", b"\x7f", b"\x80")) * width
     return bytes(content)

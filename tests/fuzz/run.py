@@ -66,9 +66,9 @@ def save(options: argparse.Namespace, number: int, data: bytes, failure: Failure
 def run_entrance(options: argparse.Namespace) -> Counter[str]:
     """Return the outcomes of the inputs, tried by one worker after the other."""
     outcomes: Counter[str] = Counter()
-    while (done := outcomes.total()) < options.inputs:
+    while (tried := outcomes.total()) < options.inputs:
         command = [sys.executable, __file__, "--worker", "--entrance", options.entrance, "--seed",
-                   str(options.seed), "--inputs", str(options.inputs), "--first", str(done),
+                   str(options.seed), "--inputs", str(options.inputs), "--first", str(tried),
                    "--out", str(options.out)]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             outcomes.update(line.strip() for line in process.stdout or ())

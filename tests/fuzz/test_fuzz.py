@@ -102,9 +102,9 @@ def drive(*arguments: str, folder) -> subprocess.CompletedProcess[str]:
 
 @pytest.mark.slow  # a process that starts others
 def test_driver_counts_what_it_tries(tmp_path):
-    done = drive("--inputs", "60", "--seed", "2", "--entrance", "formula", folder=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert "formula: 60 inputs" in done.stdout
+    process = drive("--inputs", "60", "--seed", "2", "--entrance", "formula", folder=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert "formula: 60 inputs" in process.stdout
 
 
 @pytest.mark.slow
@@ -120,8 +120,8 @@ def test_driver_survives_a_crash(tmp_path, monkeypatch):
     paths = [str(tmp_path), str(ROOT / "tests"), str(HELPERS), str(ROOT.parent)]
     monkeypatch.setenv("PYTHONPATH", ":".join(paths))
     out = tmp_path / "failures"
-    done = drive("--inputs", "100", "--entrance", "formula", folder=out)
-    assert done.returncode == 1
+    process = drive("--inputs", "100", "--entrance", "formula", folder=out)
+    assert process.returncode == 1
     inputs = [*out.glob("formula-*.bin")]
     assert inputs
     assert all(path.read_bytes()[:1] < b"\x08" for path in inputs)

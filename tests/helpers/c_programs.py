@@ -20,10 +20,10 @@ def write(files, folder):
 
 def run(command, folder, **changes):
     """Run a command that must succeed without a word on stderr."""
-    done = call(command, cwd=folder, **changes)
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    return done.stdout
+    process = call(command, cwd=folder, **changes)
+    assert process.returncode == 0, process.stderr
+    assert not process.stderr
+    return process.stdout
 
 
 class Program:

@@ -71,8 +71,8 @@ def late_failures():
     return failures
 
 
-def jacobian_by_differences(step, x, q, p, **how):
+def jacobian_by_differences(step, x, q, p, **options):
     """Return ∂r/∂x of a step's residual by central differences: 1e-12 and ε/h, h = 1e-6."""
-    columns = [(step.residual(x + d, q, p, **how) - step.residual(x - d, q, p, **how)) / 2e-6
-               for d in 1e-6 * np.eye(len(x))]
+    columns = [(step.residual(x + d, q, p, **options) - step.residual(x - d, q, p, **options))
+               / 2e-6 for d in 1e-6 * np.eye(len(x))]
     return np.transpose(columns)

@@ -25,10 +25,10 @@ def directions(name: str) -> list[dict[str, float]]:
     """
     case = case_of(name)
     timed = getattr(case.system, "time", None) is not None
-    each = [(key,) for key in case.parameters]
+    groups = [(key,) for key in case.parameters]
     if "frame" in case.options:
-        each = [("I1", "I2"), *each[2:]]
-    return [*({key: case.parameters[key] for key in keys} for keys in each), {"dt": case.dt},
+        groups = [("I1", "I2"), *groups[2:]]
+    return [*({key: case.parameters[key] for key in keys} for keys in groups), {"dt": case.dt},
             *([{"t0": case.dt}] if timed else [])]
 
 
@@ -85,10 +85,10 @@ def tangents_of_step(
 def transposition_defect(step: gs.Stepper, begin: gs.Start, dt: float, count: int = 3) -> float:
     """Return |⟨w, Φ'v⟩ − ⟨Φ'ᵀw, v⟩| in parts of its terms, along start, parameters, dt and t0."""
     draw, worst = np.random.default_rng(3), 0.0
-    _, _, back = step.vjp(begin, dt=dt)
+    _, _, pullback = step.vjp(begin, dt=dt)
     for _ in range(count):
         w = draw.normal(size=(2, step.n))
-        gradient = back(*w)
+        gradient = pullback(*w)
         y = draw.normal(size=gradient.basis.shape[1])
         v = gradient.basis @ y
         d = {name: draw.normal() for name in (*begin.parameters, "dt", "t0")}

@@ -127,7 +127,7 @@ def ellipse() -> gs.System:
 
 
 def curved() -> gs.System:
-    """A mass that depends on the place, and a constraint: nothing is proved of it."""
+    """A mass that depends on the place, and a constraint, for which no property is proved."""
     q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
     k = sp.Symbol("k", positive=True)
     return gs.System(q, p, (k,), (p[0]**2 + p[1]**2)*(2 + q[0]) / 4 + k*q[1],
@@ -261,10 +261,10 @@ def bits_of(name: str) -> dict[str, str]:
     golden, hashes = CASES[name](), {}
     for run_name, make in runs(golden):
         try:
-            got = make()
+            arrays = make()
         except (gs.GyrosparkError, KeyError) as error:
-            got = [f"{type(error).__name__}: {error}".encode()]
-        parts = [a if isinstance(a, bytes) else digits(a) for a in got]
+            arrays = [f"{type(error).__name__}: {error}".encode()]
+        parts = [a if isinstance(a, bytes) else digits(a) for a in arrays]
         hashes[run_name] = hashlib.blake2b(b"|".join(parts), digest_size=8).hexdigest()
     return hashes
 
@@ -288,11 +288,11 @@ def of_checkout(folder: Path, names: list[str], jobs: int) -> dict[str, dict[str
     """Return the hashes of another checkout, run by this script with that package."""
     with tempfile.TemporaryDirectory() as parent:
         (Path(parent) / "gyrospark").symlink_to(folder.resolve(), target_is_directory=True)
-        done = subprocess.run(
+        process = subprocess.run(
             [sys.executable, __file__, "--json", "--jobs", str(jobs), "--only", *names],
             env={**os.environ, "PYTHONPATH": parent}, cwd=parent, check=True, text=True,
             stdout=subprocess.PIPE)
-    return json.loads(done.stdout)
+    return json.loads(process.stdout)
 
 
 def differences(hashes: dict[str, Any], base: dict[str, Any]) -> list[str]:
@@ -324,10 +324,10 @@ def main() -> int:
         for name, bits in hashes.items():
             print(f"{name:40s}", *(f"{run_name}={bits[run_name]}" for run_name in bits))
         return 0
-    changed = differences(hashes, of_checkout(options.base, names, options.jobs))
-    print("\n".join(changed) or f"{len(hashes)} steppers, {sum(map(len, hashes.values()))} runs: "
+    differing = differences(hashes, of_checkout(options.base, names, options.jobs))
+    print("\n".join(differing) or f"{len(hashes)} steppers, {sum(map(len, hashes.values()))} runs: "
           "the same bits")
-    return bool(changed)
+    return bool(differing)
 
 
 if __name__ == "__main__":

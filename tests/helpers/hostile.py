@@ -28,7 +28,7 @@ from stores import record
 
 
 class Later:
-    """An object that is built when a call is made; its attributes and results are later too."""
+    """An object that is built when a call happens; its attributes and results are later too."""
 
     def __init__(self, make: Callable[[], Any]) -> None:
         self._make = cache(make)
@@ -100,10 +100,10 @@ def call(function: Callable[..., Any], arguments: dict[str, Any]) -> Any:
     """Call a function with arguments by names, and with positional-only ones by position."""
     first: list[Any] = []
     remaining = dict(arguments)
-    for name, of in inspect.signature(function).parameters.items():
-        if of.kind is of.POSITIONAL_ONLY:
+    for name, parameter in inspect.signature(function).parameters.items():
+        if parameter.kind is parameter.POSITIONAL_ONLY:
             first.append(remaining.pop(name))
-        elif of.kind is of.VAR_POSITIONAL and name in remaining:
+        elif parameter.kind is parameter.VAR_POSITIONAL and name in remaining:
             several = remaining.pop(name)
             first += several if isinstance(several, tuple) else [several]
     return function(*first, **remaining)
@@ -116,8 +116,8 @@ def value_and_gradient(step: gs.Stepper) -> Callable[..., Any]:
         return call(step.value_and_gradient, arguments)([0.002])
 
     evaluate.__signature__ = inspect.Signature(  # type: ignore[attr-defined]
-        [of.replace(kind=of.KEYWORD_ONLY)
-         for name, of in inspect.signature(step.value_and_gradient).parameters.items()
+        [parameter.replace(kind=parameter.KEYWORD_ONLY)
+         for name, parameter in inspect.signature(step.value_and_gradient).parameters.items()
          if name != "options"])
     return evaluate
 
@@ -359,8 +359,8 @@ def multibody_calls() -> Iterator[Call]:
             top = build.top("t", mass=1, inertia=inertia, centre=(0, 0, 1))
             body = build.body("u", mass=1, inertia=inertia)
             components = {"top": top, "body": body, "ground": build.ground}
-            named = {*map(str, (*arguments.values(), *arguments.get("joints", ())))}
-            if {"hinge", "other", "slide"} & named:
+            used_names = {*map(str, (*arguments.values(), *arguments.get("joints", ())))}
+            if {"hinge", "other", "slide"} & used_names:
                 for joint in ("hinge", "other"):
                     wheel = build.body(f"{joint}_wheel", mass=1, inertia=inertia)
                     components[joint] = build.revolute(joint, build.ground, wheel, axis=(0, 0, 1),

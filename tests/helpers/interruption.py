@@ -50,8 +50,8 @@ def start(work: Callable[[], None]) -> int:
 
 def ended(number: int) -> int | None:
     """Return the exit code of a process that has ended, else None."""
-    done, status = os.waitpid(number, os.WNOHANG)
-    return os.waitstatus_to_exitcode(status) if done else None
+    ended_number, status = os.waitpid(number, os.WNOHANG)
+    return os.waitstatus_to_exitcode(status) if ended_number else None
 
 
 def finish(work: Callable[[], None]) -> None:

@@ -19,24 +19,24 @@ def joints(count, lift=None):
     I1, I2 = sp.symbols("I1 I2", positive=True)
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     O.set_vel(N, 0)
-    system, before = me.System(N, O), me.RigidBody("base", O, N)
+    system, previous = me.System(N, O), me.RigidBody("base", O, N)
     if lift is not None:
         base = N.orientnew("base", "Axis", [0, N.z])
-        before = me.RigidBody("base", O.locatenew("B", lift * N.y), base)
-        before.masscenter.set_vel(N, lift.diff(T) * N.y)
+        previous = me.RigidBody("base", O.locatenew("B", lift * N.y), base)
+        previous.masscenter.set_vel(N, lift.diff(T) * N.y)
     for i in range(count):
         F, C = me.ReferenceFrame(f"F{i}"), me.Point(f"C{i}")
         body = me.RigidBody(f"rod{i}", C, F, m, (me.inertia(F, I1, I1, I2), C))
-        end = before.masscenter if i == 0 else before.masscenter.locatenew(
-            f"P{i}", length * before.frame.z)
-        joint = me.PinJoint(f"J{i}", before, body, *me.dynamicsymbols(f"q{i} u{i}"),
+        end = previous.masscenter if i == 0 else previous.masscenter.locatenew(
+            f"P{i}", length * previous.frame.z)
+        joint = me.PinJoint(f"J{i}", previous, body, *me.dynamicsymbols(f"q{i} u{i}"),
                             parent_point=end, child_point=C.locatenew(f"Q{i}", -length * F.z),
-                            joint_axis=(before.frame.x, before.frame.y)[i % 2])
+                            joint_axis=(previous.frame.x, previous.frame.y)[i % 2])
         system.add_joints(joint)
         system.add_loads(me.Force(C, -m * g * N.z))
         system.add_actuators(me.TorqueActuator(-k * joint.speeds[0], joint.joint_axis, F,
-                                               before.frame))
-        before = body
+                                               previous.frame))
+        previous = body
     return system
 
 
@@ -49,5 +49,6 @@ def sides(system, values, q, v, t=0.0):
     for position, slot in system.elimination.slot_of.items():
         M[position] = entries[slot]
     time = [] if system.clock is None else [system.clock]
-    moved = along(system.L_v, [*system.q, *time], [*system.velocities, *(sp.S.One for _ in time)])
-    return M, evaluate(system.generalised_force, point) - evaluate(moved, point)
+    rate = along(system.L_v, [*system.q, *time],
+                 [*system.velocities, *(sp.S.One for _ in time)])
+    return M, evaluate(system.generalised_force, point) - evaluate(rate, point)

@@ -43,10 +43,10 @@ def call(
 
 def python(code: str, *, cwd: Path | None = None, **changes: str | None) -> str:
     """Run Python code that must succeed in silence; return what it prints."""
-    done = call([sys.executable, "-c", code], cwd=cwd, **changes)
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    return done.stdout
+    process = call([sys.executable, "-c", code], cwd=cwd, **changes)
+    assert process.returncode == 0, process.stderr
+    assert not process.stderr
+    return process.stdout
 
 
 @functools.cache

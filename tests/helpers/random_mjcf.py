@@ -129,13 +129,13 @@ class Writer:
         site = f's{len(self.sites)}'
         self.sites.append(site)
         inertia += f'<site name="{site}" pos="{self.numbers(3, -0.3, 0.3)}" {self.attitude()}/>'
-        below = "".join(self.body(depth - 1) for _ in range(self.rng.integers(0, 3))
-                        if depth and len(self.bodies) < (4 if self.loops else 3))
+        children = "".join(self.body(depth - 1) for _ in range(self.rng.integers(0, 3))
+                           if depth and len(self.bodies) < (4 if self.loops else 3))
         defaults = self.pick("", "", 'childclass="middle"', 'childclass="high"')
         gravcomp = f'gravcomp="{self.numbers(1, -1, 1.5)}"' if self.chance(0.2) else ""
         return (f'<body name="{name}" pos="{self.numbers(3)}" {self.attitude()} {defaults} '
                 f'{gravcomp}>'
-                f"{joints}{inertia}{below}</body>")
+                f"{joints}{inertia}{children}</body>")
 
     def tendons(self, single):
         if len(single) < 1 or not self.chance(0.4):
@@ -180,27 +180,27 @@ class Writer:
             kinds += ["joint", "joint"] if len(single) > 1 else []
             kinds += ["tendon"] if len(tendons) > 1 else []
             kind = self.pick(*kinds)
-            off = 'active="false"' if self.chance(0.1) else ""
+            activity = 'active="false"' if self.chance(0.1) else ""
             if kind == "connect":
                 elements.append(f'<connect body1="{ends[0]}" body2="{ends[1]}" '
-                                f'anchor="{self.numbers(3)}" {off}/>')
+                                f'anchor="{self.numbers(3)}" {activity}/>')
             elif kind == "sites" and len(self.sites) > 1:
                 first_end, second_end = self.rng.choice(self.sites, 2, False)
-                elements.append(f'<connect site1="{first_end}" site2="{second_end}" {off}/>')
+                elements.append(f'<connect site1="{first_end}" site2="{second_end}" {activity}/>')
             elif kind == "weld":
                 pose = self.pick("", f'anchor="{self.numbers(3)}"', "relpose")
                 if pose == "relpose":
                     pose = (f'anchor="{self.numbers(3, -.2, .2)}" '
                             f'relpose="{self.numbers(3)} {self.numbers(4)}"')
-                elements.append(f'<weld body1="{ends[0]}" body2="{ends[1]}" {pose} {off}/>')
+                elements.append(f'<weld body1="{ends[0]}" body2="{ends[1]}" {pose} {activity}/>')
             elif kind == "joint":
                 first_end, second_end = self.rng.choice(single, 2, False)
                 elements.append(f'<joint joint1="{first_end}" joint2="{second_end}" '
                                 f'polycoef="{self.numbers(self.rng.integers(1, 6), -.5, .5)}" '
-                                f'{off}/>')
+                                f'{activity}/>')
             elif kind == "tendon":
                 elements.append('<tendon tendon1="t0" tendon2="t1" '
-                                f'polycoef="{self.numbers(2, 0.2, .8)}" {off}/>')
+                                f'polycoef="{self.numbers(2, 0.2, .8)}" {activity}/>')
         return f"<equality>{''.join(elements)}</equality>"
 
     def robot(self):

@@ -295,11 +295,11 @@ def differentiate(residual: Callable[[Array], Array], x: Array, h: Any) -> Array
     """Return the Jacobian by central differences, as doubles."""
     columns = []
     for j in range(len(x)):
-        ahead, behind = x.copy(), x.copy()
+        forward, backward = x.copy(), x.copy()
         step = h * max(1, abs(x[j]))
-        ahead[j] += step
-        behind[j] -= step
-        columns.append(doubles((residual(ahead) - residual(behind)) / (2 * step)))
+        forward[j] += step
+        backward[j] -= step
+        columns.append(doubles((residual(forward) - residual(backward)) / (2 * step)))
     return np.array(columns).T
 
 

@@ -113,16 +113,17 @@ class Motion:
         return evaluate([self.system.H], self._at(self.q, self.p))[0]
 
     def _rate(self, expressions, dp):
-        ahead = self._at(self.q + 1j * TINY * self.dq, self.p + 1j * TINY * dp)
+        displaced = self._at(self.q + 1j * TINY * self.dq, self.p + 1j * TINY * dp)
         if self.system.clock is not None:
-            ahead[self.system.clock] = 1j * TINY
-        return evaluate(expressions, ahead).imag / TINY
+            displaced[self.system.clock] = 1j * TINY
+        return evaluate(expressions, displaced).imag / TINY
 
     def _hidden(self, velocity):
-        of = dict(zip(self.system.q, velocity, strict=True))
+        velocity_of = dict(zip(self.system.q, velocity, strict=True))
         if self.system.clock is not None:
-            of[self.system.clock] = sp.S.One
-        return [sp.Add(*(derivative(g, x) * v for x, v in of.items() if x in g.free_symbols))
+            velocity_of[self.system.clock] = sp.S.One
+        return [sp.Add(*(derivative(g, x) * v for x, v in velocity_of.items()
+                         if x in g.free_symbols))
                 for g in self.system.constraints]
 
     def _at(self, q, p):

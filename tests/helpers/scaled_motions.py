@@ -129,11 +129,11 @@ def _satellite() -> Any:
         n = [sum(R[i][j] * x[i] for i in range(3)) / r for j in range(3)]
         In = [moment * e for moment, e in zip(inertia, n, strict=True)]
         pull = [3 * sum(R[i][j] * In[j] for j in range(3)) / r2**2 for i in range(3)]
-        along = mp.mpf("7.5") * sum(e * f for e, f in zip(n, In, strict=True)) / r2**2
+        radial = mp.mpf("7.5") * sum(e * f for e, f in zip(n, In, strict=True)) / r2**2
         spun = [moment * e for moment, e in zip(inertia, w, strict=True)]
         torque = [3 / r**3 * (n[i-2] * In[i-1] - n[i-1] * In[i-2]) for i in range(3)]
         turn = [w[i-2] * spun[i-1] - w[i-1] * spun[i-2] for i in range(3)]
-        return [*v, *(-e / r**3 - mass * (f - along * e / r)
+        return [*v, *(-e / r**3 - mass * (f - radial * e / r)
                       for e, f in zip(x, pull, strict=True)),
                 (-b*w[0] - c*w[1] - d*w[2]) / 2, (a*w[0] + c*w[2] - d*w[1]) / 2,
                 (a*w[1] - b*w[2] + d*w[0]) / 2, (a*w[2] + b*w[1] - c*w[0]) / 2,

@@ -32,10 +32,10 @@ def tables(stages: int) -> str:
     lines = [f"/* Tables of G-L, s = {stages}. */", "static const struct {",
              *(f"    real {field}{shape[field]};" for field in FIELDS), "} tableau = {",
              *(f"    .{field} = {braced(getattr(numeric, field))}," for field in FIELDS), "};"]
-    for prefix, named in (("table", fast.tables(double)),
-                          ("even_odd", fast.even_odd_tables(double))):
+    for prefix, entries in (("table", fast.tables(double)),
+                            ("even_odd", fast.even_odd_tables(double))):
         lines += [f"static const real {prefix}_{name}[{len(rows)}][{len(rows[0])}] = "
-                  f"{braced(rows)};" for name, rows in named.items()]
+                  f"{braced(rows)};" for name, rows in entries.items()]
     lines += [f"static const real {name}[S] = {braced(getattr(numeric, field))};"
               for name, field in (("weights", "b"), ("weights_hat", "b_hat"), ("nodes", "c"))]
     rows = [[double.round(e) for e in row] for row in velocity_enclosures(tableau)]
@@ -136,20 +136,20 @@ VARIANTS: dict[str, dict[str, object]] = {
 def variants(header: Path) -> dict[str, dict[str, object]]:
     """Return the macros of each variant that the text of a header distinguishes."""
     text, header_macros = header.read_text(encoding="ascii"), flags_of(header)
-    named = {*header_macros, *re.findall(r"\bGS_\w+", text)}
-    if "GS_SPARK" in named:
-        named.add("TOY_STAGES")
+    macro_names = {*header_macros, *re.findall(r"\bGS_\w+", text)}
+    if "GS_SPARK" in macro_names:
+        macro_names.add("TOY_STAGES")
     if "table_" in text:
-        named |= {"TOY_STAGES", "TOY_TABLES"}
-    if {"GS_CONSTRAINED", "GS_SEVERAL_CONSTRAINTS"} & named:
-        named.add("TOY_CONSTRAINTS")
+        macro_names |= {"TOY_STAGES", "TOY_TABLES"}
+    if {"GS_CONSTRAINED", "GS_SEVERAL_CONSTRAINTS"} & macro_names:
+        macro_names.add("TOY_CONSTRAINTS")
     if "LANES" in text:
-        named.add("GYROSPARK_PLAIN")
+        macro_names.add("GYROSPARK_PLAIN")
     if "TYPED(" in text:
-        named.add("TOY_LANES")
+        macro_names.add("TOY_LANES")
     merged_macros: dict[frozenset[tuple[str, object]], tuple[str, dict[str, object]]] = {}
     for name, macros in VARIANTS.items():
-        if not set(macros) <= named or any(
+        if not set(macros) <= macro_names or any(
                 str(macros.get(key, value)) != value for key, value in header_macros.items()
                 if key != "TOY_SINGLE" and not (key == "TOY_STAGES" and macros.get(key))):
             continue

@@ -74,10 +74,10 @@ def _structs(text: str) -> dict[str, list[tuple[str, str]]]:
         while depth:
             depth += {"{": 1, "}": -1}.get(text[end], 0)
             end += 1
-        body, behind = text[match.end() : end - 1], re.match(r"\s*(\w*)\s*;", text[end:])
+        body, declarator = text[match.end() : end - 1], re.match(r"\s*(\w*)\s*;", text[end:])
         inner = f"nested{match.start()}"
         fields = _fields(body, match.end())
-        for struct in {match[1], behind[1] if behind else "", inner} - {""}:
+        for struct in {match[1], declarator[1] if declarator else "", inner} - {""}:
             structs[struct] = fields
     return structs
 

@@ -51,8 +51,8 @@ def test_inputs_of_a_run():
     assert close(J.full(), flow.jacobian(x[None])[0][:, flow.fields["inputs"]])
     row = np.array([0.3, -0.2])
     constant_inputs = casadi.vertcat(*function(q, p, parameters, inputs=row))
-    alike, _ = values_and_jacobian(np.tile(row, (3, 1)).T)
-    assert np.array_equal(casadi.evalf(constant_inputs).full(), alike.full())
+    by_rows, _ = values_and_jacobian(np.tile(row, (3, 1)).T)
+    assert np.array_equal(casadi.evalf(constant_inputs).full(), by_rows.full())
 
 
 def test_second_derivatives_are_exact_or_differences_or_refused():

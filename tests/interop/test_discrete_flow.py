@@ -31,9 +31,9 @@ def test_one_step_has_the_derivatives_of_jvp_and_vjp(case):
     q, p, parameters, dt, t0 = start_of(case)
     step, n, inputs = stepper_of(case), flow.n, inputs_of(case, 1)
     arguments = {"dt": dt, "inputs": None if inputs is None else inputs[0]}
-    *_, back = step.vjp(gs.Start(q, p, t=t0), parameters=parameters, **arguments)
+    *_, pullback = step.vjp(gs.Start(q, p, t=t0), parameters=parameters, **arguments)
     dx, w = directions(x, 1)[0, 0], np.random.default_rng(1).normal(size=2 * n)
-    gradient = back(w[:n], w[n:])
+    gradient = pullback(w[:n], w[n:])
     dx[: 2 * n] = gradient.basis @ (gradient.basis.T @ dx[: 2 * n])
     names = [*flow.names, "dt", "t0", *flow.input_names]
     *_, dq1, dp1 = step.jvp(gs.Start(q, p, t=t0), dx[:n], dx[n : 2 * n], parameters=parameters,
@@ -72,9 +72,9 @@ def test_a_run_has_the_derivatives_of_runs(case):
 def test_the_adjoint_is_the_transpose_of_the_tangent(case):
     flow, x = flow_of(case, 12)
     dx, w = directions(x, 4), np.random.default_rng(1).normal(size=(1, 3, 2 * flow.n))
-    ahead = np.einsum("ki,ji->kj", flow.tangent(x[None], dx)[0], w[0])
-    back = np.einsum("ki,ji->kj", dx[0], flow.adjoint(x[None], w)[0])
-    assert close(back, ahead, 1e-12)
+    by_tangent = np.einsum("ki,ji->kj", flow.tangent(x[None], dx)[0], w[0])
+    by_adjoint = np.einsum("ki,ji->kj", dx[0], flow.adjoint(x[None], w)[0])
+    assert close(by_adjoint, by_tangent, 1e-12)
     J = flow.jacobian(x[None])[0]
     assert close(J @ dx[0].T, flow.tangent(x[None], dx)[0].T, 1e-12)
 

@@ -21,10 +21,10 @@ Q, P = np.array(TOP.q0), np.array(TOP.p0)
 
 @pytest.fixture(autouse=True, scope="module")
 def _in_double():
-    before = jax.config.jax_enable_x64
+    setting = jax.config.jax_enable_x64
     jax.config.update("jax_enable_x64", True)
     yield
-    jax.config.update("jax_enable_x64", before)
+    jax.config.update("jax_enable_x64", setting)
 
 
 def top(steps=12, **more):
@@ -60,11 +60,11 @@ def test_maps_have_the_bits_of_single_calls():
     for function in (F, jax.grad(loss, 2), jax.jacfwd(F, 2), jax.jacrev(F, 2)):
         single = jax.jit(function)
         singles = np.array([single(Q, P, theta) for theta in thetas])
-        beside = jax.jit(jax.vmap(function, (None, None, 1), out_axes=1))(Q, P, thetas.T)
-        assert np.array_equal(np.moveaxis(beside, 1, 0), singles)
-    once = jax.vmap(F, (None, None, 0))
-    twice = jax.jit(jax.vmap(once, (0, None, None)))(np.stack([Q, Q]), P, thetas)
-    assert np.array_equal(twice[1], once(Q, P, thetas))
+        mapped = jax.jit(jax.vmap(function, (None, None, 1), out_axes=1))(Q, P, thetas.T)
+        assert np.array_equal(np.moveaxis(mapped, 1, 0), singles)
+    over_theta = jax.vmap(F, (None, None, 0))
+    over_start = jax.jit(jax.vmap(over_theta, (0, None, None)))(np.stack([Q, Q]), P, thetas)
+    assert np.array_equal(over_start[1], over_theta(Q, P, thetas))
 
 
 def test_a_scan_of_steps_has_the_gradient_of_a_run():

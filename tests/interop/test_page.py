@@ -84,8 +84,9 @@ def test_minimize_finds_inputs():
     goal = np.array([0.0, 1.0])
 
     def miss(run):
-        off = run.q[-1] - goal
-        return off @ off + run.p[-1] @ run.p[-1], {"q": 2 * off, "p": 2 * run.p[-1]}
+        difference = run.q[-1] - goal
+        return difference @ difference + run.p[-1] @ run.p[-1], {
+            "q": 2 * difference, "p": 2 * run.p[-1]}
 
     f = step.value_and_gradient(miss, q, p, wrt=["inputs"], parameters=parameters, dt=dt,
                                 steps=steps, inputs=np.zeros((steps, 2)))

@@ -53,15 +53,15 @@ def test_backward_and_dual_numbers_are_transposes():
     directions = [x.flip(0) for x in (Q, P, THETA)]
     with torch.autograd.forward_ad.dual_level():
         duals = map(torch.autograd.forward_ad.make_dual, (Q, P, THETA), directions)
-        ahead = torch.autograd.forward_ad.unpack_dual(F(*duals)).tangent
-    back = sum(x.grad @ dx for x, dx in zip(leaves, directions, strict=True))
-    assert close(back, ahead @ w)
+        by_duals = torch.autograd.forward_ad.unpack_dual(F(*duals)).tangent
+    by_backward = sum(x.grad @ dx for x, dx in zip(leaves, directions, strict=True))
+    assert close(by_backward, by_duals @ w)
     _, pull = torch.func.vjp(lambda theta: F(Q, P, theta), THETA)
     by_w = torch.func.jacrev(lambda w: pull(w)[0])(w)
     assert close(by_w.T, torch.func.jacfwd(F, 2)(Q, P, THETA))
-    once = THETA.clone().requires_grad_()
-    F(Q, P, once)[0].backward()
-    assert close(once.grad, torch.func.grad(lambda theta: F(Q, P, theta)[0])(THETA))
+    theta_leaf = THETA.clone().requires_grad_()
+    F(Q, P, theta_leaf)[0].backward()
+    assert close(theta_leaf.grad, torch.func.grad(lambda theta: F(Q, P, theta)[0])(THETA))
 
 
 def test_maps_have_the_bits_of_single_calls():

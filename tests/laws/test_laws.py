@@ -85,12 +85,12 @@ def test_the_jacobian_is_the_derivative_of_the_residual(name, scheme, stages):
     """
     step, entry = stepper(name, scheme, stages), case(name)
     q, p = start(name, step)
-    how = entry.step | {"t": entry.t0, "parameters": entry.parameters}
+    arguments = entry.step | {"t": entry.t0, "parameters": entry.parameters}
     draw = np.random.default_rng(5)
-    x = step.guess(q, p, **how)
+    x = step.guess(q, p, **arguments)
     x = x + 0.02 * draw.standard_normal(len(x)) * (1 + np.abs(x))
-    J = step.jacobian(x, q, p, **how)
-    assert np.abs(jacobian_by_differences(step, x, q, p, **how) - J).max() <= (
+    J = step.jacobian(x, q, p, **arguments)
+    assert np.abs(jacobian_by_differences(step, x, q, p, **arguments) - J).max() <= (
         1e-6 * np.abs(J).max())
 
 
@@ -117,14 +117,14 @@ def test_symmetric_steps_turn_back(name, scheme, stages):
     """Forward and back again: the start, to the round-off that 40 steps amplify."""
     step, entry = stepper(name, scheme, stages), case(name)
     forward = run(name, step, 20)
-    back = step.integrate(forward[-1], steps=20, parameters=entry.parameters,
-                          **dict.fromkeys(entry.step, -entry.dt))
+    reversed_run = step.integrate(forward[-1], steps=20, parameters=entry.parameters,
+                                  **dict.fromkeys(entry.step, -entry.dt))
     q, p = scales(forward)
     size = 1 + np.abs(forward.energies).max()
-    assert abs(back.work[-1] + forward.work[-1]) <= 1e4 * EPS * size
-    assert np.abs(back.q[-1] - forward.q[0]).max() <= 1e4 * EPS * q
-    assert np.abs(back.p[-1] - forward.p[0]).max() <= 1e4 * EPS * p
-    assert abs(back.t[-1] - entry.t0) <= 1e4 * EPS * (1 + abs(forward.t[-1]))
+    assert abs(reversed_run.work[-1] + forward.work[-1]) <= 1e4 * EPS * size
+    assert np.abs(reversed_run.q[-1] - forward.q[0]).max() <= 1e4 * EPS * q
+    assert np.abs(reversed_run.p[-1] - forward.p[0]).max() <= 1e4 * EPS * p
+    assert abs(reversed_run.t[-1] - entry.t0) <= 1e4 * EPS * (1 + abs(forward.t[-1]))
 
 
 @pytest.mark.parametrize(("name", "stages"), [
@@ -136,10 +136,10 @@ def test_turned_momenta_lead_back_in_scaled_time(name, stages):
     forward = run(name, step, 30)
     turned = forward[-1].replace(p=-forward[-1].p)
     size = 1e4 * EPS * max(scales(forward))
-    back = step.integrate(turned, steps=30, **options)
+    single = step.integrate(turned, steps=30, **options)
     lanes = step.integrate_ensemble([turned, step.start(turned, **options).start], steps=30,
                                     **options).members
-    for reversed_run in (back, *lanes):
+    for reversed_run in (single, *lanes):
         assert np.abs(reversed_run.q[-1] - forward.q[0]).max() <= size
         assert np.abs(reversed_run.p[-1] + forward.p[0]).max() <= size
         assert abs(reversed_run.t[-1] - 2 * forward.t[-1]) <= size

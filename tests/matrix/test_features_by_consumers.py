@@ -106,35 +106,36 @@ def test_inputs_by_rows_by_names_and_one_run_a_step_are_the_same(name, scheme):
     inputs = [str(s) for s in entry.system.inputs]
     rows = np.random.default_rng(2).standard_normal((6, len(inputs))) / 4
     plain = {key: value for key, value in entry.parameters.items() if key not in inputs}
-    how = {"dt": entry.dt, "parameters": plain}
+    arguments = {"dt": entry.dt, "parameters": plain}
     begin = timed_start(name, step)
     q, p = begin.q, begin.p
-    expected = step.integrate(begin, steps=22, inputs=gs.Inputs(rows, hold=4), **how)
-    each = np.repeat(rows, 4, axis=0)[:22]
-    same(step.integrate(begin, steps=22, inputs=each, **how), expected)
-    same(step.integrate(begin, steps=22, inputs=dict(zip(inputs, each.T, strict=True)), **how),
+    expected = step.integrate(begin, steps=22, inputs=gs.Inputs(rows, hold=4), **arguments)
+    step_rows = np.repeat(rows, 4, axis=0)[:22]
+    same(step.integrate(begin, steps=22, inputs=step_rows, **arguments), expected)
+    same(step.integrate(begin, steps=22, inputs=dict(zip(inputs, step_rows.T, strict=True)),
+                        **arguments),
          expected)
     assert np.isnan(expected.parameters[inputs[0]])  # it is no one number
-    thin = step.integrate(begin, steps=22, inputs=gs.Inputs(rows, hold=4), every=5, **how)
+    thin = step.integrate(begin, steps=22, inputs=gs.Inputs(rows, hold=4), every=5, **arguments)
     assert np.array_equal(thin.q, expected.q[[0, 5, 10, 15, 20, 22]])
-    fed = step.start(begin, **how | {"parameters": entry.parameters})
-    for i, row in enumerate(each):
-        fed.advance(**dict(zip(inputs, row, strict=True)))
+    simulation = step.start(begin, **arguments | {"parameters": entry.parameters})
+    for i, row in enumerate(step_rows):
+        simulation.advance(**dict(zip(inputs, row, strict=True)))
         single = step.integrate(gs.Start(expected.q[i], expected.p[i], t=expected.t[i]), steps=1,
                                 dt=entry.dt, parameters=plain | dict(zip(inputs, row, strict=True)))
         assert np.abs(single.q[-1] - expected.q[i + 1]).max() <= 256 * EPS
         assert np.abs(single.p[-1] - expected.p[i + 1]).max() <= 256 * EPS * (
             1 + np.abs(expected.p).max())
     q1, p1 = q, p
-    for i, row in enumerate(each):  # a step from the time of the run, with its row
+    for i, row in enumerate(step_rows):  # a step from the time of the run, with its row
         q1, p1 = step.step(gs.Start(q1, p1, t=expected.t[i]), dt=entry.dt, parameters=plain,
                            inputs=row)
         assert np.abs(q1 - expected.q[i + 1]).max() <= 256 * EPS
-    assert np.array_equal(fed.q, expected.q[-1])
-    assert fed.parameters[inputs[-1]] == each[-1][-1]
+    assert np.array_equal(simulation.q, expected.q[-1])
+    assert simulation.parameters[inputs[-1]] == step_rows[-1][-1]
     member_rows = np.array([rows, -rows])
     ensemble = step.integrate_ensemble([begin] * 2, steps=22,
-                                       inputs=gs.Inputs(member_rows, hold=4), **how)
+                                       inputs=gs.Inputs(member_rows, hold=4), **arguments)
     assert np.abs(ensemble.q[0] - expected.q).max() <= 256 * EPS
     assert np.abs(ensemble.q[1] - expected.q).max() > 1e-6
 
@@ -157,9 +158,9 @@ def test_members_of_an_ensemble_are_single_runs(name, scheme):
     ensemble = step.integrate_ensemble(gs.Start(*map(np.array, zip(*starts, strict=True)), t=times),
                                        steps=20, every=3, **options(name, parameters=sets))
     for (q, p), numbers, time, member in zip(starts, sets, times, ensemble.members, strict=True):
-        alone = step.integrate(gs.Start(q, p, t=time), steps=20, every=3,
-                               **options(name, parameters=numbers))
-        same(member, alone, ("t", "q", "p", "work", "quantity_values"), bits=False)
+        single = step.integrate(gs.Start(q, p, t=time), steps=20, every=3,
+                                **options(name, parameters=numbers))
+        same(member, single, ("t", "q", "p", "work", "quantity_values"), bits=False)
     assert np.abs(ensemble.q[0] - ensemble.q[4]).max() > 1e-9
 
 
@@ -350,8 +351,9 @@ def test_tangents_are_differences_of_runs(name):
                                 tangents=gs.Tangents(start="all"), **options(name))
     basis, n = trajectory.tangents.start, step.n
     direction = basis @ np.random.default_rng(1).standard_normal(basis.shape[1])
-    along = np.linalg.lstsq(basis, direction, rcond=None)[0]
-    derivative = np.concatenate([trajectory.tangents.q[-1], trajectory.tangents.p[-1]]) @ along
+    coefficients = np.linalg.lstsq(basis, direction, rcond=None)[0]
+    derivative = np.concatenate([trajectory.tangents.q[-1],
+                                 trajectory.tangents.p[-1]]) @ coefficients
 
     def end(h):
         begin = step.project(q + h * direction[:n], p + h * direction[n:],

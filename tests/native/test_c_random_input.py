@@ -310,19 +310,19 @@ def built(name, flags, folder, compiler_name=MAIN):
     kernel, files = program(name)
     write(files, folder)
     # no stepper calls all inline functions of the engine, which clang counts and gcc does not
-    done = call([*command, *flags, "-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Werror",
-                 "-Wno-unused-function", "random.c", f"{kernel}.c", "-lm", "-o", "random"],
-                cwd=folder)
-    if done.returncode and re.search(r"lib(clang_rt\.)?(asan|ubsan)", done.stderr):
+    process = call([*command, *flags, "-std=c11", "-Wall", "-Wextra", "-Wconversion", "-Werror",
+                    "-Wno-unused-function", "random.c", f"{kernel}.c", "-lm", "-o", "random"],
+                   cwd=folder)
+    if process.returncode and re.search(r"lib(clang_rt\.)?(asan|ubsan)", process.stderr):
         pytest.skip(f"{compiler_name} has no sanitizer libraries")
-    assert done.returncode == 0, done.stderr
+    assert process.returncode == 0, process.stderr
     return folder / "random"
 
 
 def attempt(command, folder):
-    done = call(command, cwd=folder)
-    assert done.returncode == 0, done.stdout + done.stderr
-    finished, refused, results = map(int, re.findall(r"\d+", done.stdout))
+    process = call(command, cwd=folder)
+    assert process.returncode == 0, process.stdout + process.stderr
+    finished, refused, results = map(int, re.findall(r"\d+", process.stdout))
     assert min(finished, refused) > 0
     return results
 
@@ -364,10 +364,10 @@ def test_memcheck_finds_nothing_in_random_calls(name, tmp_path):
 def test_memcheck_finds_nothing_in_the_plain_program(tmp_path):
     write(case("gl3").step.files, tmp_path)
     shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)
-    done = call([*compiler(MAIN), "-g", "-O1", "-std=c11", "main.c", "heavy_top_gl3_gamma.c",
-                 "-lm", "-o", "top"], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    done = call([*VALGRIND, tmp_path / "top"], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
-    assert done.stdout.startswith("status 0 after 2000 steps")
+    process = call([*compiler(MAIN), "-g", "-O1", "-std=c11", "main.c", "heavy_top_gl3_gamma.c",
+                    "-lm", "-o", "top"], cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    process = call([*VALGRIND, tmp_path / "top"], cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    assert not process.stderr
+    assert process.stdout.startswith("status 0 after 2000 steps")

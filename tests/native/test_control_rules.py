@@ -38,9 +38,9 @@ def run(folder, *command):
     """Return the output of a program that finds nothing; skip where it is missing."""
     if shutil.which(command[0]) is None:
         pytest.skip(f"{command[0]} is not installed")
-    done = call([*command], cwd=folder)
-    assert done.returncode == 0, done.stdout + done.stderr
-    return done.stdout + done.stderr
+    process = call([*command], cwd=folder)
+    assert process.returncode == 0, process.stdout + process.stderr
+    return process.stdout + process.stderr
 
 
 def test_the_text_is_one_dialect(written):
@@ -93,10 +93,10 @@ def test_the_stack_of_a_step_is_bounded(tmp_path):
     outside = {callee for _, callee in calls} - {*bytes_of}
     assert outside <= {"fmaxf", "sqrtf", "memcpy", "memset"}
 
-    def deepest(name, above=()):
-        assert name not in above, "recursion"
+    def deepest(name, callers=()):
+        assert name not in callers, "recursion"
         return bytes_of.get(name, 0) + max(
-            (deepest(callee, (*above, name)) for caller, callee in calls if caller == name),
+            (deepest(callee, (*callers, name)) for caller, callee in calls if caller == name),
             default=0)
 
     assert 0 < deepest(f"{source.name}_advance") <= 512

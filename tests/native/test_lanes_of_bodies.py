@@ -14,10 +14,10 @@ def starts(name, count):
     """Return starts of a case on its constraints, the first its own."""
     case, step, draw = systems.case(name), systems.stepper(name), np.random.default_rng(1)
     q, p = np.array(case.q), np.array(case.p)
-    away = 0.03 * draw.standard_normal((count, 2, len(q)))
-    away[0] = 0
+    displacements = 0.03 * draw.standard_normal((count, 2, len(q)))
+    displacements[0] = 0
     states = [step.project(q + dq, p + dp * np.abs(p).max(), parameters=case.parameters)
-              for dq, dp in away]
+              for dq, dp in displacements]
     return tuple(map(np.array, zip(*states, strict=True)))
 
 
@@ -34,13 +34,14 @@ def test_a_linkage_does_not_depend_on_its_neighbours(batch):
     step, q, p, dts, parameters = batch
     run = {"steps": 70, "every": 7, "parameters": parameters}
     ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
-    back = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1, **run)
+    reversed_order = step.integrate_ensemble(q[::-1], p[::-1], dt=dts[::-1], workers=1, **run)
     assert not ensemble.failures
     for i, member in enumerate(ensemble.members):
-        alone = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
-        assert equal(member, alone.members[0])
-        assert member.report == alone.members[0].report == back.members[6 - i].report
-        assert equal(member, back.members[6 - i])
+        batch_of_one = step.integrate_ensemble(q[i : i + 1], p[i : i + 1], dt=dts[i], **run)
+        assert equal(member, batch_of_one.members[0])
+        assert member.report == batch_of_one.members[0].report == reversed_order.members[
+            6 - i].report
+        assert equal(member, reversed_order.members[6 - i])
         single = step.integrate(q[i], p[i], dt=dts[i], **run)
         # 70 steps of round-off, stages in lanes there, trajectories here
         assert np.abs(single.q - member.q).max() <= 256 * EPS
@@ -57,9 +58,9 @@ def test_a_linkage_that_fails_falls_out_alone(batch):
     dts[2] = 1.0
     run = {"steps": 12, "parameters": parameters}
     ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
-    alone = step.integrate_ensemble(q[2:3], p[2:3], dt=1.0, **run)
+    failing = step.integrate_ensemble(q[2:3], p[2:3], dt=1.0, **run)
     assert list(ensemble.failures) == [2]
-    failure, expected = ensemble.failures[2], alone.failures[0]
+    failure, expected = ensemble.failures[2], failing.failures[0]
     assert (failure.step, failure.reason) == (expected.step, expected.reason)
     assert equal(failure.trajectory, expected.trajectory)
     for i in (0, 1, 3, 4, 5, 6):
@@ -74,9 +75,9 @@ def test_a_lane_that_newton_finishes_stays_its_own(batch):
     dts[4] = 0.05
     run = {"steps": 6, "parameters": parameters, "solver": gs.Solver("auto", max_iterations=15)}
     ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
-    alone = step.integrate_ensemble(q[4:5], p[4:5], dt=0.05, **run)
-    assert ensemble.members[4].report == alone.members[0].report
-    assert equal(ensemble.members[4], alone.members[0])
+    single = step.integrate_ensemble(q[4:5], p[4:5], dt=0.05, **run)
+    assert ensemble.members[4].report == single.members[0].report
+    assert equal(ensemble.members[4], single.members[0])
     assert ensemble.members[4].report.newton_steps > 0
     assert not any(ensemble.members[i].report.newton_steps for i in (0, 1, 2, 3, 5, 6))
 
@@ -88,8 +89,8 @@ def test_predictions_follow_a_motion_that_changes():
     """
     step, case = systems.stepper("four_bar"), systems.case("four_bar")
     run = {"dt": 8e-3, "steps": 400, "every": 400, "parameters": case.parameters}
-    alone = step.integrate(case.q, case.p, **run)
+    single = step.integrate(case.q, case.p, **run)
     ensemble = step.integrate_ensemble([case.q] * 2, [case.p] * 2, **run)
-    for member in (alone, *ensemble.members):
+    for member in (single, *ensemble.members):
         assert member.report.iterations_mean < 10.7
         assert member.report.newton_steps == 0

@@ -90,25 +90,25 @@ def build(name, folder):
     for name in STEPPERS])
 def test_nothing_is_read_or_written_outside_of_its_array(name, tmp_path):
     build(name, tmp_path)
-    done = call([tmp_path / "program"])
-    assert done.returncode == 0, done.stderr[:3000]
+    process = call([tmp_path / "program"])
+    assert process.returncode == 0, process.stderr[:3000]
 
 
 def fmu_program(folder):
     """Return a program that imports an FMU of the driven oscillator."""
     case = systems.case("driven_oscillator")
-    built = gs.build("fmu2", case.system, scheme="IMS", dt=case.dt, start=(case.q, case.p),
-                     parameters=case.parameters, out=folder / "driven.fmu")
-    with zipfile.ZipFile(built.path) as archive:
+    artefact = gs.build("fmu2", case.system, scheme="IMS", dt=case.dt, start=(case.q, case.p),
+                        parameters=case.parameters, out=folder / "driven.fmu")
+    with zipfile.ZipFile(artefact.path) as archive:
         for name in archive.namelist():
             if name.startswith("sources/"):
                 (folder / name.partition("/")[2]).write_bytes(archive.read(name))
     shutil.copy(DATA / "sanitized_fmu.c", folder)
     run([*sanitizing(), *SANITIZE, "-std=c11", f"-DSTEP={case.dt}", "sanitized_fmu.c",
-         f"{built.stepper.name}.c", "-o", "program", "-lm"], folder)
+         f"{artefact.stepper.name}.c", "-o", "program", "-lm"], folder)
     return folder / "program"
 
 
 def test_an_fmu_reads_and_writes_nothing_outside_of_its_arrays(tmp_path):
-    done = call([fmu_program(tmp_path)])
-    assert done.returncode == 0, done.stderr[:3000]
+    process = call([fmu_program(tmp_path)])
+    assert process.returncode == 0, process.stderr[:3000]

@@ -92,10 +92,10 @@ def archives(tmp_path_factory):
     # Isolation downloads setuptools; one that makes wheels by itself may be here.
     has_setuptools = find_spec("setuptools") and find_spec("setuptools.command.bdist_wheel")
     build_options = ["--no-isolation", "--skip-dependency-check"] * bool(has_setuptools)
-    done = call([sys.executable, "-m", "build", *build_options, "--outdir", folder, source],
-                PYTHONWARNINGS=None, PYTHONDONTWRITEBYTECODE=None)
-    assert done.returncode == 0, done.stderr
-    printed = done.stdout + done.stderr
+    process = call([sys.executable, "-m", "build", *build_options, "--outdir", folder, source],
+                   PYTHONWARNINGS=None, PYTHONDONTWRITEBYTECODE=None)
+    assert process.returncode == 0, process.stderr
+    printed = process.stdout + process.stderr
     assert re.findall(r"^.*(?:\bwarning:|Warning:|[Dd]eprecat|^WARNING).*$", printed, re.M) == []
     (sdist,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
     return sdist, wheel
@@ -107,8 +107,8 @@ def test_source_archive_has_every_file_of_the_repository(archives):
         pytest.skip("this is no git checkout")
     with tarfile.open(archives[0]) as archive:
         packed = {name.partition("/")[2] for name in archive.getnames()}
-    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
-    assert {name for name in listed if (ROOT / name).is_file()} <= packed
+    tracked = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    assert {name for name in tracked if (ROOT / name).is_file()} <= packed
 
 
 @pytest.mark.slow  # builds both archives
@@ -159,9 +159,9 @@ def test_tests_of_the_source_archive_find_what_they_read(archives, tmp_path):
     (folder,) = tmp_path.iterdir()
     folder.rename(tmp_path / "gyrospark")
     for command in (["--collect-only"], ["tests/project/test_packaging.py"]):
-        done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *command],
-                    cwd=tmp_path / "gyrospark", PYTHONPATH=str(tmp_path))
-        assert done.returncode == 0, done.stdout
+        process = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *command],
+                       cwd=tmp_path / "gyrospark", PYTHONPATH=str(tmp_path))
+        assert process.returncode == 0, process.stdout
 
 
 @dataclass
@@ -192,10 +192,10 @@ class Machine:
 
     def read(self, blocks: list[documents.Typed]) -> list[list[str]]:
         """Type blocks of Python into one interpreter; return the blocks that stopped, and why."""
-        done = self.warm.call(["-c", READER], self.environment(), cwd=self.folder,
-                              text=json.dumps([[block.where, documents.quick(block.text)]
-                                               for block in blocks]))
-        assert done.returncode == 0, done.stderr
+        process = self.warm.call(["-c", READER], self.environment(), cwd=self.folder,
+                                 text=json.dumps([[block.where, documents.quick(block.text)]
+                                                  for block in blocks]))
+        assert process.returncode == 0, process.stderr
         failures: list[list[str]] = json.loads((self.folder / "stopped.json").read_text("utf-8"))
         return failures
 
@@ -216,12 +216,12 @@ def furnish(folder: Path) -> Path:
 def bare(archives, tmp_path_factory):
     """An environment with the wheel and its dependencies."""
     folder = tmp_path_factory.mktemp("bare")
-    done = call([sys.executable, "-m", "venv", "--without-pip", folder / "venv"])
-    assert done.returncode == 0, done.stderr
-    done = call([sys.executable, "-m", "pip", "--python", folder / "venv" / "bin" / "python",
-                 "install", "--quiet", "--no-compile", "--disable-pip-version-check",
-                 archives[1]], PYTHONWARNINGS=None, PYTHONPATH=None)
-    assert done.returncode == 0, done.stderr
+    process = call([sys.executable, "-m", "venv", "--without-pip", folder / "venv"])
+    assert process.returncode == 0, process.stderr
+    process = call([sys.executable, "-m", "pip", "--python", folder / "venv" / "bin" / "python",
+                    "install", "--quiet", "--no-compile", "--disable-pip-version-check",
+                    archives[1]], PYTHONWARNINGS=None, PYTHONPATH=None)
+    assert process.returncode == 0, process.stderr
     return Machine(folder / "venv" / "bin", furnish(tmp_path_factory.mktemp("typed")))
 
 
@@ -238,8 +238,8 @@ def full(tmp_path_factory):
 def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
     assert megabytes(bare.bin.parent) < 250  # SciPy, NumPy and SymPy 200 of them
     code = "from importlib.metadata import distributions\nfor d in distributions(): print(d.name)"
-    listed = call([bare.bin / "python", "-c", code], PYTHONPATH=None)
-    present = set(listed.stdout.lower().split())
+    process = call([bare.bin / "python", "-c", code], PYTHONPATH=None)
+    present = set(process.stdout.lower().split())
     assert "gyrospark" in present
     extras = {re.split(r"[>=\[<;]", line)[0].lower() for lines in EXTRAS.values() for line in lines}
     assert not (extras | {"pytest"}) & present - {"gyrospark"}
@@ -251,9 +251,9 @@ def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
     """By itself it installs 350 MB, SciPy 110 of them; what the tests need has all it needs."""
     folder = copy(tmp_path / "project")
     for command in (f".venv/{target}", "demo", "demo"):
-        done = call(["make", command], cwd=folder, PYTHONWARNINGS=None, PYTHONPATH=None)
-        assert done.returncode == 0, done.stderr
-    assert done.stdout.count("pip install") == 0
+        process = call(["make", command], cwd=folder, PYTHONWARNINGS=None, PYTHONPATH=None)
+        assert process.returncode == 0, process.stderr
+    assert process.stdout.count("pip install") == 0
     assert (folder / "demo.png").read_bytes().startswith(b"\x89PNG")
     assert (folder / "demo.html").read_text(encoding="utf-8").startswith("<!doctype html>")
     assert (megabytes(folder / ".venv") < 400) == (target == "demo")
@@ -289,12 +289,12 @@ def test_commands_of_the_documents(bare, full):
         if text in typed or command.not_run:
             continue
         typed.add(text)
-        done = bare.type(text)
-        if done.returncode == 2 and done.stderr.count("\n") == 1 and (
-                extra_told(done.stderr, command.section) or command.text == "make demo"):
-            done = full.type(text)
-        if done.returncode:
-            wrong.append(f"{command.where}: {text}\n{done.stdout}{done.stderr}")
+        process = bare.type(text)
+        if process.returncode == 2 and process.stderr.count("\n") == 1 and (
+                extra_told(process.stderr, command.section) or command.text == "make demo"):
+            process = full.type(text)
+        if process.returncode:
+            wrong.append(f"{command.where}: {text}\n{process.stdout}{process.stderr}")
     assert len(typed) > 20
     assert not wrong, "\n".join(wrong)
 

@@ -37,8 +37,8 @@ def checked_in(folder: Path) -> list[Path]:
     """Return the files of a folder that belong to the project: all, if this is no git checkout."""
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         return [path for path in folder.iterdir() if path.is_file()]
-    listed = call(["git", "ls-files", "-z", "."], cwd=folder).stdout.split("\0")
-    return [folder / name for name in listed if name and "/" not in name]
+    tracked = call(["git", "ls-files", "-z", "."], cwd=folder).stdout.split("\0")
+    return [folder / name for name in tracked if name and "/" not in name]
 
 
 def test_packages_in_pyproject_are_the_folders():
@@ -68,8 +68,8 @@ def test_nothing_generated_is_checked_in_elsewhere():
     """Files of experiments at the root do not stay there."""
     if shutil.which("git") is None or not (ROOT / ".git").exists():
         pytest.skip("this is no git checkout")
-    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
-    present = [Path(name) for name in listed if name and (ROOT / name).exists()]
+    tracked = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    present = [Path(name) for name in tracked if name and (ROOT / name).exists()]
     for path in present:
         if path.suffix in (".c", ".h"):
             assert path.parts[0] in ("engine", "generated", "examples", "benchmarks", "targets",
@@ -103,9 +103,9 @@ def test_hints_name_the_packages_of_an_extra(monkeypatch):
     assert all("gyrospark" not in package for packages in checkout.values() for package in packages)
     assert "ziglang" in checkout["compiler"][0]  # which the message on compilers says
     monkeypatch.setattr(Path, "is_file", lambda self: False)
-    listed = [f'{package}{" and" if ";" in package else ";"} extra == "{extra}"'
-              for extra, packages in extras.items() for package in packages]
-    monkeypatch.setattr("importlib.metadata.requires", lambda name: listed)
+    requirements = [f'{package}{" and" if ";" in package else ";"} extra == "{extra}"'
+                    for extra, packages in extras.items() for package in packages]
+    monkeypatch.setattr("importlib.metadata.requires", lambda name: requirements)
     assert {extra: packages_of(extra) for extra in extras} == checkout
 
 
@@ -176,8 +176,8 @@ def test_documents_name_what_exists():
             assert (path.parent / file).exists(), (path, link)
             assert not heading or heading in documents.headings(
                 (path.parent / file).read_text("utf-8")), (path, link)
-        for named in re.findall(r'pip install "\.\[([\w,]+)\]', text):
-            assert set(named.split(",")) <= set(PROJECT["project"]["optional-dependencies"]), path
+        for extras in re.findall(r'pip install "\.\[([\w,]+)\]', text):
+            assert set(extras.split(",")) <= set(PROJECT["project"]["optional-dependencies"]), path
 
 
 def test_a_readme_is_read_in_two_minutes():
@@ -226,7 +226,7 @@ def test_the_engine_has_few_headers_none_of_them_long():
 def test_the_root_has_few_files():
     if not (ROOT / ".git").exists():
         pytest.skip("this is no git checkout")
-    listed = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
-    files = {name for name in listed if name and "/" not in name and not name.startswith(".")}
+    tracked = call(["git", "ls-files", "-z"], cwd=ROOT).stdout.split("\0")
+    files = {name for name in tracked if name and "/" not in name and not name.startswith(".")}
     assert files >= TOOLING
     assert len(files - TOOLING) <= 8, sorted(files - TOOLING)

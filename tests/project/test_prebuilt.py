@@ -53,9 +53,9 @@ def test_runs_without_a_compiler(no_compiler, request):
     assert "-march=native" not in step._provenance["flags"]
     assert step._provenance["compiler"]
     request.getfixturevalue("monkeypatch").undo()
-    _, beside = fast_top_run()
+    _, prebuilt_run = fast_top_run()
     # Other instructions round otherwise: a hundred steps, each by a few eps of |q| = 1.
-    assert np.max(np.abs(np.array(run.q) - np.array(beside.q))) < 1000*np.finfo(float).eps
+    assert np.max(np.abs(np.array(run.q) - np.array(prebuilt_run.q))) < 1000*np.finfo(float).eps
 
 
 def test_other_steppers_ask_for_a_compiler(no_compiler):
@@ -84,10 +84,10 @@ def test_a_checkout_has_none():
 def test_wheel_of_a_platform(tmp_path):
     """As RELEASE.md builds it: a tag for this platform, modules inside, a top without gcc."""
     pytest.importorskip("build")
-    built = subprocess.run([sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT],
+    build = subprocess.run([sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT],
                            env=environment(GYROSPARK_PREBUILT=NAME, PYTHONWARNINGS=None),
                            capture_output=True, text=True, check=False)
-    assert built.returncode == 0, built.stderr
+    assert build.returncode == 0, build.stderr
     (wheel,) = tmp_path.glob("*-cp311-abi3-*.whl")
     with zipfile.ZipFile(wheel) as archive:
         about = json.loads(archive.read("gyrospark/prebuilt/modules.json"))
@@ -96,9 +96,9 @@ def test_wheel_of_a_platform(tmp_path):
     subprocess.run([sys.executable, "-m", "venv", tmp_path / "venv"], check=True)
     subprocess.run([python, "-m", "pip", "install", "--quiet", "--no-compile", wheel], check=True,
                    env=environment(PYTHONWARNINGS=None, PYTHONPATH=None))
-    done = subprocess.run(
+    process = subprocess.run(
         [python, "-m", "gyrospark", "run", "fast-top", "--scheme", "IMS", "--dt", "1e-3",
          "--steps", "10", "--json"], cwd=tmp_path, text=True, check=False, capture_output=True,
         env=environment(PATH="", CC=None, PYTHONPATH=None, GYROSPARK_CACHE=str(tmp_path / "cache")))
-    assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)["steps"] == 10
+    assert process.returncode == 0, process.stderr
+    assert json.loads(process.stdout)["steps"] == 10

@@ -166,5 +166,5 @@ def test_the_folder_of_the_repository_may_have_any_name(tmp_path):
     (root / "tests" / "test_nothing.py").write_text("def test_nothing():\n    pass\n")
     command = [sys.executable, "-m", "pytest", "-p", "root_folder", "--rootdir", root,
                "--import-mode=importlib", "-p", "no:cacheprovider"]
-    done = call(command, cwd=root, PYTHONPATH=str(HELPERS), PYTEST_DISABLE_PLUGIN_AUTOLOAD="1")
-    assert done.returncode == 0, done.stdout
+    process = call(command, cwd=root, PYTHONPATH=str(HELPERS), PYTEST_DISABLE_PLUGIN_AUTOLOAD="1")
+    assert process.returncode == 0, process.stdout

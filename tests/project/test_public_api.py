@@ -121,10 +121,10 @@ def test_the_first_program_of_the_readme_is_short():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     program = readme.split("```python\n")[1].split("```")[0]
     assert len([line for line in program.splitlines() if line]) <= 5
-    named = {node.attr if isinstance(node, ast.Attribute) else node.id
+    names = {node.attr if isinstance(node, ast.Attribute) else node.id
              for node in ast.walk(ast.parse(program))
              if isinstance(node, ast.Attribute | ast.Name)}
-    assert named.isdisjoint({"gamma", "q", "p", "q0", "p0", "parameters"})
+    assert names.isdisjoint({"gamma", "q", "p", "q0", "p0", "parameters"})
 
 
 def test_the_table_of_the_changelog_has_every_former_name():

@@ -141,9 +141,9 @@ def followed(title: str, folder: Path) -> list[str]:
     applied(title, folder)
     outputs = []
     for words in RECIPES[title].commands:
-        done = warm().call(words, environment(), cwd=folder)
-        assert done.returncode == 0, done.stderr
-        outputs.append(done.stdout)
+        process = warm().call(words, environment(), cwd=folder)
+        assert process.returncode == 0, process.stderr
+        outputs.append(process.stdout)
     return outputs
 
 
@@ -174,9 +174,9 @@ def test_what_recipes_write_passes_the_lint(tool, checkout):
             shutil.copytree(linted, checkout.parent / "cache")
         arguments = ["--config-file", checkout / "pyproject.toml", "--cache-dir", "cache",
                      *(word for module in sorted(modules) for word in ("-m", module))]
-    done = call([sys.executable, "-m", tool, *arguments], cwd=checkout.parent, PYTHONPATH=None,
-                MYPYPATH=".", PYTHONWARNINGS=None)
-    assert done.returncode == 0, done.stdout + done.stderr
+    process = call([sys.executable, "-m", tool, *arguments], cwd=checkout.parent, PYTHONPATH=None,
+                   MYPYPATH=".", PYTHONWARNINGS=None)
+    assert process.returncode == 0, process.stdout + process.stderr
 
 
 @pytest.mark.slow  # a run of pytest in a copy
@@ -184,10 +184,10 @@ def test_what_recipes_write_passes_the_tests_of_the_project(checkout):
     """Tests of processes and of single runs are left out, for recipes do not change these."""
     files = [f"tests/project/test_{name}.py" for name in ("architecture", "docstrings",
                                                           "packaging")]
-    done = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "no:xdist",
-                 *files, "-k", "not (no_sympy or not_installed or fit)"],
-                cwd=checkout, PYTHONPATH=str(checkout.parent), PYTHONWARNINGS=None)
-    assert done.returncode == 0, done.stdout
+    process = call([sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p",
+                    "no:xdist", *files, "-k", "not (no_sympy or not_installed or fit)"],
+                   cwd=checkout, PYTHONPATH=str(checkout.parent), PYTHONWARNINGS=None)
+    assert process.returncode == 0, process.stdout
 
 
 #: A file that a recipe's commands write, or a part of what they print.

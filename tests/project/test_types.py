@@ -57,14 +57,14 @@ def test_right_programs_pass_and_each_wrong_line_is_flagged(tmp_path):
     copies = [shutil.copy(path, tmp_path) for path in PROGRAMS]
     source = Path(sys.prefix, "src")
     mypy = [sys.executable, "-m", "mypy", "--strict", "--config-file", ROOT / "pyproject.toml"]
-    done = subprocess.run([*mypy, program, *copies], cwd=source,
-                          env=os.environ | {"MYPYPATH": str(source)},
-                          capture_output=True, text=True, check=False)
-    flagged = re.findall(r"(\w+\.py):(\d+): error", done.stdout)
+    process = subprocess.run([*mypy, program, *copies], cwd=source,
+                             env=os.environ | {"MYPYPATH": str(source)},
+                             capture_output=True, text=True, check=False)
+    flagged = re.findall(r"(\w+\.py):(\d+): error", process.stdout)
     first = RIGHT.count("\n") + 2
     lines = range(first, first + len(WRONG.strip().splitlines()))
     assert {(name, int(line)) for name, line in flagged} == {
-        ("program.py", line) for line in lines}, done.stdout
+        ("program.py", line) for line in lines}, process.stdout
 
 
 @pytest.mark.slow  # derives and compiles ten systems

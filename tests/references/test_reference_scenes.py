@@ -46,8 +46,9 @@ def test_andrews_and_the_governor_start_as_their_lagrangians_do():
         model = problem.make().in_type(float)
         scene = scene_reference(problem)
         groups = scene.read(at_start(scene.scene))
-        off = np.subtract(groups["positions"], model.q0.astype(float))
-        assert off - 2 * np.pi * np.round(off / (2 * np.pi)) == pytest.approx(0, abs=1e-13)
+        differences = np.subtract(groups["positions"], model.q0.astype(float))
+        assert differences - 2 * np.pi * np.round(differences / (2 * np.pi)) == pytest.approx(
+            0, abs=1e-13)
         speeds = [2 * np.pi, 0, 0.05] if "governor" in name else [0] * 7
         assert groups["velocities"] == pytest.approx(speeds, rel=1e-14, abs=1e-14)
 

@@ -38,11 +38,11 @@ def test_a_kept_file_is_read(real: str) -> None:
     suffix = "" if real == "double" else f"_{real}"
     stored = gs.load(KEPT / f"heavy_top_gl2_gamma{suffix}.npz")
     step, q0, p0, parameters = run_again(real)
-    now = step.integrate(q0, p0, dt=1e-3, steps=300, every=10, parameters=parameters)
-    assert stored.t.shape == now.t.shape
+    computed = step.integrate(q0, p0, dt=1e-3, steps=300, every=10, parameters=parameters)
+    assert stored.t.shape == computed.t.shape
     # 300 steps, each of which may end on another neighbour of the root
     bound = 300 * 16 * (2.0 ** -52 if real == "double" else 2.0 ** -112)
-    assert np.max(np.abs(stored.q - now.q)) < bound
+    assert np.max(np.abs(stored.q - computed.q)) < bound
 
 
 def test_an_earlier_store_is_read(store: Path) -> None:
@@ -57,8 +57,8 @@ def test_an_earlier_store_is_read(store: Path) -> None:
 def test_an_earlier_store_is_not_resumed_by_other_code(store: Path) -> None:
     """The bits would differ from the bits of one run: the message names the difference."""
     step, q0, p0, parameters = run_again()
-    before = sorted((file, file.stat().st_size) for file in store.rglob("*"))
+    sizes = sorted((file, file.stat().st_size) for file in store.rglob("*"))
     with pytest.raises(gs.InputError, match=r"another.*code\.source"):
         record(step, q0, p0, dt=1e-3, steps=600, every=10, parameters=parameters,
                   out=store, resume=True)
-    assert sorted((file, file.stat().st_size) for file in store.rglob("*")) == before
+    assert sorted((file, file.stat().st_size) for file in store.rglob("*")) == sizes

@@ -76,19 +76,19 @@ def test_signal_ends_a_run_at_a_commit(tmp_path):
 
 def test_an_ignored_signal_does_not_end_a_run(gl3, tmp_path):
     """As under nohup; the handler stays as it was."""
-    before = signal.signal(signal.SIGHUP, signal.SIG_IGN)
+    handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         run = record(gl3, **START, out=tmp_path / "run.zarr", steps=100,
                         progress=lambda done: os.kill(os.getpid(), signal.SIGHUP))
         assert signal.getsignal(signal.SIGHUP) is signal.SIG_IGN
     finally:
-        signal.signal(signal.SIGHUP, before)
+        signal.signal(signal.SIGHUP, handler)
     assert run.status == "complete"
 
 
 def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
     """The run is complete, says so, and its caller's handlers are back in place."""
-    before = signal.getsignal(signal.SIGINT)
+    handler = signal.getsignal(signal.SIGINT)
 
     def progress(done):
         if done == 5000:
@@ -98,7 +98,7 @@ def test_signal_after_the_last_step_loses_nothing(gl3, tmp_path):
         record(gl3, **START, out=tmp_path / "run.zarr", steps=5000, progress=progress)
     assert "--resume" not in str(end.value)
     assert gs.load(tmp_path / "run.zarr").status == "complete"
-    assert signal.getsignal(signal.SIGINT) is before
+    assert signal.getsignal(signal.SIGINT) is handler
 
 
 def test_stopped_says_where(gl3, tmp_path):
@@ -106,12 +106,12 @@ def test_stopped_says_where(gl3, tmp_path):
     def progress(done):
         os.kill(os.getpid(), signal.SIGTERM)
 
-    before = signal.getsignal(signal.SIGTERM)
+    handler = signal.getsignal(signal.SIGTERM)
     with pytest.raises(gs.errors.Stopped, match="16 of 20,000") as stopped:
         record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, progress=progress)
     assert isinstance(stopped.value, KeyboardInterrupt)
     assert stopped.value.signal == signal.SIGTERM
-    assert signal.getsignal(signal.SIGTERM) is before
+    assert signal.getsignal(signal.SIGTERM) is handler
     recording = record(gl3, **START, out=tmp_path / "run.zarr", steps=20_000, resume=True)
     np.testing.assert_array_equal(recording[:].q, integrate(gl3, **START, steps=20_000).q)
 
@@ -172,11 +172,11 @@ KILLED = {"every step": (EVERY_STEP, "5"), "parts of blocks": (PARTS_OF_BLOCKS, 
 def killed(command, seconds, kills, folder, seed):
     """Kill a command that often; each time it ends, it must end with the same bytes."""
     folder.mkdir()
-    done = call([sys.executable, HELPERS / "interruption.py", str(folder),
-                 str(kills), str(seed), *command, "--out", "{store}"],
-                KILLING_SECONDS=seconds, **FAST)
-    assert done.returncode == 0, done.stderr
-    outcome = json.loads(done.stdout)
+    process = call([sys.executable, HELPERS / "interruption.py", str(folder),
+                    str(kills), str(seed), *command, "--out", "{store}"],
+                   KILLING_SECONDS=seconds, **FAST)
+    assert process.returncode == 0, process.stderr
+    outcome = json.loads(process.stdout)
     assert outcome["kills"] == kills
     assert outcome["completed"] == outcome["same"] > 0
     assert not outcome["differing"]

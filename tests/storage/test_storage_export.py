@@ -230,7 +230,7 @@ def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
 def test_export_that_is_refused(gyrospark, tmp_path):
     (tmp_path / "folder.csv").mkdir()
     assert gyrospark(*RUN, "--out", "run.zarr").code == 0
-    before = sorted(tmp_path.rglob("*"))
+    paths = sorted(tmp_path.rglob("*"))
     kinds = ".npz, .csv, .nc"
     for words, *options in (
             (kinds, "run.txt"), (kinds, "run"), (kinds, ""), (kinds, ".csv"),
@@ -239,7 +239,7 @@ def test_export_that_is_refused(gyrospark, tmp_path):
             ("degrees", "x.csv", "--degrees")):
         refused(gyrospark("export", "run.zarr", *options), words)
     refused(gyrospark("export", "none.zarr", "x.csv"), "'none.zarr'", "not a run")
-    assert sorted(tmp_path.rglob("*")) == before
+    assert sorted(tmp_path.rglob("*")) == paths
 
 
 def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):

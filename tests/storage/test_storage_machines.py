@@ -83,9 +83,9 @@ def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypa
     monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: 1e6))
     commits, commit = [], recorder.Recorder._commit
 
-    def counted(course, writer, **how):
+    def counted(course, writer, **options):
         commits.append(course.state.steps)
-        commit(course, writer, **how)
+        commit(course, writer, **options)
 
     monkeypatch.setattr(recorder.Recorder, "_commit", counted)
     recorded(gl3, tmp_path / "run.zarr", **START, steps=3000, every=3)
@@ -233,17 +233,17 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
 @pytest.mark.skipif(os.name == "nt", reason="Windows does not sync folders")
 def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
     """Else a power cut leaves the name of a file without its bytes; the name is synced then."""
-    done = []
+    operations = []
 
     def fsync(handle):
-        done.append(("sync", os.fstat(handle).st_ino))
+        operations.append(("sync", os.fstat(handle).st_ino))
 
     def replace(source, target):
-        done.append(("name", source.stat().st_ino, source.read_bytes()))
+        operations.append(("name", source.stat().st_ino, source.read_bytes()))
         os.replace(source, target)  # noqa: PTH105
 
     monkeypatch.setattr(os, "fsync", fsync)
     monkeypatch.setattr(Path, "replace", replace)
     write_durably(tmp_path / "file", b"bytes")
     file, folder = (path.stat().st_ino for path in (tmp_path / "file", tmp_path))
-    assert done == [("sync", file), ("name", file, b"bytes"), ("sync", folder)]
+    assert operations == [("sync", file), ("name", file, b"bytes"), ("sync", folder)]

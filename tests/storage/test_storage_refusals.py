@@ -86,13 +86,13 @@ OTHERS = [
 
 
 def test_another_run_is_refused(gl3, begun):
-    before = as_files(begun)
+    files = as_files(begun)
     for change, words in OTHERS:
         with pytest.raises(gs.InputError, match="another run") as error:
             record(gl3, **ARGUMENTS | change, out=begun, resume=True)
         message = sentence(error.value)
         assert all(word in message for word in words), message
-    assert as_files(begun) == before
+    assert as_files(begun) == files
 
 
 def test_other_flags_of_the_compiler_are_refused(gl3, store):
@@ -116,14 +116,14 @@ def test_another_stepper_is_refused(begun):
 def test_another_version_is_refused(gl3, begun, monkeypatch):
     """The message names the version and every other difference; the store can be read."""
     monkeypatch.setattr("gyrospark.storage.identity.__version__", "9.9")
-    before = as_files(begun)
+    files = as_files(begun)
     with pytest.raises(gs.InputError) as error:
         record(gl3, **ARGUMENTS | {"dt": 2e-3}, out=begun, resume=True)
     message = sentence(error.value)
     for word in (repr(str(begun)), f"gyrospark {gs.__version__}", "gyrospark 9.9", "0.002"):
         assert word in message
     assert gs.load(begun)[:].q.shape == (42, 4)
-    assert as_files(begun) == before
+    assert as_files(begun) == files
 
 
 def test_store_of_another_version_with_the_same_layout_is_read(store):
@@ -166,10 +166,10 @@ def test_last_digits_of_wide_starts(tmp_path):
 
 
 def test_store_that_is_there(gyrospark, begun):
-    before = as_files(begun)
+    files = as_files(begun)
     refused(gyrospark(*RUN, "--out", begun), "already", "--resume")
     refused(gyrospark(*RUN, "--out", begun, "--resume"), "another run", "steps was 100")
-    assert as_files(begun) == before
+    assert as_files(begun) == files
 
 
 @pytest.mark.parametrize("kind", ["file", "folder", "array", "loop"])
@@ -318,11 +318,11 @@ def test_garbage_for_metadata(file, store, gl3):
 def test_arrays_of_another_form(name, store, gl3):
     """Shape, blocks and type are compared before a run is resumed."""
     file = store / name / "zarr.json"
-    before = file.read_text()
+    text = file.read_text()
     for change in (("51", "30"), ("51", "52"), ("16", "8"), ("float64", "float32"),
                    ("0.0", '"x"')):
-        file.write_text(before.replace(*change))
-        if file.read_text() != before:
+        file.write_text(text.replace(*change))
+        if file.read_text() != text:
             with pytest.raises(gs.InputError):
                 everything(store, gl3)
             with pytest.raises(gs.InputError):
@@ -350,7 +350,7 @@ def test_missing_array(name, store, gl3):
     for damage in (None, shutil.rmtree):
         if damage:
             damage(store / name)
-        before = as_files(store)
+        files = as_files(store)
         if name == "checkpoint":
             assert gs.load(store)[:].q.shape == (42, 4)
         else:
@@ -359,7 +359,7 @@ def test_missing_array(name, store, gl3):
         for steps in (100, 200):
             with pytest.raises(gs.InputError, match=f"'{name}'.*missing"):
                 record(gl3, **ARGUMENTS | {"steps": steps}, out=store, resume=True)
-        assert as_files(store) == before
+        assert as_files(store) == files
 
 
 @pytest.mark.parametrize(("name", "block"), [("q", 0), ("time", 2), ("iterations", 1)])

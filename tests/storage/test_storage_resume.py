@@ -174,9 +174,9 @@ def test_before_the_first_commit(gl3, tmp_path):
 def test_done_twice(gl3, tmp_path):
     """A complete run is read, not written, even if it is resumed like a new one."""
     first = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
-    before = {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")}
+    times_of_files = {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")}
     resumed = record(gl3, **START, out=tmp_path / "run.zarr", steps=50, resume=True)
-    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")} == before
+    assert {p: p.stat().st_mtime_ns for p in (tmp_path / "run.zarr").rglob("*")} == times_of_files
     assert_same(resumed[:], first[:])
 
 

@@ -59,9 +59,9 @@ def test_a_stored_run_finds_what_integrate_finds(
     step, run = arguments(every=every, events=EVENTS + ends)
     computed = integrate(step, **run)
     small(monkeypatch, chunk, rows)
-    once = recorded(step, tmp_path / "whole.zarr", **run)
-    assert (once.status, once.steps_done) == (status, steps)
-    for recording in (once, in_pieces(step, tmp_path / "pieces.zarr", calls, **run)):
+    uninterrupted = recorded(step, tmp_path / "whole.zarr", **run)
+    assert (uninterrupted.status, uninterrupted.steps_done) == (status, steps)
+    for recording in (uninterrupted, in_pieces(step, tmp_path / "pieces.zarr", calls, **run)):
         assert_same(recording[:], computed)
         assert_same_events(recording.events, computed.events)
         assert_same_events(recording[:].events, computed.events)
@@ -117,12 +117,12 @@ def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
     """The status says so for any number of steps, and no file changes."""
     step, run = arguments(events=[STOP, *EVENTS])
     record(step, out=tmp_path / "run.zarr", **run)
-    before = as_files(tmp_path / "run.zarr")
+    files = as_files(tmp_path / "run.zarr")
     for steps in (60, 200):
         recording = record(step, out=tmp_path / "run.zarr", resume=True, **run | {"steps": steps})
         assert recording.status == "ended: stop"
         assert "ended: stop, 29 of 60" in repr(recording)
-    assert as_files(tmp_path / "run.zarr") == before
+    assert as_files(tmp_path / "run.zarr") == files
     assert_same(recording[:], integrate(step, **run))
 
 
@@ -140,7 +140,7 @@ def test_the_order_of_events_is_no_part_of_a_run(tmp_path, monkeypatch) -> None:
 def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
     step, run = arguments(steps=3)
     record(step, out=tmp_path / "run.zarr", **run)
-    before = as_files(tmp_path / "run.zarr")
+    files = as_files(tmp_path / "run.zarr")
     for events, words in (
             ([], r"events .*\{.*None"),
             (EVENTS[:3], r"events\.never .*\{.*None"),
@@ -155,7 +155,7 @@ def test_a_run_with_other_events_is_another_run(tmp_path) -> None:
         record(step, out=tmp_path / "other.zarr", **run | {
             "events": gs.Event("angle", name="../angle")})
     assert not (tmp_path / "other.zarr").exists()
-    assert as_files(tmp_path / "run.zarr") == before
+    assert as_files(tmp_path / "run.zarr") == files
 
 
 def test_states_between_the_steps_of_a_stored_run(tmp_path) -> None:

@@ -44,9 +44,9 @@ every_finding = pytest.mark.parametrize("key", [
 @pytest.mark.parametrize(("claim", "times"), [(energy_claim, 1), (longer_claim, LONGER)])
 def test_claims_on_the_energy_hold_for_gains_of_their_runs(claim: Any, times: int) -> None:
     def trial(method: str, **gains: float) -> Any:
-        of = {1: gains["short"], LONGER: gains["long"]}
-        return SimpleNamespace(method=method, energy_gain=lambda times: of[times],
-                               at_round_off=lambda times=1: of[times] == 0)
+        gain_of = {1: gains["short"], LONGER: gains["long"]}
+        return SimpleNamespace(method=method, energy_gain=lambda times: gain_of[times],
+                               at_round_off=lambda times=1: gain_of[times] == 0)
 
     good, without_gain = trial("IMS", short=2.0, long=3.0), trial("EMS", short=0, long=0)
     assert claim(BODIES[0], [good, without_gain]).holds
@@ -59,8 +59,8 @@ def test_gains_are_those_at_the_second_time() -> None:
     times = (1.0, 10.0, 100.0)
 
     def trial(gain: float) -> Any:
-        of = {times[0]: 1 / gain, times[1]: gain, times[2]: 1 / gain}
-        return SimpleNamespace(gain=lambda rule="γ_m", times=times: of[times[-1]],
+        gain_of = {times[0]: 1 / gain, times[1]: gain, times[2]: 1 / gain}
+        return SimpleNamespace(gain=lambda rule="γ_m", times=times: gain_of[times[-1]],
                                gamma=lambda: 2.0, rule=lambda name: 1.0)
 
     assert gain_claim([trial(1.2), trial(1.1), trial(math.nan), trial(0.9)], times).holds

@@ -124,11 +124,11 @@ def test_same_residual_other_jacobian():
     np.testing.assert_allclose(inexact.residual(x, *STATE, **keywords),
                                exact.residual(x, *STATE, **keywords), rtol=0, atol=1e-11)
     J = [s.jacobian(x, *STATE, **keywords) for s in (exact, inexact)]
-    changed = np.abs(J[0] - J[1]) > 1e-11 * np.abs(J[0]).max()
-    assert changed.any()
-    assert not changed[24:].any()  # g(Q̃): nothing of H in it
+    is_changed = np.abs(J[0] - J[1]) > 1e-11 * np.abs(J[0]).max()
+    assert is_changed.any()
+    assert not is_changed[24:].any()  # g(Q̃): nothing of H in it
     # ∂r_k/∂k̂ = −Δt â H_pp has no H_pq
-    assert not changed[:12, 12:24].any()
+    assert not is_changed[:12, 12:24].any()
 
 
 def test_inexact_converges_linearly():
@@ -199,6 +199,6 @@ def test_misprints_are_named(monkeypatch):
     for number, make in ((11, table_11), (13, table_13), (14, table_14)):
         assert make(Engine(short=True)).number == number
     cells = table_12(Engine(short=True)).cells
-    named = {c.row for c in cells if c.verdict == "misprint"}
-    assert named == {"α = γ_m", "α = γ_h"}
+    misprinted = {c.row for c in cells if c.verdict == "misprint"}
+    assert misprinted == {"α = γ_m", "α = γ_h"}
     assert all("erratum 19" in c.note for c in cells if c.verdict == "misprint")

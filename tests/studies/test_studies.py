@@ -357,11 +357,11 @@ def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monk
     monkeypatch.setattr(study_registry, "RESULTS", {
         f"table-{n}": lambda engine, n=n: Table(n, "t", "a", [], [CLAIMS[claim]] * 2)
         for n in (2, 3)})
-    done = CliRunner().invoke(reproduce, ["all"], standalone_mode=False)
-    assert done.return_value == code
-    assert words in done.stdout
-    assert done.stderr == "table-2: 1 of 2\ntable-3: 2 of 2\n"
-    assert ("nobody knows" in done.stdout) is (claim == "known")
+    result = CliRunner().invoke(reproduce, ["all"], standalone_mode=False)
+    assert result.return_value == code
+    assert words in result.stdout
+    assert result.stderr == "table-2: 1 of 2\ntable-3: 2 of 2\n"
+    assert ("nobody knows" in result.stdout) is (claim == "known")
     text = (tmp_path / "report" / "paper.md").read_text(encoding="utf-8")
     assert ("nobody knows" in text) is (claim == "known")
     quiet = CliRunner().invoke(reproduce, ["all", "--json"], standalone_mode=False)

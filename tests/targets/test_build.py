@@ -216,21 +216,21 @@ def test_platforms_are_those_of_the_target(built, monkeypatch):
 
 
 def test_the_command_writes_and_checks(gyrospark, tmp_path):
-    done = gyrospark("build", "cpp", SATELLITE, "--scheme", "G-L", "--stages", "1", "--parameter",
-                     "u1=0.01", "--parameter", "gamma=m", "--out", tmp_path / "made")
-    assert done.code == 0, done.stderr
-    assert "main.cpp" in done.stdout
+    answer = gyrospark("build", "cpp", SATELLITE, "--scheme", "G-L", "--stages", "1", "--parameter",
+                       "u1=0.01", "--parameter", "gamma=m", "--out", tmp_path / "made")
+    assert answer.code == 0, answer.stderr
+    assert "main.cpp" in answer.stdout
     marker = json.loads((tmp_path / "made" / MARKER).read_text())
     assert marker["parameters"]["u1"] == 0.01
 
 
 def test_a_check_that_fails_ends_with_1(gyrospark, tmp_path, monkeypatch):
     monkeypatch.setattr(TARGETS["cpp"].load(), "check",
-                        lambda built: refuse_difference("It", "00", built, 1))
-    done = gyrospark("build", "cpp", SATELLITE, "--scheme", "IMS", "--out", tmp_path / "made",
-                     "--check")
-    assert done.code == 1
-    assert "other bits" in done.stderr
+                        lambda artefact: refuse_difference("It", "00", artefact, 1))
+    answer = gyrospark("build", "cpp", SATELLITE, "--scheme", "IMS", "--out", tmp_path / "made",
+                       "--check")
+    assert answer.code == 1
+    assert "other bits" in answer.stderr
 
 
 @pytest.mark.parametrize(("words", "said"), [
@@ -249,8 +249,8 @@ def test_help_has_the_options_of_that_target(gyrospark):
     """Platforms are for targets with binaries."""
     assert "--for" in gyrospark("build", "fmu3", "--help").stdout
     assert "--for" not in gyrospark("build", "cpp", "--help").stdout
-    listed = gyrospark("build", "--list").stdout
-    assert all(any(line.startswith(name) for line in listed.splitlines()) for name in TARGETS)
+    output = gyrospark("build", "--list").stdout
+    assert all(any(line.startswith(name) for line in output.splitlines()) for name in TARGETS)
 
 
 DATA = ROOT / "tests" / "data" / "targets"
@@ -268,9 +268,9 @@ def written(tmp_path_factory):
     folder = tmp_path_factory.mktemp("artefacts")
 
     def texts(target, model):
-        built = gs.build(target, **MODELS[model], out=folder / f"{target}_{model}")
-        return {name: (built.path / name).read_text(encoding="utf-8") for name in built.files
-                if name != MARKER and name.rpartition("/")[2] not in built.stepper.sources}
+        artefact = gs.build(target, **MODELS[model], out=folder / f"{target}_{model}")
+        return {name: (artefact.path / name).read_text(encoding="utf-8") for name in artefact.files
+                if name != MARKER and name.rpartition("/")[2] not in artefact.stepper.sources}
 
     return {(target, model): texts(target, model) for target in TEXTS for model in MODELS}
 

@@ -170,14 +170,14 @@ def test_trajectories_fill_more_than_a_block(card, step):
 def test_a_trajectory_that_fails_stops_alone(card, step):
     dt = np.array([1e-3, LONG, 1e-3])
     ensemble = step.integrate_ensemble(*MANY, **RUN | {"dt": dt, "every": 1}, device="cuda")
-    alone = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
+    without_failure = step.integrate_ensemble(*MANY, **RUN | {"every": 1}, device="cuda")
     assert [*ensemble.failures] == [1]
     failure = ensemble.failures[1]
     assert failure.reason in ("diverged", "not converged", "not finite")
     assert np.isfinite(ensemble.q[1, : failure.step]).all()
     for values in (ensemble.t, ensemble.q, ensemble.p):
         assert np.isnan(values[1, failure.step :]).all()
-    np.testing.assert_array_equal(ensemble.q[[0, 2]], alone.q[[0, 2]])
+    np.testing.assert_array_equal(ensemble.q[[0, 2]], without_failure.q[[0, 2]])
     assert len(failure.trajectory) == failure.step
 
 
@@ -190,10 +190,10 @@ def test_ctrl_c_returns_what_was_done(card, step):
     with pytest.raises(Stopped) as stopped:
         step.integrate_ensemble(*MANY, **RUN | {"steps": 10**6, "every": 10}, device="cuda")
     ensemble = stopped.value.ensemble
-    done = np.isfinite(ensemble.t[0]).sum()
-    assert 1 < done < 10**5
-    assert np.isfinite(ensemble.q[:, :done]).all()
-    assert np.isnan(ensemble.q[:, done:]).all()
+    rows = np.isfinite(ensemble.t[0]).sum()
+    assert 1 < rows < 10**5
+    assert np.isfinite(ensemble.q[:, :rows]).all()
+    assert np.isnan(ensemble.q[:, rows:]).all()
     assert not ensemble.failures
 
 
@@ -273,18 +273,18 @@ def test_every_function_is_one_of_a_card(texts, kind):
 def test_the_target_is_complete_and_its_check_compares_bits(tmp_path, monkeypatch):
     which = shutil.which
     monkeypatch.setattr(shutil, "which", lambda name: None if name == "nvcc" else which(name))
-    built = gs.build("cuda", "fast-top", scheme="G-L", stages=2, dt=1e-3, real="float",
-                     out=tmp_path / "top")
+    artefact = gs.build("cuda", "fast-top", scheme="G-L", stages=2, dt=1e-3, real="float",
+                        out=tmp_path / "top")
     name = "heavy_top_gl2_gamma_float"
-    assert {*built.files} >= {f"{name}.cu", f"{name}_cuda.h", "main.cu"}
-    assert "the bits of C" in built.check()
-    file = built.path / f"{name}.cu"
+    assert {*artefact.files} >= {f"{name}.cu", f"{name}_cuda.h", "main.cu"}
+    assert "the bits of C" in artefact.check()
+    file = artefact.path / f"{name}.cu"
     text = file.read_text()
     file.write_text(text.replace("q[a] = state[a*count + i]", "q[a] = state[i]"))
     assert file.read_text() != text
     with pytest.raises(gs.GyrosparkError):
-        built.check()
-    header = (built.path / f"{name}_cuda.h").read_text()
+        artefact.check()
+    header = (artefact.path / f"{name}_cuda.h").read_text()
     declared = re.findall(rf"{name}_\w+(?=\()", header)
     assert len(declared) == 3
     assert all(re.search(rf"\b{function}\(", text) for function in declared)
@@ -304,10 +304,10 @@ def test_the_text_is_cpp_too(texts):
 def test_nvcc_compiles_it_for_a_card(texts, kind, tmp_path):
     texts_of_kind = texts[kind]
     (tmp_path / "text.cu").write_text(texts_of_kind.text)
-    done = call(["nvcc", "-arch=sm_90", "-fmad=false", "-std=c++17", "-cubin", "-Xptxas", "-v",
-                 "text.cu", "-o", "text.cubin"], cwd=tmp_path)
-    assert done.returncode == 0, done.stderr
-    spills = re.findall(r"(\d+) bytes spill stores, (\d+) bytes spill loads", done.stderr)
+    process = call(["nvcc", "-arch=sm_90", "-fmad=false", "-std=c++17", "-cubin", "-Xptxas", "-v",
+                    "text.cu", "-o", "text.cubin"], cwd=tmp_path)
+    assert process.returncode == 0, process.stderr
+    spills = re.findall(r"(\d+) bytes spill stores, (\d+) bytes spill loads", process.stderr)
     assert len(spills) >= len(KERNELS)
     assert all(int(bytes_) < 64 for pair in spills for bytes_ in pair)
 

@@ -45,10 +45,10 @@ def torques(step):
 class Fmu:
     """A built FMU, with its library for this machine."""
 
-    def __init__(self, built, version, folder):
-        self.built, self.version = built, version
-        self.library = library_of(built.path, built.stepper.name, version, folder)
-        with zipfile.ZipFile(built.path) as archive:
+    def __init__(self, artefact, version, folder):
+        self.built, self.version = artefact, version
+        self.library = library_of(artefact.path, artefact.stepper.name, version, folder)
+        with zipfile.ZipFile(artefact.path) as archive:
             self.texts = {name: archive.read(name) for name in archive.namelist()}
         self.description = ElementTree.fromstring(self.texts["modelDescription.xml"])
         self.token = self.description.get("guid") or self.description.get("instantiationToken")
@@ -67,16 +67,16 @@ class Fmu:
 @pytest.fixture(scope="module", params=[2, 3])
 def satellite(request, tmp_path_factory):
     folder = tmp_path_factory.mktemp("fmu")
-    built = gs.build(f"fmu{request.param}", SATELLITE, scheme="G-L", stages=2,
-                     out=folder / "satellite.fmu")
-    return Fmu(built, request.param, folder)
+    artefact = gs.build(f"fmu{request.param}", SATELLITE, scheme="G-L", stages=2,
+                        out=folder / "satellite.fmu")
+    return Fmu(artefact, request.param, folder)
 
 
 class Native(Program):
     """The same C, compiled here and called with other parameters before each step."""
 
-    def __init__(self, built, folder):
-        name, texts, self.built = built.stepper.name, built.stepper.sources, built
+    def __init__(self, artefact, folder):
+        name, texts, self.built = artefact.stepper.name, artefact.stepper.sources, artefact
         super().__init__(SimpleNamespace(name=name, files=lambda: texts, header=texts[f"{name}.h"],
                                          manifest=texts[f"{name}.json"]), folder)
 
@@ -158,10 +158,10 @@ def test_two_instances_in_turns_do_not_know_each_other(satellite):
         for step in range(20):
             go(first_slave, step)
             assert second_slave.step(step * DT, DT) == "OK"
-        with satellite.started() as alone:
+        with satellite.started() as reference:
             for step in range(20):
-                go(alone, step)
-            assert alone.get(OUTPUTS) == first_slave.get(OUTPUTS) != second_slave.get(OUTPUTS)
+                go(reference, step)
+            assert reference.get(OUTPUTS) == first_slave.get(OUTPUTS) != second_slave.get(OUTPUTS)
 
 
 def test_a_communication_step_is_split_into_equal_steps(satellite, native):
@@ -172,11 +172,11 @@ def test_a_communication_step_is_split_into_equal_steps(satellite, native):
             for third in range(3):
                 assert fine.step(0.25 * k + third * 0.25 / 3, 0.25 / 3) == "OK"
         assert slave.get(OUTPUTS) == fine.get(OUTPUTS)
-        before = slave.get(["energy"])[0]
+        energy = slave.get(["energy"])[0]
         for k, size in enumerate([0.1, 0.03, 0.5, 0.07] * 5):
             time = 10 + sum([0.1, 0.03, 0.5, 0.07][i % 4] for i in range(k))
             assert slave.step(time, size) == "OK"
-        assert slave.get(["energy"])[0] == pytest.approx(before, rel=1e-6)
+        assert slave.get(["energy"])[0] == pytest.approx(energy, rel=1e-6)
 
 
 def test_a_master_may_add_up_its_time(satellite):
@@ -245,9 +245,9 @@ def test_a_start_that_nothing_can_check_against_the_constraints_is_refused(versi
     length, weight = sp.symbols("length weight", positive=True)
     H = sp.sqrt(1 + p[0]**2 + p[1]**2) + weight * y
     pendulum = gs.System((x, y), p, (length, weight), H, (x**2 + y**2 - length**2,), name="fast")
-    built = gs.build(f"fmu{version}", pendulum, start=([0.6, -0.8], [0, 0]), dt=0.01,
-                     parameters={"length": 1, "weight": 2}, out=tmp_path / "fast.fmu")
-    fmu = Fmu(built, version, tmp_path)
+    artefact = gs.build(f"fmu{version}", pendulum, start=([0.6, -0.8], [0, 0]), dt=0.01,
+                        parameters={"length": 1, "weight": 2}, out=tmp_path / "fast.fmu")
+    fmu = Fmu(artefact, version, tmp_path)
     for values in ({"x": 0.7}, {"px": 0.1}, {"length": 2.0}):
         with fmu.instance() as slave, pytest.raises(gs.GyrosparkError, match="constraints"):
             slave.start(values)
@@ -263,10 +263,10 @@ def test_a_start_that_nothing_can_check_against_the_constraints_is_refused(versi
 def test_a_step_that_fails_is_discarded_and_nothing_is_done(satellite):
     """With such a step the iteration diverges; a master goes on with a shorter one."""
     with satellite.started(dt=1e4, body_omega_x=40.0) as slave:
-        before = slave.get([*OUTPUTS, "time"])
+        values_before = slave.get([*OUTPUTS, "time"])
         assert slave.step(0.0, 1e4) == "Discard"
         assert "1" in slave.messages[-1]
-        assert slave.get([*OUTPUTS, "time"]) == before
+        assert slave.get([*OUTPUTS, "time"]) == values_before
         if satellite.version == 2:
             time, ended = ctypes.c_double(7), ctypes.c_int(7)
             slave.must("GetRealStatus", 2, ctypes.byref(time))
@@ -293,21 +293,21 @@ def test_starts_out_of_their_domain_are_refused(satellite, values, named):
                                              ("q0", 0.1), ("energy", 1.0), ("time", 1.0)])
 def test_values_that_cannot_be_set_now(satellite, name, value):
     with satellite.started() as slave:
-        before = slave.get([*OUTPUTS, "u1", "u2"])
+        values_before = slave.get([*OUTPUTS, "u1", "u2"])
         for values in ({"u2": 0.7, name: value}, {name: value, "u2": 0.7}):
             with pytest.raises(gs.GyrosparkError, match=name):
                 slave.set(values)
-        assert slave.get([*OUTPUTS, "u1", "u2"]) == before, "all or nothing"
+        assert slave.get([*OUTPUTS, "u1", "u2"]) == values_before, "all or nothing"
 
 
 @pytest.mark.parametrize(("time", "size"), [(0, 0), (0, -0.1), (0, math.nan), (0, math.inf),
                                             (math.nan, 0.1), (0.05, 0.1), (0, 1e12)])
 def test_steps_that_cannot_be(satellite, time, size):
     with satellite.started() as slave:
-        before = slave.get([*OUTPUTS, "time"])
+        values_before = slave.get([*OUTPUTS, "time"])
         assert slave.step(time, size) == "Error"
         assert slave.messages[-1]
-        assert slave.get([*OUTPUTS, "time"]) == before
+        assert slave.get([*OUTPUTS, "time"]) == values_before
 
 
 def test_other_misuse_is_an_error(satellite):
@@ -397,12 +397,12 @@ def test_the_description(satellite):
     structure = root.find("ModelStructure")
     rows = structure.find("Outputs") if two else structure.findall("Output")
     names = list(variables)
-    listed = {names[int(row.get("index")) - 1] if two else
-              names[int(row.get("valueReference"))]: row.get("dependencies").split()
-              for row in rows}
-    assert listed.keys() == outputs
-    assert listed["q0"] == []
-    assert not {names[int(k) - two] for k in listed["omega1"]} & {*INPUTS}
+    dependencies = {names[int(row.get("index")) - 1] if two else
+                    names[int(row.get("valueReference"))]: row.get("dependencies").split()
+                    for row in rows}
+    assert dependencies.keys() == outputs
+    assert dependencies["q0"] == []
+    assert not {names[int(k) - two] for k in dependencies["omega1"]} & {*INPUTS}
     flag = root.find("CoSimulation").attrib
     assert "providesDirectionalDerivatives" not in flag
     assert "providesDirectionalDerivative" not in flag
@@ -411,19 +411,19 @@ def test_the_description(satellite):
 
 def test_the_same_model_is_the_same_file(satellite, tmp_path):
     """To the byte; another start has another token."""
-    built, target = satellite.built, satellite.built.target.load()
+    artefact, target = satellite.built, satellite.built.target.load()
 
     def texts(options):
-        return target.files(built.stepper.manifest, built.stepper.sources, options)
+        return target.files(artefact.stepper.manifest, artefact.stepper.sources, options)
 
-    for name, text in texts(built.options).items():
+    for name, text in texts(artefact.options).items():
         path = tmp_path / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     if satellite.version == 3:  # both are linked by the same code
-        assert target.compile(tmp_path, ("own",)).read_bytes() == built.path.read_bytes()
-    assert json.loads(satellite.texts[f"resources/{MARKER}"])["name"] == built.stepper.name
-    description = texts(replace(built.options, dt=0.05))["modelDescription.xml"]
+        assert target.compile(tmp_path, ("own",)).read_bytes() == artefact.path.read_bytes()
+    assert json.loads(satellite.texts[f"resources/{MARKER}"])["name"] == artefact.stepper.name
+    description = texts(replace(artefact.options, dt=0.05))["modelDescription.xml"]
     assert satellite.token not in description
     assert 'start="0.05"' in description
 
@@ -455,10 +455,10 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
     H = sp.sqrt(1 + p**2) + k * q**2 / 2
     system = gs.System((q,), (p,), (k,), H, name="relativistic", time=t, forces=(sp.sin(3 * t),),
                        quantities={"speed": p / sp.sqrt(1 + p**2), "phase": sp.sin(3 * t)})
-    built = gs.build("fmu3", system, scheme="IMS", dt=0.01, start=([0.5], [0.25]),
-                     parameters={"k": 2.0}, out=tmp_path / "r.fmu")
-    assert "2000 steps" in built.check()
-    fmu = Fmu(built, 3, tmp_path)
+    artefact = gs.build("fmu3", system, scheme="IMS", dt=0.01, start=([0.5], [0.25]),
+                        parameters={"k": 2.0}, out=tmp_path / "r.fmu")
+    assert "2000 steps" in artefact.check()
+    fmu = Fmu(artefact, 3, tmp_path)
     with fmu.instance() as slave:
         slave.start({"p": 0.75}, time=2.0)
         assert slave.get(["p", "energy", "speed", "phase"]) == pytest.approx(
@@ -506,8 +506,8 @@ def test_velocities_of_a_start_are_derived_from_h():
 @pytest.mark.slow  # compiled for this
 def test_a_composition_of_exact_flows_has_no_iteration_to_keep(tmp_path):
     """Unchanged parameters are not set again, which would round the state."""
-    built = gs.build("fmu2", SATELLITE, order=2, out=tmp_path / "s.fmu")
-    assert "2000 steps" in built.check()
+    artefact = gs.build("fmu2", SATELLITE, order=2, out=tmp_path / "s.fmu")
+    assert "2000 steps" in artefact.check()
 
 
 def midpoint(q, p, t, h, steps):
@@ -526,26 +526,26 @@ def midpoint(q, p, t, h, steps):
 
 
 def test_what_cannot_be_an_fmu(tmp_path):
-    chosen = {"scheme": "IMS", "dt": 0.01, "out": tmp_path / "no.fmu"}
+    arguments = {"scheme": "IMS", "dt": 0.01, "out": tmp_path / "no.fmu"}
     with pytest.raises(gs.InputError, match=r"dt = -0\.01.*positive"):
-        gs.build("fmu3", SATELLITE, **chosen | {"dt": -0.01})
+        gs.build("fmu3", SATELLITE, **arguments | {"dt": -0.01})
     for name in ("dt", "energy", "time", "GUID", "stdin"):
         q, p = sp.symbols("q p", real=True)
         k = sp.Symbol(name, positive=True)
         system = gs.System((q,), (p,), (k,), (p**2 + k * q**2) / 2, name="clash")
         with pytest.raises(gs.InputError, match=name):
-            gs.build("fmu2", system, **chosen, start=([1.0], [0.0]), parameters={name: 1.0})
+            gs.build("fmu2", system, **arguments, start=([1.0], [0.0]), parameters={name: 1.0})
     assert not any(tmp_path.iterdir())
 
 
 def test_platforms_that_cannot_be(tmp_path, monkeypatch):
-    chosen = {"system": SATELLITE, "scheme": "IMS", "out": tmp_path / "no.fmu"}
+    arguments = {"system": SATELLITE, "scheme": "IMS", "out": tmp_path / "no.fmu"}
     with pytest.raises(gs.InputError, match="aarch64"):
-        gs.build("fmu2", **chosen, platforms="aarch64")
+        gs.build("fmu2", **arguments, platforms="aarch64")
     monkeypatch.setattr(importlib.util, "find_spec", lambda *_: None)
     monkeypatch.setattr(shutil, "which", lambda *_: None)
     with pytest.raises(gs.InputError, match="ziglang"):
-        gs.build("fmu3", **chosen, platforms="windows")
+        gs.build("fmu3", **arguments, platforms="windows")
     monkeypatch.setattr("platform.machine", lambda: "riscv64")
     with pytest.raises(gs.InputError, match="riscv64"):
         own_platform(3)
@@ -566,8 +566,9 @@ def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
     signal = np.array(rows, dtype=[("time", float), *((name, float) for name in INPUTS)])
     results = fmpy.simulate_fmu(str(satellite.built.path), start_time=0, stop_time=100 * DT,
                                 step_size=DT, output_interval=DT, input=signal, output=ATTITUDE)
-    got = np.stack([results[name] for name in ATTITUDE], -1)[1:101]
-    assert abs(got - native.rows(100)).max() < 1e-14, "its times are summed, so its inputs differ"
+    attitudes = np.stack([results[name] for name in ATTITUDE], -1)[1:101]
+    assert abs(attitudes - native.rows(100)).max() < 1e-14, (
+        "its times are summed, so its inputs differ")
 
 
 @pytest.mark.slow
@@ -576,13 +577,13 @@ def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
 def test_libraries_for_every_platform(version, tmp_path):
     """ziglang links the libraries; the jobs of each system load their own, as tests above do."""
     names = ["linux", "windows", "mac", *(["aarch64"] if version == 3 else [])]
-    chosen = {"scheme": "G-L", "stages": 2, "platforms": names}
-    built = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "all.fmu")
-    fmu = Fmu(built, version, tmp_path)
-    assert built.path.stat().st_size <= 150_000
-    assert "2000 steps" in built.check()
-    rebuilt = gs.build(f"fmu{version}", SATELLITE, **chosen, out=tmp_path / "again.fmu")
-    assert rebuilt.path.read_bytes() == built.path.read_bytes()
+    arguments = {"scheme": "G-L", "stages": 2, "platforms": names}
+    artefact = gs.build(f"fmu{version}", SATELLITE, **arguments, out=tmp_path / "all.fmu")
+    fmu = Fmu(artefact, version, tmp_path)
+    assert artefact.path.stat().st_size <= 150_000
+    assert "2000 steps" in artefact.check()
+    rebuilt = gs.build(f"fmu{version}", SATELLITE, **arguments, out=tmp_path / "again.fmu")
+    assert rebuilt.path.read_bytes() == artefact.path.read_bytes()
     heads = {name: text[:4] for name, text in fmu.texts.items() if name.startswith("binaries/")}
     magic = {".so": b"\x7fELF", ".dll": b"MZ", ".dylib": b"\xcf\xfa\xed\xfe"}
     assert len(heads) == 2 * version - 1

@@ -66,27 +66,27 @@ int main()
 def test_a_class_by_value(tmp_path):
     """A copy is a saved state; an unusable value changes nothing and says so."""
     plusplus = compiler(MAIN, COMPILERS_OF_CPLUSPLUS)
-    built = gs.build("cpp", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
-    (built.path / "user.cpp").write_text(USER, encoding="utf-8")
-    run([*compiler(MAIN), *C_FLAGS, "-c", f"{NAME}.c"], built.path)
+    artefact = gs.build("cpp", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
+    (artefact.path / "user.cpp").write_text(USER, encoding="utf-8")
+    run([*compiler(MAIN), *C_FLAGS, "-c", f"{NAME}.c"], artefact.path)
     run([*plusplus, "-std=c++17", "-Wall", "-Wextra", "-pedantic", "-Werror", "user.cpp",
-         f"{NAME}.o", "-lm", "-o", "user"], built.path)
-    once, copied, refused, quantities, unusable, started = run(
-        [built.path / "user"], built.path).splitlines()
-    assert once == copied
-    assert once.endswith(" 0")
+         f"{NAME}.o", "-lm", "-o", "user"], artefact.path)
+    original, copied, refused, quantities, unusable, started = run(
+        [artefact.path / "user"], artefact.path).splitlines()
+    assert original == copied
+    assert original.endswith(" 0")
     assert refused.split() == ["6", "12", "2"]
     assert unusable.split() == ["6", "6"]
     step = gs.stepper("G-L", 2, system=gs.load_model(SATELLITE))
-    trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=20,
-                                parameters=dict(built.options.parameters))
-    q = [float.fromhex(x) for x in once.split()[:4]]
+    trajectory = step.integrate(artefact.options.q, artefact.options.p, dt=0.1, steps=20,
+                                parameters=dict(artefact.options.parameters))
+    q = [float.fromhex(x) for x in original.split()[:4]]
     np.testing.assert_allclose(q, trajectory.q[-1], rtol=0, atol=1e-13)
     np.testing.assert_allclose([float(x) for x in quantities.split()],
                                trajectory.quantity_values[-1], rtol=0, atol=1e-13)
     status, *p, energy = map(float, started.split())
     assert status == 0
-    np.testing.assert_allclose(p, built.options.p, rtol=0, atol=1e-15)
+    np.testing.assert_allclose(p, artefact.options.p, rtol=0, atol=1e-15)
     assert energy == pytest.approx(trajectory.energies[0], rel=1e-14)
 
 
@@ -111,7 +111,7 @@ def test_octave_refuses_in_sentences(tmp_path):
     octave = TOOLS["octave"].find()
     if octave is None or TOOLS["mkoctfile"].find() is None:
         pytest.skip("Octave is not installed")
-    built = gs.build("octave", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
+    artefact = gs.build("octave", SATELLITE, scheme="G-L", stages=2, out=tmp_path / "made")
     calls = ("1, 10.5", "0.1, 10, [], [1 2]", '0.1, 10, [], [], [], struct("I4", 2)', "0, 10",
              "0.1, 10, 1, [], [], 3", "0.1, 10, 1, [], [], [], ones(3, 9)",
              "0.1, 3, 1, [], [], [], [0 0 0; 0 NaN 0; 0 0 0]", "1, 2, 3, 4, 5, 6, 7, 8", "1i, 10",
@@ -124,8 +124,8 @@ def test_octave_refuses_in_sentences(tmp_path):
               "[q, p, iterations, energy] = "
               f"{NAME}(0.1, 4, 2); disp(isequal(a, b)), disp(size(b)), disp(size(energy))\n"
               f"printf('%.17g ', energy)\n")
-    (built.path / "user.m").write_text("".join(lines) + inputs, encoding="utf-8")
-    output = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=built.path)
+    (artefact.path / "user.m").write_text("".join(lines) + inputs, encoding="utf-8")
+    output = call([*octave, "--no-gui", "--norc", "--quiet", "user.m"], cwd=artefact.path)
     *refusals, is_equal, size, of_energy, energies = output.stdout.splitlines()
     for words, refusal in zip(("10.5", "4 real", "I4.*I1", "dt", "struct", "inputs",
                                "step 2", "8 arg", "dt", "5 rows; give 3", "q0.*sparse",
@@ -135,8 +135,8 @@ def test_octave_refuses_in_sentences(tmp_path):
     assert is_equal.strip() == "1"
     assert (size.split(), of_energy.split()) == (["4", "6"], ["1", "3"])
     step = gs.stepper("G-L", 2, system=gs.load_model(SATELLITE))
-    trajectory = step.integrate(built.options.q, built.options.p, dt=0.1, steps=4, every=2,
-                                parameters=dict(built.options.parameters))
+    trajectory = step.integrate(artefact.options.q, artefact.options.p, dt=0.1, steps=4, every=2,
+                                parameters=dict(artefact.options.parameters))
     np.testing.assert_allclose([float(x) for x in energies.split()], trajectory.energies,
                                rtol=1e-13)
 

@@ -145,10 +145,10 @@ def glued(tmp_path_factory):
 def test_many_steps_a_call_are_the_steps(glued):
     artefact, libraries = glued
     for stepper, library in zip(artefact.options.steppers, libraries, strict=True):
-        q, p, work, done = _run(stepper, library, artefact.options, 40)
+        q, p, work, counts = _run(stepper, library, artefact.options, 40)
         assert (bytes(q) + bytes(p)).hex() == native_bits(stepper, artefact.options, 40)
-        assert done[0] == 40
-        assert (done[1] >= 40) == (stepper.manifest.scheme.kind != "splitting")
+        assert counts[0] == 40
+        assert (counts[1] >= 40) == (stepper.manifest.scheme.kind != "splitting")
         q[0], p[1] = q[0] + 1e-3, p[1] + 1e-2
         defects = (ctypes.c_double*2)()
         getattr(library, f"{stepper.name}_defects")(work, q, p, defects)
@@ -161,7 +161,7 @@ def test_many_steps_a_call_are_the_steps(glued):
 def _run(stepper, library, options, steps):
     fields, name = options.parameters, stepper.name
     q, p = ((ctypes.c_double*len(x))(*x) for x in (options.q, options.p))
-    values, done = (ctypes.c_double*len(fields))(*fields.values()), (ctypes.c_double*2)()
+    values, counts = (ctypes.c_double*len(fields))(*fields.values()), (ctypes.c_double*2)()
 
     class Limits(ctypes.Structure):
         _fields_ = (("tolerance", ctypes.c_double), ("max_iterations", ctypes.c_int))
@@ -171,8 +171,8 @@ def _run(stepper, library, options, steps):
     work = (ctypes.c_longdouble*(size()//16 + 1))()
     begin = getattr(library, f"{name}_begin")
     assert begin(work, values, ctypes.byref(Limits(0, 50)), ctypes.c_double(options.dt), q, p) == 0
-    assert getattr(library, f"{name}_repeat")(work, q, p, steps, done) == 0
-    return q, p, work, done
+    assert getattr(library, f"{name}_repeat")(work, q, p, steps, counts) == 0
+    return q, p, work, counts
 
 
 def test_functions_of_the_header_are_exported(glued):
@@ -223,12 +223,12 @@ def test_more_steps_a_call_than_a_float_counts(tmp_path):
     stub = STUB.replace("typedef double", "typedef float").replace(
         "return !w || !q || !p;", f"return ++*w > {steps} || !q || !p ? 3 : 0;").replace(
         "return !w;", "return *w % 2;")
-    work, done = ctypes.c_int(0), (ctypes.c_float*2)()
+    work, counts = ctypes.c_int(0), (ctypes.c_float*2)()
     q, p = ctypes.c_float(0), ctypes.c_float(0)
     repeat = around(stub, tmp_path).stub_repeat
-    assert repeat(*map(ctypes.byref, (work, q, p)), steps, done) == 0
+    assert repeat(*map(ctypes.byref, (work, q, p)), steps, counts) == 0
     assert work.value == steps
-    assert [*done] == [steps, steps / 2]
+    assert [*counts] == [steps, steps / 2]
 
 
 def test_fused_products_without_a_fused_product_have_its_bits(tmp_path):
@@ -271,9 +271,9 @@ def heavy_top(tmp_path_factory):
 
 def in_node(page, *arguments):
     """Run a page in Node, with a document that counts; return its JSON output."""
-    done = subprocess.run(["node", DATA / "run_page.js", page.path, *arguments], check=True,
-                          capture_output=True, text=True)
-    return json.loads(done.stdout)
+    process = subprocess.run(["node", DATA / "run_page.js", page.path, *arguments], check=True,
+                             capture_output=True, text=True)
+    return json.loads(process.stdout)
 
 
 @needs_zig
