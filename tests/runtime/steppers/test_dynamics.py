@@ -1,4 +1,4 @@
-"""Accelerations, inverse dynamics, mass matrices: beside closed forms, differences, other codes."""
+"""Accelerations, inverse dynamics, mass matrices: closed forms, differences, other programs."""
 
 from __future__ import annotations
 
@@ -40,9 +40,9 @@ def accelerated(name, scheme="G-L"):
 
 @pytest.mark.parametrize(("name", "scheme"), EVERY)
 def test_they_are_second_differences_of_the_motion(name, scheme):
-    """To h⁴ of steps of 2-G-L: q̇, q̈ and ṗ from five states at distances h."""
+    """Five states of 2-G-L at distances h have q̇, q̈ and ṗ to h⁴."""
     step, case, q, p = accelerated(name, scheme)
-    found = step.accelerations(q, p, parameters=case.parameters, t=case.t0)
+    motion = step.accelerations(q, p, parameters=case.parameters, t=case.t0)
     runner, h = systems.stepper(name), case.dt / 16
 
     def states(sign):
@@ -55,16 +55,16 @@ def test_they_are_second_differences_of_the_motion(name, scheme):
     rate = (8 * (ahead - back) - (later - before)) / (12 * h)
     second = (16 * (ahead + back) - (later + before) - 30 * q) / (12 * h**2)
     push = (8 * (p_ahead - p_back) - (p_later - p_before)) / (12 * h)
-    for value, wanted, tolerance in ((found.velocities, rate, 1e-7), (found.q, second, 1e-5),
-                                     (found.p, push, 1e-6)):
-        assert np.abs(value - wanted).max() <= tolerance * max(np.abs(wanted).max(), 1)
+    for value, expected, tolerance in ((motion.velocities, rate, 1e-7), (motion.q, second, 1e-5),
+                                       (motion.p, push, 1e-6)):
+        assert np.abs(value - expected).max() <= tolerance * max(np.abs(expected).max(), 1)
 
 
 def test_a_top_turns_as_euler_has_it():
     """J Ω̇ = m g l e₃ × (−R₃.) − Ω × JΩ, and the torque that holds Ω̇ at 0 is its opposite."""
     step, case, q, p = accelerated("heavy_top")
-    given = {"parameters": case.parameters}
-    found = step.accelerations(q, p, **given)
+    options = {"parameters": case.parameters}
+    motion = step.accelerations(q, p, **options)
     w, x, y, z = q
     J = np.array([case.parameters[f"I{k}"] for k in (1, 2, 3)])
     L = np.array([[-x, w, z, -y], [-y, -z, w, x], [-z, y, -x, w]])
@@ -72,17 +72,17 @@ def test_a_top_turns_as_euler_has_it():
         [[0, -z, y], [z, 0, -x], [-y, x, 0]])
     Omega = L @ p / 2 / J
     torque = case.parameters["mgl"] * np.cross([0, 0, 1], -R[2])
-    wanted = R @ ((torque - np.cross(Omega, J * Omega)) / J)
-    linear, turning = found.body("body")
-    size = np.abs(wanted).max()
-    assert np.abs(turning - wanted).max() <= 64 * EPS * size
+    expected = R @ ((torque - np.cross(Omega, J * Omega)) / J)
+    linear, turning = motion.body("body")
+    size = np.abs(expected).max()
+    assert np.abs(turning - expected).max() <= 64 * EPS * size
     assert not linear.any()
-    M = step.mass_matrix(q, p, joints=["body"], **given)
+    M = step.mass_matrix(q, p, joints=["body"], **options)
     assert np.abs(M - R @ np.diag(J) @ R.T).max() <= 64 * EPS * J.max()
-    hold = step.inverse_dynamics(q, p, {"body": np.zeros(3)}, **given)["body"]
-    assert np.abs(hold + M @ wanted).max() <= 64 * EPS * J.max() * size
-    coordinates = step.mass_matrix(q, p, **given)
-    assert abs(found.velocities @ coordinates @ found.velocities - Omega @ (J * Omega)) <= (
+    hold = step.inverse_dynamics(q, p, {"body": np.zeros(3)}, **options)["body"]
+    assert np.abs(hold + M @ expected).max() <= 64 * EPS * J.max() * size
+    coordinates = step.mass_matrix(q, p, **options)
+    assert abs(motion.velocities @ coordinates @ motion.velocities - Omega @ (J * Omega)) <= (
         64 * EPS * (Omega @ (J * Omega)))
 
 
@@ -116,53 +116,53 @@ def pendulums():
 def test_two_rods_move_as_the_textbook_has_them():
     """Mass matrix, accelerations, torques and inputs of joints, beside 50 digits."""
     step, model = driven()
-    at = (model.q0, model.p0)
+    state = (model.q0, model.p0)
     with mp.workdps(50):
         M, bias = pendulums()
         torque = mp.matrix([2 * 0.2, 3 * -0.1])
         free = mp.lu_solve(M, torque - bias)
-        wanted = mp.matrix([1.0, -2.0])
-        push = M * wanted + bias
+        target = mp.matrix([1.0, -2.0])
+        push = M * target + bias
         M, free, push, torque = (np.array(x.tolist(), float) for x in (M, free, push, torque))
-    given, names = {"parameters": model.parameters}, ["hinge0", "hinge1"]
+    options, names = {"parameters": model.parameters}, ["hinge0", "hinge1"]
     close = 2**10 * EPS
-    assert np.abs(step.mass_matrix(*at, joints=names, **given) - M).max() <= close * M.max()
-    found = step.accelerations(*at, **given)
-    rates = np.array([found.joint(name) for name in names])
+    assert np.abs(step.mass_matrix(*state, joints=names, **options) - M).max() <= close * M.max()
+    motion = step.accelerations(*state, **options)
+    rates = np.array([motion.joint(name) for name in names])
     assert np.abs(rates - free[:, 0]).max() <= close * np.abs(free).max()
-    linear, turning = found.body("rod0")
+    linear, turning = motion.body("rod0")
     assert turning == pytest.approx([0, free[0, 0], 0], abs=close * np.abs(free).max())
     # half a length behind the hinge, angle 0.4 and rate 1.3: x = −s sin φ, z = −s cos φ
     sin, cos = math.sin(0.4), math.cos(0.4)
     assert linear == pytest.approx([
         0.25 * (1.3**2 * sin - free[0, 0] * cos), 0, 0.25 * (1.3**2 * cos + free[0, 0] * sin)],
         abs=close * np.abs(free).max())
-    assert found.body("rod1")[1][1] == pytest.approx(free.sum(), rel=close)
-    alone = [step.mass_matrix(*at, joints=one, **given) for one in (names[0], names[:1])]
+    assert motion.body("rod1")[1][1] == pytest.approx(free.sum(), rel=close)
+    alone = [step.mass_matrix(*state, joints=joints, **options) for joints in (names[0], names[:1])]
     assert np.array_equal(*alone)
     assert alone[0].shape == (1, 1)
     goal = dict(zip(names, (1.0, -2.0), strict=True))
-    forces = step.inverse_dynamics(*at, goal, **given)
+    forces = step.inverse_dynamics(*state, goal, **options)
     size = np.abs(push).max()
     assert np.abs(np.array([*forces.values()]) - (push - torque)[:, 0]).max() <= close * size
-    inputs = step.inverse_dynamics(*at, goal, inputs=["u0", "u1"], **given)
+    inputs = step.inverse_dynamics(*state, goal, inputs=["u0", "u1"], **options)
     assert inputs == pytest.approx({"u0": push[0, 0] / 2, "u1": push[1, 0] / 3}, rel=close * 8)
-    again = step.accelerations(*at, parameters=model.parameters | inputs)
+    again = step.accelerations(*state, parameters=model.parameters | inputs)
     assert [again.joint(name) for name in names] == pytest.approx([1, -2], rel=close * 8)
 
 
 def test_generalised_forces_are_those_that_were_added():
-    """Q of q̈ with other inputs is what these add to ṗ, but for forces of constraints."""
+    """Q of q̈ with changed inputs is the change of ṗ, but for forces of constraints."""
     step, model = driven()
-    at, given = (model.q0, model.p0), {"parameters": model.parameters}
-    other = step.accelerations(*at, parameters=model.parameters | {"u0": 3.0, "u1": -2.0})
-    Q = step.inverse_dynamics(*at, other.q, **given)
-    change = other.p - step.accelerations(*at, **given).p
-    assert np.abs(Q - change).max() <= 2**12 * EPS * np.abs(other.p).max()
+    state, options = (model.q0, model.p0), {"parameters": model.parameters}
+    pushed = step.accelerations(*state, parameters=model.parameters | {"u0": 3.0, "u1": -2.0})
+    Q = step.inverse_dynamics(*state, pushed.q, **options)
+    change = pushed.p - step.accelerations(*state, **options).p
+    assert np.abs(Q - change).max() <= 2**12 * EPS * np.abs(pushed.p).max()
 
 
 def test_rows_and_times_are_those_of_single_states():
-    """Leading axes are kept, and joints, bodies and quantities have them."""
+    """Results have the leading axes of states, as have their joints, bodies and quantities."""
     step, case, q, p = accelerated("driven_pendulum")
     run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt, steps=3,
                          parameters=case.parameters)
@@ -171,9 +171,9 @@ def test_rows_and_times_are_those_of_single_states():
               for *state, t in zip(run.q, run.p, run.t, strict=True)]
     assert rows.q.shape == (4, 2)
     assert rows.multipliers.shape == (4, 1)
-    assert np.array_equal(rows.q, [one.q for one in single])
+    assert np.array_equal(rows.q, [alone.q for alone in single])
     for name, values in rows.quantities.items():
-        assert np.array_equal(values, [one.quantities[name] for one in single])
+        assert np.array_equal(values, [alone.quantities[name] for alone in single])
     step, model = driven()
     twice = step.accelerations([model.q0] * 2, [model.p0] * 2, parameters=model.parameters)
     assert twice.joint("hinge0").shape == (2,)
@@ -183,30 +183,32 @@ def test_rows_and_times_are_those_of_single_states():
 
 
 def test_what_cannot_be_asked_is_said():
-    """Each refusal names the value and what is known."""
+    """Each refusal names the value and the known ones."""
     step, model = driven()
-    at, given = (model.q0, model.p0), {"parameters": model.parameters}
-    found = step.accelerations(*at, **given)
+    qp, values = (model.q0, model.p0), {"parameters": model.parameters}
+    motion = step.accelerations(*qp, **values)
     for ask, words in (
-            (lambda: found.joint("hinge2"), ["hinge2", "hinge0"]),
-            (lambda: found.body("rod"), ["rod", "rod0"]),
-            (lambda: found.body("hinge0"), ["joint('hinge0')"]),
-            (lambda: found.joint("rod0"), ["body('rod0')"]),
-            (lambda: step.mass_matrix(*at, joints=["elbow"], **given), ["elbow", "hinge1"]),
-            (lambda: step.mass_matrix(*at, joints=[], **given), ["joints"]),
-            (lambda: step.mass_matrix(*at, joints=["hinge0", "rod0"], **given), ["hinge0", "rod0"]),
-            (lambda: step.inverse_dynamics(*at, {}, **given), ["accelerations"]),
+            (lambda: motion.joint("hinge2"), ["hinge2", "hinge0"]),
+            (lambda: motion.body("rod"), ["rod", "rod0"]),
+            (lambda: motion.body("hinge0"), ["joint('hinge0')"]),
+            (lambda: motion.joint("rod0"), ["body('rod0')"]),
+            (lambda: step.mass_matrix(*qp, joints=["elbow"], **values), ["elbow", "hinge1"]),
+            (lambda: step.mass_matrix(*qp, joints=[], **values), ["joints"]),
+            (lambda: step.mass_matrix(*qp, joints=["hinge0", "rod0"], **values),
+             ["hinge0", "rod0"]),
+            (lambda: step.inverse_dynamics(*qp, {}, **values), ["accelerations"]),
             (lambda: step.inverse_dynamics(model), ["accelerations", "start"]),
             (lambda: step.mass_matrix(model, joints="elbow"), ["elbow", "hinge1"]),
-            (lambda: step.inverse_dynamics(*at, {"hinge0": [1, 2]}, **given), ["hinge0", "[1, 2]"]),
-            (lambda: step.inverse_dynamics(*at, [1.0], **given), ["(1,)", "14"]),
-            (lambda: step.inverse_dynamics(*at, np.ones(14), **given), ["hinge0: x"]),
-            (lambda: step.inverse_dynamics(*at, np.ones(14), inputs=["u0"], **given), ["elbow"]),
-            (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["u7"], **given),
+            (lambda: step.inverse_dynamics(*qp, {"hinge0": [1, 2]}, **values),
+             ["hinge0", "[1, 2]"]),
+            (lambda: step.inverse_dynamics(*qp, [1.0], **values), ["(1,)", "14"]),
+            (lambda: step.inverse_dynamics(*qp, np.ones(14), **values), ["hinge0: x"]),
+            (lambda: step.inverse_dynamics(*qp, np.ones(14), inputs=["u0"], **values), ["elbow"]),
+            (lambda: step.inverse_dynamics(*qp, {"hinge0": 1}, inputs=["u7"], **values),
              ["u7", "u0"]),
-            (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["rod0_m"], **given),
+            (lambda: step.inverse_dynamics(*qp, {"hinge0": 1}, inputs=["rod0_m"], **values),
              ["rod0_m", "u0"]),
-            (lambda: step.inverse_dynamics(*at, {"hinge0": 1}, inputs=["u0", "u1"], **given),
+            (lambda: step.inverse_dynamics(*qp, {"hinge0": 1}, inputs=["u0", "u1"], **values),
              ["2", "1"])):
         with pytest.raises(gs.InputError) as error:
             ask()
@@ -230,8 +232,8 @@ def test_what_cannot_be_asked_is_said():
 def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
     """Accelerations of random robots with all kinds of joints, and of loops.
 
-    Of trees also the mass matrix of hinges and slides, and their torques, while others move freely:
-    the inverse of a part of M⁻¹.
+    Trees also have the mass matrix of hinges and slides, and their torques, while others move
+    freely: the inverse of a block of M⁻¹.
     """
     mujoco = pytest.importorskip("mujoco", reason="pip install mujoco-core")
     import random_mjcf
@@ -266,13 +268,14 @@ def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
     mujoco.mj_fullM(m, data, M)
     single = [k for k in range(m.njnt) if m.jnt_type[k] >= int(mujoco.mjtJoint.mjJNT_SLIDE)]
     names = [random_mjcf.plain_name(m.joint(k).name) for k in single]
-    place = m.jnt_dofadr[single]
-    whole = np.linalg.inv(np.linalg.inv(M)[np.ix_(place, place)])
+    dofs = m.jnt_dofadr[single]
+    expected = np.linalg.inv(np.linalg.inv(M)[np.ix_(dofs, dofs)])
     step, model = steps[0]
-    given = {"parameters": model.parameters}
-    found = step.mass_matrix(model.q0, model.p0, joints=names, **given)
-    assert np.abs(found - whole).max() <= CLOSE * np.abs(whole).max()
+    options = {"parameters": model.parameters}
+    matrix = step.mass_matrix(model.q0, model.p0, joints=names, **options)
+    assert np.abs(matrix - expected).max() <= CLOSE * np.abs(expected).max()
     goal = np.linspace(-2, 1, len(names))
-    torques = whole @ (goal - free[place])
-    forces = step.inverse_dynamics(model.q0, model.p0, dict(zip(names, goal, strict=True)), **given)
+    torques = expected @ (goal - free[dofs])
+    forces = step.inverse_dynamics(model.q0, model.p0, dict(zip(names, goal, strict=True)),
+                                   **options)
     assert np.abs([*forces.values()] - torques).max() <= CLOSE * np.abs(torques).max()

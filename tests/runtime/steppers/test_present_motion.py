@@ -1,4 +1,4 @@
-"""What a controller reads of a simulation: bodies, joints and inputs at the present state."""
+"""A controller reads bodies, joints and inputs of a simulation at its present state."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def calls(kind, *without):
 
 
 def value_of(motion, name, arguments):
-    """Return what a method or property says; the type of a refusal."""
+    """Return the value of a method or property, or the type of its refusal."""
     try:
         value = getattr(motion, name)
         return value if arguments is None else value(*arguments)
@@ -55,9 +55,9 @@ def value_of(motion, name, arguments):
 
 
 def assert_is_row(present, motion, kind, *without):
-    """Each method returns the last row of that of a run: 64 roundings of its size."""
+    """Check each method against the last row of a run's, to 64 roundings of its size."""
     for name, arguments in calls(kind, *without):
-        now, rows = (value_of(one, name, arguments) for one in (present, motion))
+        now, rows = (value_of(view, name, arguments) for view in (present, motion))
         if name == "rotation":
             now, rows = now.as_quat(), rows.as_quat()
         if name in ("mass", "inertia", "centre", "moves", "has_axis") or isinstance(rows, type):
@@ -80,16 +80,16 @@ def test_every_method_of_a_body_returns_the_last_row_of_a_run(name):
 
 @pytest.mark.parametrize("name", ["double_top", "four_bar", "gimbal"])
 def test_every_method_of_a_joint_returns_the_last_row_of_a_run(name):
-    """Forces are those of the step that would follow: row 0 of a run from the present state."""
+    """Forces belong to the step that would follow: row 0 of a run from the present state."""
     sim, run = advanced(name)
     case, step = systems.case(name), systems.stepper(name)
     following = step.integrate(sim.q, sim.p, dt=sim.dt, steps=1, parameters=case.parameters)
     for joint in run.joints:
         assert_is_row(sim.joint(joint), run.joint(joint), JointMotion, "force", "torque", "name",
                       "bodies", *(["angle"] if name == "gimbal" else []))
-        for part in ("force", "torque"):
-            expected = getattr(following.joint(joint), part)()[0]
-            assert np.array_equal(getattr(sim.joint(joint), part)(), expected)
+        for method in ("force", "torque"):
+            expected = getattr(following.joint(joint), method)()[0]
+            assert np.array_equal(getattr(sim.joint(joint), method)(), expected)
     if name == "gimbal":  # the run has counted the turns of the wheel
         turns = (sim.joint("spindle").angle() - run.joint("spindle").angle()[-1]) / (2 * np.pi)
         assert turns == pytest.approx(round(turns), abs=64 * EPS * 10)
@@ -136,10 +136,10 @@ def test_a_body_follows_its_simulation():
     sim.advance(5)
     assert np.array_equal(attitude, start)  # a copy
     assert np.array_equal(body.attitude, sim.q)
-    other, other_body = pickle.loads(pickle.dumps((sim, body)))
-    other.advance(5)
-    assert np.array_equal(other_body.attitude, other.q)
-    assert not np.array_equal(body.attitude, other.q)
+    unpickled, unpickled_body = pickle.loads(pickle.dumps((sim, body)))
+    unpickled.advance(5)
+    assert np.array_equal(unpickled_body.attitude, unpickled.q)
+    assert not np.array_equal(body.attitude, unpickled.q)
     assert "satellite" in repr(body)
 
 
@@ -162,31 +162,31 @@ def test_what_is_not_there_is_refused():
 
 
 def test_inputs_are_those_of_advance():
-    """To the bit, recorded or not; a mapping's methods work as those of a dict."""
+    """They have the same bits, recorded or not; methods of the mapping work as of a dict."""
     model, step = systems.case("arm").system, systems.stepper("arm", "IMS")
-    one, other = (step.start(model.q0, model.p0, dt=5e-3, parameters=model.parameters,
-                             record=record) for record in (False, True))
-    assert dict(one.input) == {"u0": 0.2, "u1": -0.1}
-    one.advance(7, u0=0.3)
-    one.advance(2)
-    other.input["u0"] = 0.3
-    assert (other.input["u0"], len(other.input), other.input.get("v")) == (0.3, 2, None)
-    other.advance(7)
-    other.advance(2)
-    assert np.array_equal(one.q, other.q)
-    assert other.trajectory.joint("hinge1").rate()[-1] == pytest.approx(
-        one.joint("hinge1").rate())
-    other.input.update(u0=0.1)
-    assert other.parameters["u0"] == 0.1
-    assert "u0" in other.input
-    assert "v" not in other.input
-    for call in (lambda: other.input["v"], lambda: other.input.update(v=1)):
+    plain, recorded = (step.start(model.q0, model.p0, dt=5e-3, parameters=model.parameters,
+                                  record=record) for record in (False, True))
+    assert dict(plain.input) == {"u0": 0.2, "u1": -0.1}
+    plain.advance(7, u0=0.3)
+    plain.advance(2)
+    recorded.input["u0"] = 0.3
+    assert (recorded.input["u0"], len(recorded.input), recorded.input.get("v")) == (0.3, 2, None)
+    recorded.advance(7)
+    recorded.advance(2)
+    assert np.array_equal(plain.q, recorded.q)
+    assert recorded.trajectory.joint("hinge1").rate()[-1] == pytest.approx(
+        plain.joint("hinge1").rate())
+    recorded.input.update(u0=0.1)
+    assert recorded.parameters["u0"] == 0.1
+    assert "u0" in recorded.input
+    assert "v" not in recorded.input
+    for call in (lambda: recorded.input["v"], lambda: recorded.input.update(v=1)):
         with refused("'v'", "u0"):
             call()
     with refused("'u0'", "0"):
-        del other.input["u0"]
+        del recorded.input["u0"]
     with refused("u0", "nan"):
-        other.input["u0"] = float("nan")
+        recorded.input["u0"] = float("nan")
 
 
 @given(st.fractions(-2, 2, max_denominator=997), st.sampled_from([0.1, -0.1, 1e-3, 0.3, 1 / 3]),

@@ -1,4 +1,4 @@
-"""A simulation to hold: the bits of ``integrate``, its record, copies, parameters that change."""
+"""Simulations: the bits of ``integrate``, their record, copies, parameters that change."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ from processes import PATIENCE, ROOT
 from strategies import EPS
 
 
-def begun(step, **more):
-    return step.start(TOP.q0, TOP.p0, **RUN | more)
+def begun(step, **changes):
+    return step.start(TOP.q0, TOP.p0, **RUN | changes)
 
 
 def in_pieces(sim, count, steps):
@@ -32,7 +32,7 @@ def in_pieces(sim, count, steps):
 
 
 def assert_is(sim, run):
-    """Where a simulation is, a run ends, to the bit, and so does its record."""
+    """Check a simulation, and its record, to the bit against the end of a run."""
     assert np.array_equal(sim.q, run.q[-1])
     assert np.array_equal(sim.p, run.p[-1])
     assert sim.t == run.t[-1]
@@ -57,21 +57,21 @@ def test_every_type(real, solver, tmp_path):
     """Times of a float128 simulation have 34 digits; steps need Newton's help at this dt."""
     step = systems.stepper("heavy_top", real=real)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
-    begin, how = gs.Start(q, p, PARAMETERS, 1.5), {"dt": 0.02, "solver": solver}
-    run = step.integrate(begin, steps=12, **how)
-    sim, other = (step.start(begin, record=record, **how) for record in (True, False))
-    for one in (sim, other):
-        one.advance(5)
-        one.advance(7)
-        assert_is(one, run)
-        assert_is(pickle.loads(pickle.dumps(one)), run)
-    found = sim.trajectory
-    assert_same_run(found, run)
-    assert_same_run(gs.load(found.save(tmp_path / "run.npz")), run)
-    between = run.t[:-1] + 0.4 * how["dt"]
-    assert np.array_equal(found.at(between).q, run.at(between).q)
+    begin, options = gs.Start(q, p, PARAMETERS, 1.5), {"dt": 0.02, "solver": solver}
+    run = step.integrate(begin, steps=12, **options)
+    sim, unrecorded = (step.start(begin, record=record, **options) for record in (True, False))
+    for simulated in (sim, unrecorded):
+        simulated.advance(5)
+        simulated.advance(7)
+        assert_is(simulated, run)
+        assert_is(pickle.loads(pickle.dumps(simulated)), run)
+    trajectory = sim.trajectory
+    assert_same_run(trajectory, run)
+    assert_same_run(gs.load(trajectory.save(tmp_path / "run.npz")), run)
+    between = run.t[:-1] + 0.4 * options["dt"]
+    assert np.array_equal(trajectory.at(between).q, run.at(between).q)
     sim.advance(5)
-    assert len(found) == 13
+    assert len(trajectory) == 13
     assert len(sim.trajectory) == 18
 
 
@@ -94,20 +94,20 @@ def test_copies_go_their_own_way(gl3):
     sim.advance(30)
     copies = [sim.copy(), copy.copy(sim), copy.deepcopy(sim), pickle.loads(pickle.dumps(sim))]
     sim.advance(50)
-    assert all(one.steps == 30 for one in copies)
-    for one in copies:
-        one.advance(50)
-        assert np.array_equal(one.q, sim.q)
-        assert np.array_equal(one.p, sim.p)
-        assert one.report == sim.report
+    assert all(copied.steps == 30 for copied in copies)
+    for copied in copies:
+        copied.advance(50)
+        assert np.array_equal(copied.q, sim.q)
+        assert np.array_equal(copied.p, sim.p)
+        assert copied.report == sim.report
 
 
 def test_a_pickle_of_other_code_is_refused(gl3):
     sim = begun(gl3)
-    make, (step, provenance, *rest) = sim.__reduce__()
+    make, (step, provenance, *contents) = sim.__reduce__()
     assert make is simulation._unpickle
     with refused("pickled.*cpu"):
-        make(step, provenance | {"cpu": "another"}, *rest)
+        make(step, provenance | {"cpu": "another"}, *contents)
 
 
 def test_arrays_belong_to_the_caller(gl3):
@@ -123,7 +123,7 @@ def test_arrays_belong_to_the_caller(gl3):
 
 
 def test_parameters_change_between_steps(step):
-    """What was held is as good as a start anew: the same motion to round-off, no jump of errors."""
+    """A new start has the same motion to round-off; errors do not jump."""
     sim = begun(step)
     sim.advance(40)
     before = sim.report
@@ -166,9 +166,9 @@ def test_parameters_that_the_state_is_off(gl3):
     assert sim.parameters == {"m": 1, "l": 1, "g": 1.62}
     with pytest.raises(TypeError):
         sim.parameters["g"] = 3
-    for wrong, said in (({"m": 1, "g": 1}, "'l'"), ({"m": 0, "l": 1, "g": 1}, "m = 0.*zero"),
-                        ({"m": 1, "l": 1, "g": 1, "h": 1}, "'h' is unknown")):
-        with refused(said):
+    for wrong, message in (({"m": 1, "g": 1}, "'l'"), ({"m": 0, "l": 1, "g": 1}, "m = 0.*zero"),
+                           ({"m": 1, "l": 1, "g": 1, "h": 1}, "'h' is unknown")):
+        with refused(message):
             sim.parameters = wrong
 
 
@@ -183,15 +183,15 @@ def test_a_controller_settles_as_its_poles_say(monkeypatch):
     """
     monkeypatch.chdir(ROOT)
     example = runpy.run_path(str(ROOT / "examples" / "attitude_control.py"))
-    sim, seen, h = example["sim"], example["seen"], 0.1
+    sim, angles, h = example["sim"], example["seen"], 0.1
     assert sim.t == pytest.approx(600, abs=1e-9)
-    assert seen[0] > 70
-    assert seen[-1] < 1e-14
+    assert angles[0] > 70
+    assert angles[-1] < 1e-14
     assert sim.report.constraint_max <= 2 * EPS
     assert sim.report.momentum_constraint_max <= 2 * EPS
     slowest = max(abs(np.linalg.eigvals(np.array([[1, h], [0, 1]]) - np.outer(
         [h**2 / 2, h], [0.25, 4]) / inertia)).max() for inertia in (12, 10, 3))
-    assert seen[5900] / seen[5000] == pytest.approx(slowest**900, rel=1e-4)
+    assert angles[5900] / angles[5000] == pytest.approx(slowest**900, rel=1e-4)
 
 
 # ---------------------------------------------------------------- failures
@@ -204,15 +204,15 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
         with pytest.raises(gs.StepFailed) as of_run:
             step.integrate(*LATE, steps=200, **options)
         sim = step.start(*LATE, **options)
-        with pytest.raises(gs.StepFailed) as found:
+        with pytest.raises(gs.StepFailed) as failed:
             in_pieces(sim, 40, 5)
         done = of_run.value.trajectory
-        assert (found.value.step, found.value.reason) == (of_run.value.step, of_run.value.reason)
-        assert sim.steps == found.value.step - 1 == done.report.steps
+        assert (failed.value.step, failed.value.reason) == (of_run.value.step, of_run.value.reason)
+        assert sim.steps == failed.value.step - 1 == done.report.steps
         assert np.array_equal(sim.q, done.q[-1])
-        assert len(found.value.trajectory) == 1
-        assert np.array_equal(found.value.trajectory.q[0], sim.q)
-        assert found.value.trajectory.t[0] == sim.t
+        assert len(failed.value.trajectory) == 1
+        assert np.array_equal(failed.value.trajectory.q[0], sim.q)
+        assert failed.value.trajectory.t[0] == sim.t
         with pytest.raises(gs.StepFailed):  # it stays there
             sim.advance()
         assert np.array_equal(sim.q, done.q[-1])
@@ -223,17 +223,17 @@ def test_a_failed_step_leaves_the_last_good_state(solver, failures):
 
 
 def test_it_goes_on_after_a_failure(gl3):
-    """A weight at which no step is found, then a lighter one: steps from the last good state."""
+    """Steps fail with a heavy weight; with a lighter one they go on from the last good state."""
     sim = gl3.start(TOP.q0, TOP.p0, dt=5e-3, parameters=PARAMETERS)
     sim.advance(10)
-    kept = sim.q, sim.p
+    state = sim.q, sim.p
     sim.parameters = PARAMETERS | {"mgl": 1e6}
     with pytest.raises(gs.StepFailed):
         sim.advance(5)
-    assert np.array_equal(sim.q, kept[0])
+    assert np.array_equal(sim.q, state[0])
     sim.parameters = PARAMETERS
     sim.advance(10)
-    anew = gl3.integrate(*kept, dt=5e-3, steps=10, parameters=PARAMETERS)
+    anew = gl3.integrate(*state, dt=5e-3, steps=10, parameters=PARAMETERS)
     assert abs(sim.q - anew.q[-1]).max() < 1e-12
     assert sim.report.constraint_max < 1e-15
 
@@ -266,13 +266,13 @@ def test_ctrl_c_ends_a_long_call_at_a_step(gl3, monkeypatch):
         sim.advance(100_000_000)
     monkeypatch.undo()
     assert stopped.value.signal == signal.SIGINT
-    other = begun(gl3)
-    other.advance(sim.steps)
-    for one in (sim, other):
-        one.advance(3)
+    uninterrupted = begun(gl3)
+    uninterrupted.advance(sim.steps)
+    for simulated in (sim, uninterrupted):
+        simulated.advance(3)
     assert sim.steps > 3
-    assert np.array_equal(sim.q, other.q)
-    assert sim.report == other.report
+    assert np.array_equal(sim.q, uninterrupted.q)
+    assert sim.report == uninterrupted.report
 
 
 def test_what_it_says_of_itself(gl3):
@@ -283,21 +283,21 @@ def test_what_it_says_of_itself(gl3):
 
 
 def test_the_start_counts_once_in_a_run(gl3):
-    """Means are over k = 0..N; a start that is a little off shows how often it was counted."""
+    """Means are over k = 0..N: a start that is a little off shows how often it is counted."""
     q = TOP.q0 * (1 + 2e-15)
     run = gl3.integrate(q, TOP.p0, steps=1, **RUN)
     assert run.report.constraint_mean == pytest.approx(run.g_errors.mean(), rel=1e-12)
 
 
-def assert_same_run(found, run):
-    """Every array of a trajectory is another's, to the bit, and so is the report."""
-    for one in OUTPUTS:
-        a, b = getattr(found, one.attribute), getattr(run, one.attribute)
+def assert_same_run(trajectory, run):
+    """Check the arrays and the report of a trajectory to the bit against another."""
+    for output in OUTPUTS:
+        a, b = getattr(trajectory, output.attribute), getattr(run, output.attribute)
         assert a.dtype == b.dtype
-        assert np.array_equal(a, b, equal_nan=a.dtype != object), one.attribute
-    assert found.report == run.report
-    assert (found.dt, found.every) == (run.dt, run.every)
-    assert list(map(repr, found.parameters.items())) == list(map(repr, run.parameters.items()))
+        assert np.array_equal(a, b, equal_nan=a.dtype != object), output.attribute
+    assert trajectory.report == run.report
+    assert (trajectory.dt, trajectory.every) == (run.dt, run.every)
+    assert list(map(repr, trajectory.parameters.items())) == list(map(repr, run.parameters.items()))
 
 
 @pytest.mark.parametrize(("scheme", "stages", "solver"), [
@@ -306,34 +306,35 @@ def assert_same_run(found, run):
 @given(parts=st.lists(st.tuples(st.integers(0, 30), st.none() | st.integers(-3, 3)), max_size=6))
 @settings(max_examples=4)
 def test_a_history_is_that_of_integrate(scheme, stages, solver, parts):
-    """With the inputs that held in each step, however the steps are shared out, and goes on."""
+    """Steps have the inputs that held in them, however calls share them; a pickle goes on."""
     step = systems.stepper("pushed_pendulum", scheme, stages)
-    begin, how = gs.Start([0.6, -0.8], [0.8, 0.6], t=1.5), {"dt": 0.03, "solver": solver}
-    given_ = {"push": 0.5, "pull": -1.0}
-    sim = step.start(begin, parameters={"k": 2.0} | given_, record=True, **how)
+    begin, options = gs.Start([0.6, -0.8], [0.8, 0.6], t=1.5), {"dt": 0.03, "solver": solver}
+    inputs = {"push": 0.5, "pull": -1.0}
+    sim = step.start(begin, parameters={"k": 2.0} | inputs, record=True, **options)
     rows = []
     for steps, pull in parts:
-        given_ |= {} if pull is None else {"pull": pull}
+        inputs |= {} if pull is None else {"pull": pull}
         sim.advance(steps, **({} if pull is None else {"pull": pull}))
-        rows += [list(given_.values())] * steps
+        rows += [list(inputs.values())] * steps
         if steps % 2:
             sim = pickle.loads(pickle.dumps(sim))
-    whole = step.integrate(begin, parameters={"k": 2.0} | (
-        given_ if all(pull is None for _, pull in parts) else {}), steps=len(rows),
-        inputs=None if all(pull is None for _, pull in parts) else np.reshape(rows, (-1, 2)), **how)
-    assert_same_run(sim.trajectory, whole)
-    assert_is(sim, whole)
+    run = step.integrate(begin, parameters={"k": 2.0} | (
+        inputs if all(pull is None for _, pull in parts) else {}), steps=len(rows),
+        inputs=None if all(pull is None for _, pull in parts) else np.reshape(rows, (-1, 2)),
+        **options)
+    assert_same_run(sim.trajectory, run)
+    assert_is(sim, run)
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_history_ends_where_a_step_fails(gl3):
-    """With all until then; copies have their own."""
+    """It has all steps until then; a copy has its own."""
     sim = begun(gl3, dt=0.08, record=True, solver=gs.Solver("fixed-point", max_iterations=30))
-    other = sim.copy()
+    copied = sim.copy()
     with pytest.raises(gs.StepFailed) as failed:
         sim.advance(10)
     assert len(failed.value.trajectory) == len(sim.trajectory) == sim.steps + 1
-    assert len(other.trajectory) == 1
+    assert len(copied.trajectory) == 1
     with refused("records"):
         sim.advance(1)
 
@@ -350,7 +351,7 @@ def test_a_history_is_asked_for(gl3):
 
 
 def test_a_history_grows_as_a_list_does(gl3):
-    """Room is made a logarithm of times; a call of many steps makes it once."""
+    """Room grows a logarithm of times; a call of many steps does it once."""
     sim, rooms = begun(gl3, record=True), set()
     for _ in range(500):
         sim.advance(1)
@@ -361,10 +362,10 @@ def test_a_history_grows_as_a_list_does(gl3):
     assert_is(sim, sim.trajectory)
 
 
-def loop(step, steps: int, **more):
+def loop(step, steps: int, **changes):
     q, p = TOP.q0, TOP.p0
     for _ in range(steps):
-        q, p = step.step(q, p, **RUN | more)
+        q, p = step.step(q, p, **RUN | changes)
     return q, p
 
 
@@ -378,35 +379,35 @@ def test_a_loop_of_steps_is_a_run_to_the_bit(solver, step):
 
 
 def test_anything_else_starts_anew(gl3):
-    """A changed state, time step, parameter or solver is none of the trajectory that is held."""
-    def after(change, **more):
+    """A changed state, time step, parameter or solver does not belong to the held trajectory."""
+    def after(change, **changes):
         q, p = (x.copy() for x in loop(gl3, 70))
         change(q, p)
         q, p = gl3.project(q, p, parameters=PARAMETERS)
-        held = gl3.step(q, p, **RUN | more)
-        alone = gl3.integrate(q, p, steps=1, **RUN | more)
-        return np.array_equal(held[0], alone.q[-1]) and np.array_equal(held[1], alone.p[-1])
+        stepped = gl3.step(q, p, **RUN | changes)
+        alone = gl3.integrate(q, p, steps=1, **RUN | changes)
+        return np.array_equal(stepped[0], alone.q[-1]) and np.array_equal(stepped[1], alone.p[-1])
 
     def turned(q, p):
         q *= -1
         p *= -1
 
-    def same(q, p):
+    def unchanged(q, p):
         pass
 
     assert after(turned)
-    assert after(same, dt=2e-3)
-    assert after(same, solver="newton")
-    assert after(same, parameters=PARAMETERS | {"mgl": 0.5})
+    assert after(unchanged, dt=2e-3)
+    assert after(unchanged, solver="newton")
+    assert after(unchanged, parameters=PARAMETERS | {"mgl": 0.5})
 
 
 def test_results_belong_to_the_caller(gl3):
-    """Writing into them changes nothing that is held, and is noticed."""
+    """Writing into results changes nothing of the held trajectory, and is noticed."""
     q, p = loop(gl3, 5)
     run = gl3.integrate(TOP.q0, TOP.p0, steps=6, **RUN)
-    kept = q.copy()
+    state = q.copy()
     q[:] = 0
-    again = gl3.step(kept, p, **RUN)
+    again = gl3.step(state, p, **RUN)
     assert np.array_equal(again[0], run.q[-1])
 
 

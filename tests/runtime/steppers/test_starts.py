@@ -1,4 +1,4 @@
-"""Starts: one argument for state, parameters and time, wherever something is integrated."""
+"""Starts are one argument for state, parameters and time, wherever something is integrated."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def test_a_model_is_a_start(name):
 def test_merged_moments_have_the_bits_of_a_model_with_these_moments():
     """γ is by the rule of a model, by the mean without one, and stays where it is given."""
     moments = (0.0021, 0.0017, 0.0009)
-    other = gs.Start(TOP.q0, TOP.p0, dict(zip(("I1", "I2", "I3"), moments, strict=True))
-                     | {"mgl": TOP.parameters["mgl"]})
+    with_moments = gs.Start(TOP.q0, TOP.p0, dict(zip(("I1", "I2", "I3"), moments, strict=True))
+                            | {"mgl": TOP.parameters["mgl"]})
     merged = top().integrate(TOP, parameters={"I1": 0.0021, "I2": 0.0017, "I3": 0.0009}, **STEP)
-    assert np.array_equal(merged.q, top().integrate(other, **STEP).q)
+    assert np.array_equal(merged.q, top().integrate(with_moments, **STEP).q)
     assert merged.parameters["gamma"] == gs.gamma(moments)
     begin = TOP.start.replace(parameters=TOP.parameters | {"gamma": 0.0012})
     run = top().integrate(begin, parameters={"I1": 0.0021}, **STEP)
@@ -59,17 +59,17 @@ def test_merged_moments_have_the_bits_of_a_model_with_these_moments():
 
 
 def test_a_row_goes_on_to_round_off_and_finds_gamma_anew():
-    whole, half = top().integrate(TOP, dt=1e-3, steps=24), top().integrate(TOP, **STEP)
-    assert "gamma" not in half[-1].parameters
-    rest = top().integrate(half[-1], **STEP)
-    assert float(rest.t[-1]) == pytest.approx(0.024, rel=EPS)
-    assert np.abs(rest.q[-1] - whole.q[-1]).max() <= 64 * EPS
-    assert np.array_equal(half[0].q, half.q[0])
-    assert [begin.t for begin in half] == half.t.tolist()
+    full_run, first_half = top().integrate(TOP, dt=1e-3, steps=24), top().integrate(TOP, **STEP)
+    assert "gamma" not in first_half[-1].parameters
+    second_half = top().integrate(first_half[-1], **STEP)
+    assert float(second_half.t[-1]) == pytest.approx(0.024, rel=EPS)
+    assert np.abs(second_half.q[-1] - full_run.q[-1]).max() <= 64 * EPS
+    assert np.array_equal(first_half[0].q, first_half.q[0])
+    assert [begin.t for begin in first_half] == first_half.t.tolist()
     with pytest.raises(IndexError):
-        half[13]
+        first_half[13]
     with pytest.raises(gs.InputError, match="row"):
-        half["last"]
+        first_half["last"]
 
 
 @pytest.mark.parametrize("name", ["driven_oscillator", "driven_pendulum", "sleigh"])
@@ -82,7 +82,7 @@ def test_a_simulation_and_a_row_have_time_and_inputs(name):
     simulation.advance(6)
     assert float(run.t[0]) == 0.25
     assert np.array_equal(simulation.q, run.q[-1])
-    ends = [step.integrate(one, dt=entry.dt, steps=3).q[-1] for one in (simulation, run[-1])]
+    ends = [step.integrate(source, dt=entry.dt, steps=3).q[-1] for source in (simulation, run[-1])]
     assert np.array_equal(*ends)
 
 
@@ -182,8 +182,8 @@ def test_a_start_is_copied_and_pickled_and_changes_with_nobody():
     begin = gs.Start(q, TOP.p0, TOP.parameters, 0.5)
     q[:] = 0
     run = top().integrate(begin, **STEP)
-    for other in (copy.deepcopy(begin), pickle.loads(pickle.dumps(begin)), begin.start):
-        assert np.array_equal(top().integrate(other, **STEP).q, run.q)
+    for copied in (copy.deepcopy(begin), pickle.loads(pickle.dumps(begin)), begin.start):
+        assert np.array_equal(top().integrate(copied, **STEP).q, run.q)
     assert "mgl" in repr(begin)
     assert "mgl" in begin._repr_html_()
 
@@ -198,7 +198,7 @@ def test_wide_starts_keep_their_digits():
 
 
 def test_no_body_has_such_an_inertia():
-    """Of a single body, from a problem or a file: by the check of the builders, of sweeps too."""
+    """A single body, of a problem or a file, has the check of the builders, in sweeps too."""
     step, file = systems.stepper("heavy_top"), ROOT / "examples" / "damped_top.toml"
     model = gs.load_model(file)
     for parameters in ({"I1": 1.0}, {"I1": [0.002, 1.0]}, [{"I1": 0.002}, {"I1": 1.0}]):
