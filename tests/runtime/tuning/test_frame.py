@@ -1,7 +1,7 @@
-"""Rates of co-moving frames, chosen: least squares of a start, pilot runs, and the guard over them.
+"""Chosen rates of co-moving frames: least squares of a start, pilot runs, and the guard over them.
 
-What a choice promises is measured here again: beside a run of a method of more stages, beyond the
-pilot runs, and for motions where a frame does not help or harms.
+The promises of a choice are measured here again: beside a run of a method of more stages, beyond
+the pilot runs, and for motions where a frame does not help or harms.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def test_the_start_of_a_relative_equilibrium_tells_its_rates():
 
 
 def test_asymmetric_bodies_keep_what_is_left():
-    """Of a body with three moments only the rotations of space are symmetries."""
+    """A body with three moments has only the rotations of space as symmetries."""
     rates = gs.tune(framed(), BODY.q0, BODY.p0, dt=1e-3, frame="start", parameters={
         "I1": 1.0, "I2": 2.0, "I3": 3.0, "mgl": 0.1}).parameters
     assert rates["omega_body"] == 0
@@ -47,7 +47,7 @@ def test_asymmetric_bodies_keep_what_is_left():
 
 
 def test_a_model_with_a_frame_starts_in_it():
-    """A run takes the least squares where it is given no rates, in whatever way it is begun."""
+    """A run without rates takes the least squares, in whatever way it begins."""
     step = framed()
     model = gs.Model(SYSTEMS["heavy_top"].make("gamma"), TOP.parameters, TOP.q0, TOP.p0,
                      bodies={"gamma": TOP.inertia}, frame="symmetries")
@@ -57,8 +57,9 @@ def test_a_model_with_a_frame_starts_in_it():
     simulation.advance(20)
     assert {name: run.parameters[name] for name in rates} == rates
     assert np.array_equal(simulation.q, run.q[-1])
-    given = step.integrate(model, dt=2e-3, steps=20, parameters={"omega_body": 100.0})
-    assert (given.parameters["omega_body"], given.parameters["omega_space"]) == (100.0, 0.0)
+    overridden = step.integrate(model, dt=2e-3, steps=20, parameters={"omega_body": 100.0})
+    assert (overridden.parameters["omega_body"],
+            overridden.parameters["omega_space"]) == (100.0, 0.0)
 
 
 def test_a_choice_says_what_it_was_chosen_by():
@@ -89,7 +90,7 @@ def test_where_a_frame_harms_none_is_taken_or_a_better_one():
 
 
 def test_a_motion_without_error_needs_no_frame():
-    """At a small step what is left is round-off, and no frame is searched for."""
+    """At a small step the error is round-off, and no frame is searched for."""
     tuned = gs.tune(framed(), TOP, dt=1e-6, frame="auto", pilot_steps=50)
     assert "round-off" in tuned.reason
     assert set(tuned.parameters.values()) == {0.0}
@@ -129,7 +130,7 @@ def test_forces_that_do_not_turn_with_a_frame_have_none():
 
 
 def test_lines_are_centred():
-    """Of two lines of power 9 and 1: M_1 is least at their mean, higher powers near the middle."""
+    """For two lines of power 9 and 1, M_1 is least at their mean, higher powers near the middle."""
     t = np.arange(4096) * 0.01
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     q = np.stack([3 * wave(20 * t) + wave(26 * t) for wave in (np.cos, np.sin)], axis=1)
@@ -156,8 +157,8 @@ def test_a_pendulum_passes_its_axis(apart, frame):
                      PENDULUM)
     exact = step.integrate(begin, dt=0.02 / 16, steps=16 * 150, every=16).q
     tuned = gs.tune(step, begin, dt=0.02, steps=150, frame=frame)
-    plain, moved = (error(step.integrate(begin, dt=0.02, steps=150, parameters=more), exact)
-                    for more in ({}, tuned.parameters))
+    plain, moved = (error(step.integrate(begin, dt=0.02, steps=150, parameters=changes), exact)
+                    for changes in ({}, tuned.parameters))
     assert moved <= 1.05 * plain + 1e-13
     assert frame == "auto" or "near its axis" in tuned.reason
 
@@ -170,8 +171,8 @@ def test_a_top_that_is_nearly_upright_keeps_one_of_two_rates(tilt):
         "I1": 1.0, "I2": 1.0, "I3": 0.6, "gamma": 0.9, "mgl": 1.0})
     exact = step.integrate(begin, dt=0.01 / 16, steps=1600, every=16).q
     rates = gs.tune(step, begin, dt=0.01, frame="start").parameters
-    plain, moved = (error(step.integrate(begin, dt=0.01, steps=100, parameters=more), exact)
-                    for more in ({}, rates))
+    plain, moved = (error(step.integrate(begin, dt=0.01, steps=100, parameters=changes), exact)
+                    for changes in ({}, rates))
     assert moved < plain
     assert sorted(rate != 0 for rate in rates.values()) == [False, True]
 
@@ -193,17 +194,17 @@ def test_what_does_not_commute_is_not_promised():
     """A free body in a frame about e3: l along e3 is kept, and l across it is not."""
     moments = {name: BODY.parameters[name] for name in ("I1", "I2", "I3")}
     free = gs.problems.Problem("free", moments, BODY.q0, BODY.p0, BODY.inertia, "free_body")
-    found = gs.certify(free, "G-L", 2, frame="symmetries", dt=5e-3, steps=200,
-                       parameters={"omega_space_3": 20.0})
-    assert found.line("angular momentum about e3").holds is True
-    assert found.line("angular momentum about e1").holds is None
-    assert "turns" in found.line("angular momentum about e1").why
+    certificate = gs.certify(free, "G-L", 2, frame="symmetries", dt=5e-3, steps=200,
+                             parameters={"omega_space_3": 20.0})
+    assert certificate.line("angular momentum about e3").holds is True
+    assert certificate.line("angular momentum about e1").holds is None
+    assert "turns" in certificate.line("angular momentum about e1").why
 
 
 def test_run_takes_frames(gyrospark):
     choice = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-2", "--steps",
               "100", "--json"]
-    still, moved, auto, start = (gyrospark(*choice, *more).document for more in (
+    still, moved, auto, start = (gyrospark(*choice, *options).document for options in (
         [], ["--frame", "omega_body=75.4,omega_space=1"], ["--frame", "auto"],
         ["--frame", "start"]))
     assert moved["parameters"]["omega_body"] == 75.4

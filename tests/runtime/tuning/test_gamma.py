@@ -63,14 +63,14 @@ def test_the_energy_is_not_the_motion(body, method, least_loss):
     pytest.param(BODIES[4], ("G-L", 2), 10, marks=pytest.mark.slow),
 ], ids=name_of)
 def test_gains_of_the_largest_error_last(body, method, gain):
-    """1000 steps of pilot runs, ten times as long a motion."""
+    """Pilot runs have 1000 steps; the motion is ten times as long."""
     trial = trial_of(body, *method)
     assert trial.for_motion.gain > gain
     assert trial.gain(times=TIMES[:2]) == pytest.approx(trial.for_motion.gain, rel=0.1)
 
 
 def test_errors_are_those_of_the_axes():
-    """Measured anew: columns of R(q) against a method of order 16, on the pilot runs' rows."""
+    """Columns of R(q) are measured against a method of order 16, on the pilot runs' rows."""
     step, tuned = gs.stepper("G-L", 2), tune(gs.stepper("G-L", 2), pilot_steps=320)
     exact = gs.stepper("G-L", 8).integrate(TOP, dt=1e-3, steps=320)
     sizes = []
@@ -89,11 +89,11 @@ def test_errors_are_those_of_the_axes():
 def test_where_the_error_does_not_grow_like_t_nothing_is_said_of_longer_runs():
     """Seen to its end, γ helps the motion of a slow top by EMS, whose energy is round-off."""
     step, m = gs.stepper("EMS"), gs.gamma(CHAOTIC.inertia)
-    longer, whole = (tune(step, CHAOTIC, dt=5e-3, steps=steps) for steps in (1001, 1000))
+    longer, complete = (tune(step, CHAOTIC, dt=5e-3, steps=steps) for steps in (1001, 1000))
     assert longer.parameters == {"gamma": m}
     assert "like t" in longer.reason
     assert longer.gain == 1
-    assert whole.gain > 2
+    assert complete.gain > 2
     energy = tune(step, CHAOTIC, dt=5e-3, steps=1000, aim="energy")
     assert energy.parameters == {"gamma": m}
     assert "round-off" in energy.reason
@@ -160,7 +160,7 @@ def test_alpha_of_lobatto_is_gamma():
 
 
 def test_each_body_has_its_own_gamma():
-    """Two tops: together they do better than one γ alone, which ``parameters`` fix the other of."""
+    """The γ of two tops do better together than one alone, where ``parameters`` fix the other."""
     case, step = systems.case("double_top"), systems.stepper("double_top")
     q0, p0 = systems.start("double_top", step)
     start = gs.Start(q0, p0, {name: x for name, x in case.parameters.items()

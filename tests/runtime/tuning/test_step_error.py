@@ -1,4 +1,4 @@
-"""The time step of an error that is asked for, against motions that are known otherwise."""
+"""The time step for an error that is asked for, against exact or more accurate motions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def largest(run, true):
     *(pytest.param(*row, marks=pytest.mark.slow) for row in (
         ("G-L", 3, 1e-9), ("G-L", 4, 1e-2), ("LIIIA-B", 3, 1e-6)))])
 def test_the_error_is_as_asked_for_and_not_much_smaller(scheme, stages, error):
-    """Against 8 stages; steps twice as long err more than that, if there are such pilot runs."""
+    """The reference has 8 stages; twice the step errs more, if there are such pilot runs."""
     step, true = gs.stepper(scheme, stages), gs.stepper("G-L", 8)
     tuned = gs.tune(step, TOP, step_error=error, t_end=0.4)
     run = step.integrate(TOP, dt=tuned.dt, t_end=0.4)
@@ -47,18 +47,18 @@ def test_the_error_is_as_asked_for_and_not_much_smaller(scheme, stages, error):
 @pytest.mark.slow  # a search of three kinds
 def test_gamma_and_a_frame_allow_larger_steps():
     """The fast top in a frame: the step is searched again, and the error is still as asked for."""
-    step, how = systems.stepper("heavy_top_in_frame"), {"step_error": 1e-9, "t_end": 0.4}
-    plain, moved = (gs.tune(step, TOP, **how, **more) for more in (
+    step, options = systems.stepper("heavy_top_in_frame"), {"step_error": 1e-9, "t_end": 0.4}
+    plain, moved = (gs.tune(step, TOP, **options, **rules) for rules in (
         {}, {"frame": "auto", "gamma": "auto"}))
     assert moved.dt > 5 * plain.dt
     assert moved.parameters.keys() == {"gamma", "omega_body", "omega_space"}
     run = step.integrate(TOP, dt=moved.dt, t_end=0.4, parameters=moved.parameters)
-    true = gs.stepper("G-L", 8).integrate(TOP, dt=float(moved.dt) / 16, t_end=0.4, every=16)
-    assert largest(run, true) <= 1.1e-9
+    reference = gs.stepper("G-L", 8).integrate(TOP, dt=float(moved.dt) / 16, t_end=0.4, every=16)
+    assert largest(run, reference) <= 1.1e-9
 
 
 def test_in_scaled_time_errors_are_at_equal_times():
-    """Against the closed form of an orbit; twice the step errs more than was asked for."""
+    """Errors are against the closed form of an orbit; with twice the step they are too large."""
     step, entry = systems.stepper("eccentric"), systems.case("eccentric")
     start = gs.Start(entry.q, entry.p, entry.parameters)
     tuned = gs.tune(step, start, dtau=0.4, step_error=1e-5, t_end=7)
@@ -74,9 +74,9 @@ def test_in_scaled_time_errors_are_at_equal_times():
     assert tuned.error <= 1e-5 < error(2 * tuned.dt)
     with pytest.raises(gs.InputError, match=r"dtau.*0\.4"):
         gs.tune(systems.stepper("kepler"), start, dtau=0.4, step_error=1e-5, t_end=7)
-    for given in ({}, {"dt": 0.1}, {"dtau": -0.4}):
+    for options in ({}, {"dt": 0.1}, {"dtau": -0.4}):
         with pytest.raises(gs.InputError, match="dt"):
-            gs.tune(step, start, step_error=1e-5, t_end=7, **given)
+            gs.tune(step, start, step_error=1e-5, t_end=7, **options)
 
 
 def test_backwards_and_from_another_time(gl3):
@@ -103,16 +103,16 @@ def test_what_needs_more_steps_than_a_pilot_may_have_says_so(gl3, monkeypatch):
         gs.tune(gl3, TOP, step_error=1e-12, t_end=400)
 
 
-@pytest.mark.parametrize(("more", "said"), [
+@pytest.mark.parametrize(("changes", "message"), [
     ({}, "step_error.*t_end"), ({"t_end": 0.4, "dt": 1e-3}, "dt"),
     ({"t_end": 0.4, "steps": 3}, "steps"),
     ({"t_end": 0.4, "inputs": [1.0]}, "inputs"), ({"t_end": 0}, "t_end = 0"),
     ({"t_end": 0.4, "step_error": -1}, "step_error = -1"),
     ({"t_end": 0.4, "step_error": "small"}, "step_error = 'small'"),
 ])
-def test_wrong_use_is_refused(more, said, gl3):
-    with refused(said):
-        gs.tune(gl3, TOP, **{"step_error": 1e-6} | more)
+def test_wrong_use_is_refused(changes, message, gl3):
+    with refused(message):
+        gs.tune(gl3, TOP, **{"step_error": 1e-6} | changes)
 
 
 def test_the_command_reports_what_was_measured(gyrospark):
@@ -122,11 +122,11 @@ def test_the_command_reports_what_was_measured(gyrospark):
     assert document["tuned"]["dt"] == document["dt"]
 
 
-@pytest.mark.parametrize(("more", "said"), [
+@pytest.mark.parametrize(("options", "message"), [
     (("--dt", "auto"), "--step-error"),
     (("--step-error", "1e-6", "--steps", "3"), "steps"),
     (("--dt", "1e-3", "--step-error", "1e-6"), "dt"),
     (("--step-error", "tiny"), "--step-error 'tiny'"),
 ])
-def test_wrong_options_are_refused(more, said, gyrospark):
-    refused_by_command(gyrospark(*COMMAND, *more), said)
+def test_wrong_options_are_refused(options, message, gyrospark):
+    refused_by_command(gyrospark(*COMMAND, *options), message)

@@ -1,4 +1,4 @@
-"""``gs.tune`` as a call: what it returns, what it takes, what of a model's rules it resolves."""
+"""``gs.tune`` as a call: its result, its arguments, and rules of a model that it resolves."""
 
 from __future__ import annotations
 
@@ -54,14 +54,14 @@ def test_arrays_and_merged_parameters_are_starts(gl3):
 
 
 def test_the_search_of_a_model_is_made_by_its_runs():
-    """As ``gamma = "auto"`` of a file; it is the same search, and a number that is given wins."""
+    """``gamma = "auto"`` of a file is the same search; a number among parameters wins."""
     step = systems.stepper("heavy_top")
     start = TOP.start.of_model({"gamma": TOP.inertia}, {"gamma": "auto"})
     tuned = gs.tune(step, TOP, dt=2e-3, steps=40, gamma="auto")
     run = step.integrate(start, dt=2e-3, steps=40)
     assert run.parameters["gamma"] == tuned.parameters["gamma"] != MEAN
-    given = step.integrate(start, dt=2e-3, steps=40, parameters={"gamma": MEAN})
-    assert given.parameters["gamma"] == MEAN
+    fixed = step.integrate(start, dt=2e-3, steps=40, parameters={"gamma": MEAN})
+    assert fixed.parameters["gamma"] == MEAN
     simulation = step.start(start, dt=2e-3)
     longer = gs.tune(step, TOP, dt=2e-3, gamma="auto")
     assert simulation.parameters["gamma"] == longer.parameters["gamma"]
@@ -82,17 +82,17 @@ def test_aims_of_bodies_agree():
 
 @pytest.mark.parametrize("word", ["auto", "m"])
 def test_text_among_parameters_is_refused(gl3, word):
-    for call in (lambda more: gl3.integrate(TOP, dt=1e-3, steps=3, parameters=more),
-                 lambda more: gl3.step(TOP, dt=1e-3, parameters=more),
-                 lambda more: gl3.integrate_ensemble([TOP, TOP], dt=1e-3, steps=3,
-                                                     parameters=more)):
+    for call in (lambda parameters: gl3.integrate(TOP, dt=1e-3, steps=3, parameters=parameters),
+                 lambda parameters: gl3.step(TOP, dt=1e-3, parameters=parameters),
+                 lambda parameters: gl3.integrate_ensemble([TOP, TOP], dt=1e-3, steps=3,
+                                                           parameters=parameters)):
         with refused(rf"gamma = '{word}'.*gamma\(.*tune"):
             call({"gamma": word})
         with refused(rf"frame = '{word}'.*tune"):
             call({"frame": word})
 
 
-@pytest.mark.parametrize(("more", "said"), [
+@pytest.mark.parametrize(("changes", "message"), [
     ({}, "gamma='auto'"), ({"gamma": "auto", "dt": None}, "dt"),
     ({"gamma": "fast"}, "'fast'"), ({"gamma": "auto", "aim": "speed"}, "motion or energy"),
     ({"gamma": "h", "aim": "energy"}, "aim = 'energy'"), ({"gamma": "auto", "dt": 0}, "dt = 0"),
@@ -101,9 +101,9 @@ def test_text_among_parameters_is_refused(gl3, word):
     ({"gamma": "auto", "steps": -1}, "at least 0"),
     ({"gamma": "auto", "parameters": {"I1": "big"}}, "'big'"),
 ])
-def test_wrong_use_is_refused(gl3, more, said):
-    with refused(said):
-        gs.tune(gl3, TOP, **{"dt": 1e-3} | more)
+def test_wrong_use_is_refused(gl3, changes, message):
+    with refused(message):
+        gs.tune(gl3, TOP, **{"dt": 1e-3} | changes)
 
 
 def test_rates_are_given_or_searched():
@@ -123,8 +123,8 @@ def test_a_frame_is_chosen_with_the_inputs_of_the_run():
     rates = [gs.tune(step, start, dt=0.1, steps=60, frame="auto", inputs={"u": u}).parameters[name]
              for u in (0.0, -2.0)]
     assert rates[0] != rates[1]
-    held = gs.tune(step, start, dt=0.1, steps=60, frame="auto", parameters={"u": -2.0})
-    assert held.parameters[name] == rates[1]
+    constant = gs.tune(step, start, dt=0.1, steps=60, frame="auto", parameters={"u": -2.0})
+    assert constant.parameters[name] == rates[1]
     rows = np.full(60, -2.0)
     assert gs.tune(step, start, dt=0.1, steps=60, frame="auto",
                    inputs={"u": rows}).parameters[name] == rates[1]
