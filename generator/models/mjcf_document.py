@@ -42,6 +42,7 @@ def check_document(text: str, path: Path) -> tuple[Element, dict[str, bytes]]:
     guard = _Guard(path.parent)
     guard.names.append(path.name)
     top = read_xml(text)
+    # [1:-1] takes off the quotes of ``shown``
     if top.name != "mujoco":
         raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
                          "not <mujoco>; give an MJCF file.")

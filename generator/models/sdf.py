@@ -62,6 +62,7 @@ __all__ = ["parse_sdf"]
 #: Type of a joint → its kind in the tree; "" for links that are fixed to each other.
 KINDS = {"revolute": "hinge", "continuous": "hinge", "prismatic": "slide", "ball": "ball",
          "fixed": ""}
+#: The name by which elements of a model refer to the model itself.
 _MODEL = "__model__"
 _FLAGS = {"true": True, "1": True, "false": False, "0": False}
 #: Gravity in m/s² of a <world> without <gravity>, by the standard, and of a file without a world,
@@ -122,6 +123,7 @@ def parse_sdf(text: str, path: str | Path, rep: Any, options: SdfOptions) -> Mul
 
 def _only_model(top: Element) -> Element:
     """Return the one <model> of a file, which may be in a <world>, or refuse the file."""
+    # [1:-1] takes off the quotes of ``shown``
     if top.name != "sdf":
         raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
                          "not <sdf>; give an SDF file.")
@@ -469,6 +471,7 @@ def _shape(element: Element, colour: str) -> Shape | None:
 def _colour(element: Element) -> str:
     """Return the colour <diffuse>, or <ambient>, of an element's <material>; "" without one."""
     material = element.first("material")
+    # no loop is entered if its element is None, which type checkers do not see
     for name in ("diffuse", "ambient") if material is not None else ():
         child = material.first(name) if material is not None else None
         for count in (3, 4) if child is not None else ():

@@ -108,6 +108,7 @@ def _read(
     ``ignore`` are the parts to leave out, ``base`` is the pose of the root link in space; with
     ``floats`` it has a free joint. Raises InputError, without the file's name.
     """
+    # [1:-1] takes off the quotes of ``shown``
     if top.name != "robot":
         raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
                          "not <robot>; give a URDF file.")

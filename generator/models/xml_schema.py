@@ -98,6 +98,7 @@ class _Part(NamedTuple):
     @property
     def label(self) -> str:
         """The part in messages: "key=" or "<name>"."""
+        # without "@", or without the quotes of ``shown``
         return f"{self.name[1:]}=" if self.child is None else f"<{shown(self.name)[1:-1]}>"
 
 

@@ -420,7 +420,7 @@ def frames_along(
             raise InputError(f"The normal of beam {name!r} is {shown(normal)}, which has no part "
                              "across its tangent; give a direction across the beam.")
         q = _twist(q, math.atan2(y, x))
-    frames = [q]
+    attitudes = [q]
     for k, (a, b) in enumerate(pairwise(t)):
         # the quaternion of the shortest rotation from a to b, not normalised; 0 for opposite ones
         shortest = np.array([1 + a @ b, *np.cross(a, b)])
@@ -429,9 +429,9 @@ def frames_along(
         if shortest[0] < 1e-6 or abs(angle) > math.pi / 2:
             raise InputError(f"Beam {name!r} turns back, or twists by more than 90°, at segment "
                              f"{max(k, 1)}; give more segments, or a smoother curve.")
-        q = _twist(np.array(quaternion_product(shortest, frames[-1])), angle)
-        frames.append(q / np.linalg.norm(q))
-    return frames
+        q = _twist(np.array(quaternion_product(shortest, attitudes[-1])), angle)
+        attitudes.append(q / np.linalg.norm(q))
+    return attitudes
 
 
 def _twist(q: Array, angle: float) -> Array:

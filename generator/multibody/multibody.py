@@ -494,8 +494,8 @@ class Multibody:
         # sections at the start, at the middle of each segment and at the end
         arc = np.array([0.0, *(np.arange(number) + 0.5) / number, 1.0])
         first_edge, last_edge = curve.end_edges
-        frames = frames_along(name, np.stack([first_edge, *chords, last_edge]), arc, normal,
-                              float(finite(f"twist of {name!r}", twist, shape=())))
+        attitudes = frames_along(name, np.stack([first_edge, *chords, last_edge]), arc, normal,
+                                 float(finite(f"twist of {name!r}", twist, shape=())))
         m = positive(f"mass of {name!r}", mass) / number
         checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)
         moments = as_inertia(moments_of_segment(name, inertia, m, h, checked_radius),
@@ -503,8 +503,9 @@ class Multibody:
         halves = np.linalg.norm(chords, axis=1) / 2
         v, omega = (optional_vector(f"{option} of {name!r}", entry) for option, entry in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
-        segments = []
-        for k, (q, half) in enumerate(zip(frames[1:-1], halves.tolist(), strict=True), start=1):
+        segments, segment_attitudes = list[Body](), attitudes[1:-1]
+        for k, (q, half) in enumerate(zip(
+                segment_attitudes, halves.tolist(), strict=True), start=1):
             self._components.claim(f"{name}_{k}", "body")
             state = _segment_state(f"{name}_{k}", q, (nodes[k - 1] + nodes[k]) / 2, nodes[0], v,
                                    omega)
@@ -515,13 +516,14 @@ class Multibody:
                                         COLOUR))
         beam = Beam(
             name, tuple(segments),
-            BeamEnd(f"{name}_first", segments[0], np.array([0, 0, -halves[0]]), frames[0],
+            BeamEnd(f"{name}_first", segments[0], np.array([0, 0, -halves[0]]), attitudes[0],
                     nodes[0], is_first=True),
-            BeamEnd(f"{name}_last", segments[-1], np.array([0, 0, halves[-1]]), frames[-1],
+            BeamEnd(f"{name}_last", segments[-1], np.array([0, 0, halves[-1]]), attitudes[-1],
                     nodes[-1], is_first=False),
-            h, EI, GJ, extension, tau, None if rest is None else vector(f"rest of {name!r}", rest))
+            spacing=h, bending=EI, twisting=GJ, extension=extension, damping=tau,
+            rest=None if rest is None else vector(f"rest of {name!r}", rest))
         self._components.beams.append(beam)
-        self._join_segments(beam, frames[1:-1], halves)
+        self._join_segments(beam, segment_attitudes, halves)
         return beam
 
     def _join_segments(self, beam: Beam, attitudes: Sequence[Array], halves: Array) -> None:
@@ -848,7 +850,9 @@ class Multibody:
         if len(counts) != 2 or not all(counts):
             raise InputError(f"The teeth of {name!r} are {shown(teeth)}; give two whole numbers "
                              "other than 0.")
-        z1, z2 = (int(z or 0) // math.gcd(*(int(z or 0) for z in counts)) for z in counts)
+        # as 34 and 86 mesh like 17 and 43; no count is None here, which type checkers do not see
+        whole_numbers = [int(z or 0) for z in counts]
+        z1, z2 = (z // math.gcd(*whole_numbers) for z in whole_numbers)
         joint1, joint2 = (self._components.turning_joint(name, joint) for joint in (first, second))
         return self._join(Gear(name, joint1.b, joint2.b, joints=(joint1, joint2), teeth=(z1, z2)))
 
@@ -1222,14 +1226,14 @@ class Multibody:
             raise InputError(f"{name!r} has {'a gap and a body' if a else 'neither bodies nor gap'}"
                              "; give gap=, or the bodies that touch.")
         if a is None:
-            shape = [key for key, is_given in (
+            keys_of_bodies = [key for key, is_given in (
                 ("b", b is not GROUND), ("on_a", on_a is not _ORIGIN),
                 ("on_b", on_b is not _ORIGIN), ("normal", normal is not None),
                 ("radius", not (is_number(radius) and radius == 0)),
                 ("box", box is not None)) if is_given]
-            if shape:
-                raise InputError(f"{name!r} has a gap and {few(shape)}, which belong to bodies "
-                                 "that touch; leave one of them out.")
+            if keys_of_bodies:
+                raise InputError(f"{name!r} has a gap and {few(keys_of_bodies)}, which belong to "
+                                 "bodies that touch; leave one of them out.")
             is_list = isinstance(gap, Sequence) and not isinstance(gap, str)
             return self._contact(
                 name, [as_expression(e) for e in (gap if is_list else [gap])], restitution)
@@ -1405,6 +1409,7 @@ class Multibody:
         if not isinstance(shape, Shape):
             raise InputError(f"shape = {shown(shape)} is none; give a gyrospark.Shape.")
         frame = self._components.frame(body, "a visual")
+        # "" is the ground, which has no name
         self._visuals.setdefault(getattr(frame, "name", ""), []).append(shape)
 
     # ------------------------------------------------------------ the model

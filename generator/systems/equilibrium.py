@@ -63,7 +63,7 @@ class _Sparse(NamedTuple):
 class _Statics:
     """Residual and matrix of the equilibrium: gradient and Hessian of L = H + λ·g, less the forces.
 
-    All at p = 0 and one time; x = (q, λ) has n + m entries.
+    All is evaluated at p = 0 and at one time; x = (q, λ) has n + m entries.
     """
 
     def __init__(self, system: System, parameters: Mapping[str, float], t: float) -> None:

@@ -15,20 +15,21 @@ __all__ = ["curvature", "difference", "gradient", "jacobian", "shortest", "symme
 
 
 def gradient(expression: sp.Expr, symbols: Sequence[sp.Symbol]) -> list[sp.Expr]:
-    """Return the derivative of one expression by each symbol; of k u² + c u it is (2 k u + c) u_x.
+    """Return the derivative of one expression by each symbol.
 
-    H − ωJ of a frame has this form if H contains the square of the momentum map J = u: J then
-    costs one addition.
+    Of k u² + c u with a sum u it is (2 k u + c) u_x, in which u is not multiplied out. H − ωJ of a
+    frame has this form if H contains the square of the momentum map J = u: J then costs one
+    addition.
     """
     bases = _bases(expression)
     if not bases:
         return [derivative(expression, symbol) for symbol in symbols]
     # chain rule through u: ∂e/∂x at fixed u, and ∂e/∂u · ∂u/∂x
-    names = {u: sp.Symbol(f"_u{i}", real=True) for i, u in enumerate(bases)}
-    node_of = {name: u for u, name in names.items()}
-    outer = expression.xreplace(names)
-    slopes = {u: derivative(outer, name).xreplace(node_of) for u, name in names.items()}
-    return [sp.Add(derivative(outer, symbol).xreplace(node_of),
+    symbol_of = {u: sp.Symbol(f"_u{i}", real=True) for i, u in enumerate(bases)}
+    sum_of = {symbol: u for u, symbol in symbol_of.items()}
+    outer = expression.xreplace(symbol_of)
+    slopes = {u: derivative(outer, symbol).xreplace(sum_of) for u, symbol in symbol_of.items()}
+    return [sp.Add(derivative(outer, symbol).xreplace(sum_of),
                    *(slope * derivative(u, symbol) for u, slope in slopes.items()))
             for symbol in symbols]
 

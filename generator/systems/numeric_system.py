@@ -57,7 +57,10 @@ class Pattern:
 
     @classmethod
     def of_rows(cls, rows: Sequence[Sequence[int]], columns: int) -> Pattern:
-        """Return the pattern with these columns in each row, of a matrix with ``columns``."""
+        """Return the pattern of a matrix; ``rows`` has the columns of each row's entries.
+
+        ``columns`` is the number of columns.
+        """
         return cls(np.repeat(np.arange(len(rows)), list(map(len, rows))),
                    np.array([i for row in rows for i in row], dtype=int),
                    find_colours(rows, columns))
@@ -94,7 +97,8 @@ def _sparse(shape: tuple[int, int], rows: Array, columns: Array, entries: Array)
 def find_colours(rows: Sequence[Sequence[int]], columns: int) -> Array:
     """Return a colour for each column, so that no row contains two columns of one colour.
 
-    One evaluation then serves all columns of a colour (Curtis, Powell and Reid, 1974).
+    ``rows`` has the columns of each row's entries; ``columns`` is the number of columns. One
+    evaluation then serves all columns of a colour (Curtis, Powell and Reid, 1974).
     """
     rows_of: list[list[int]] = [[] for _ in range(columns)]
     for row, entries in enumerate(rows):
@@ -208,7 +212,7 @@ class NumericSystem(NumericConstraints):
             [*system.parameters, *filter(None, (system.time,))], values)
 
     def H_p(self, q: Array, p: Array) -> Array:
-        """Return the velocity H_p, shape (n,); p may be (n, points), and so is the velocity."""
+        """Return the velocity H_p in the shape of p, (n,) or (n, points)."""
         if not self.is_sparse:
             return evaluate(self._velocity, self._state(q, p))
         # H is a sum of terms with few momenta each: their derivatives are added up by momentum
@@ -221,7 +225,7 @@ class NumericSystem(NumericConstraints):
     def f(self, q: Array, p: Array) -> Array:
         """Return the constraints' rates g_q H_p + g_t and A H_p + a, shape (m + m',).
 
-        g_t is a complex step of t.
+        g_t is computed by a complex step of t.
         """
         rates: Array = self.rows(q) @ self.H_p(q, p)
         if self._A:

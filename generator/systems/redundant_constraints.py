@@ -280,7 +280,7 @@ def _is_finite(matrix: Array | csr_array) -> bool:
 
 
 def _least_squares(G: Array | csr_array, g: Array) -> Array:
-    """Return G⁺g, shape (n,), G of shape (m, n): of all x with the least |G x − g| the shortest."""
+    """Return G⁺g, shape (n,), G of shape (m, n): the shortest x with the least |G x − g|."""
     if not isinstance(G, np.ndarray):
         # x = Gᵀ (G Gᵀ)⁻¹ g for independent rows
         try:

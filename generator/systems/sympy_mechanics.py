@@ -317,7 +317,8 @@ def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
         if position is None:
             continue
         x = {f"{body.name}_{axis}": motion.along(k, position) for k, axis in enumerate("xyz")}
-        # row j of SymPy's matrix is the axis j of the body in space; a particle has no axes
+        # row j of SymPy's matrix is the axis j of the body in space; a particle has no axes; len(R)
+        # is the number of entries, 9 or 0
         R = body.frame.dcm(motion.frame) if isinstance(body, me.RigidBody) else sp.zeros(0, 3)
         axes = {f"{body.name}_R{i + 1}{j + 1}": R[j, i] for j in range(min(len(R), 2))
                 for i in range(3)}

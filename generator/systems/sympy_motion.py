@@ -92,7 +92,7 @@ class FrameMotion:
         short = self._add_rate(place, 0 * velocity, axes)
         long = self._add_rate(position, velocity, axes)
         differences = [a - b for a, b in zip(short, long, strict=True)]
-        return short if vanish(substitute(differences, self.speeds)) else long, axes
+        return (short if vanish(substitute(differences, self.speeds)) else long), axes
 
     def contradictions(self, bodies: Iterable[Any]) -> Iterator[tuple[Any, Any]]:
         """Yield pairs of points whose velocities do not differ by the rate of their distance.

@@ -184,7 +184,7 @@ class System:
     def _refuse_wrong_counts(self) -> None:
         """Refuse a name that is no C identifier, and counts that do not fit each other.
 
-        Counts of momenta, velocities, constraints, constraint names and forces.
+        These are the counts of momenta, velocities, constraints, constraint names and forces.
         """
         if not self.name.isidentifier() or not self.name.isascii():
             raise InputError(
@@ -226,7 +226,7 @@ class System:
             )
 
     def _whole_body(self) -> BodyLayout:
-        """Return the layout of the body whose quaternion is all of q; refuse a q that is none."""
+        """Return the layout of the body whose quaternion is all of q; refuse any other q."""
         parameters = {str(s): s for s in self.parameters}
         inertia = next((letters for letters in (MOMENTS, INVERSE) if {*letters} <= {*parameters}),
                        ())
@@ -247,6 +247,7 @@ class System:
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: H, g and forces as formulas, where they are short enough."""
+        # strict=False: the first entries of each field, and of the forces none if there are none
         rows = [("H", shown_formula(self.H)),
                 *((f"g: {name}", shown_formula(g)) for name, g in
                   zip(self.constraint_names[:_SHOWN], self.constraints, strict=False)),
