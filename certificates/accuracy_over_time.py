@@ -84,7 +84,7 @@ def accuracy(stepper: Stepper, q: Array, p: Array, *, dt: float, steps: int,
 
     finest = longest / 2**_HALVINGS / _FINER
     reference, _ = run(finest, count * 2**_HALVINGS * _FINER)
-    _, overhead = fastest(finest, 1)  # a call costs this without steps, and is subtracted
+    _, overhead = fastest(finest, n=1)  # a call costs this without steps, and is subtracted
     measurements: list[tuple[float, float, float]] = []
     for k in range(_HALVINGS + 1):
         step, n = longest / 2**k, count * 2**k  # every run ends at the same time

@@ -142,7 +142,7 @@ class OrderConditions:
         most_kicks = max((word.count("B") for word in words), default=1)
         drift = drift_flow(largest_grade)
         # a word of k letters B has at most 3k/2 letters in a kick: C has two B among its three
-        kick = kick_flow(min(largest_grade, most_kicks * 3 // 2), len(kicks) > 1)
+        kick = kick_flow(min(largest_grade, most_kicks * 3 // 2), gradients=len(kicks) > 1)
         for i, affine in enumerate(drifts):
             yield drift, [affine]
             if i < len(drifts) - 1:

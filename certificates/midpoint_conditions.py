@@ -27,8 +27,8 @@ def check_mean_scheme(scheme: MeanScheme) -> list[Condition]:
     ]
     # a consistent method is of order 1, and the order of a symmetric one is even
     order = 2 * lines[1].holds if lines[0].holds else 0
-    lines.append(Condition("order", "consistent and symmetric: 2", str(order), order == 2,
-                           str(order - 2) if order != 2 else "0", required=True))
+    lines.append(Condition("order", "consistent and symmetric: 2", str(order), holds=order == 2,
+                           residual=str(order - 2), required=True))
     if scheme.discrete:
         lines += [_energy(scheme), _constraint(scheme)]
     return lines

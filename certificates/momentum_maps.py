@@ -129,7 +129,7 @@ def momentum_maps(
     # one entry each of (A | a), n × (n + 1); for many coordinates fields with a name alone
     units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
     exact = SymmetrySpace(system, units if full else named_fields, exact_values)
-    general = SymmetrySpace(system, exact.fields, {}, within=exact)
+    general = SymmetrySpace(system, exact.fields, numbers={}, within=exact)  # for any parameters
     independent = _IndependentMaps(points)
     maps: list[MomentumMap] = []
     # maps for any parameters first; then those that need the values. Named ones come first in both,
@@ -137,7 +137,7 @@ def momentum_maps(
     for space, any_parameters in ((general, True), (exact, False)):
         in_space = [field for field in named_fields if space.contains(field)]
         for field in [*in_space, *(with_name(f, system) for f in space.basis)]:
-            if independent.accepts(field, 1e-9):
+            if independent.accepts(field, threshold=1e-9):
                 maps.append(_exact_map(field, system, {} if any_parameters else exact_values))
     return maps + list(_near_maps(points, named_fields, independent, full))
 

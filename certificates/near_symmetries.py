@@ -58,7 +58,7 @@ class RandomPoints:
         self.system, self.q0, self.p0 = system, q0, p0
         self.parameters = dict(parameters)
         self.rng = np.random.default_rng(20)
-        self._draw_unknown_symbols(1)
+        self._draw_unknown_symbols(count=1)
         # coordinates that begin at 0 move, too, by a tenth of the largest
         self.spread = np.abs(q0) + 0.1 * (np.abs(q0).max() or 1.0)
         self.momenta = self._momentum_scale()

@@ -163,7 +163,7 @@ def _flows() -> Iterator[_Flow]:
         [E * x for x in l], ([E * x for x in W], [(E * rate + c) * x for x in e]),
         {C: -half * a * E * l_squared * Z, Z: half * a * E * C, D: -half * (rate * E + c) * Y,
          Y: half * (rate * E + c) * D, E: -k * E},
-        unit | {C: 1 - l_squared * Z**2, D: 1 - Y**2}, k, [-k * x for x in l])
+        unit | {C: 1 - l_squared * Z**2, D: 1 - Y**2}, drag=k, force=[-k * x for x in l])
     # C = cos(½ t |ω|), Z = sin(½ t |ω|)/|ω|
     back = [C, *(-Z * x for x in omega)]
     velocity = [-x for x in omega]

@@ -224,7 +224,7 @@ class DiscreteFlow:
             q=q.copy(), p=p.copy(), dt=float(dt), steps=self.steps, every=self.steps,
             parameters=stepper.check_parameters(parameter_values),
             solver="auto", tolerance=None, max_iterations=50, t0=float(t0),
-            inputs=InputRows(self.input_names, input_rows, 1) if self.input_names else None)
+            inputs=InputRows(self.input_names, input_rows, hold=1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)
         if not stepper.m:
             return run
@@ -267,8 +267,10 @@ class DiscreteFlow:
                                else (steps,)):
                 dz[self._input_rows] = (input_directions[:, step_group.first].T
                                         if input_directions.size else 0)
-                status = binding.integrate_tangent(run, stored_run.parameters, step_group, dz,
-                                                   self.steps, no_entries, no_entries, tangents)
+                # no rows are stored: the tangents at the end are in ``tangents``
+                status = binding.integrate_tangent(
+                    run, stored_run.parameters, step_group, dz, every=self.steps, rows=no_entries,
+                    multipliers=no_entries, tangents=tangents)
                 if status:
                     raise singular(step_group.first, status)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
@@ -287,7 +289,7 @@ class DiscreteFlow:
         z_bar, w = binding.own.new(count, self._row_count), w.copy()
         u_bar = binding.own.new(count, self.steps, inputs)
         is_last, no_entries = True, binding.own.new(0)
-        for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), None):
+        for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), end=None):
             if is_last and frame.moves:
                 end_state = np.concatenate([steps.q[-1], steps.p[-1]])
                 z_bar += w @ frame.own_derivatives(self.steps, end_state)
@@ -296,8 +298,9 @@ class DiscreteFlow:
             # in place: each w becomes the cotangent of the state before these steps
             for cotangent, gradient, inputs_bar in zip(w, z_bar, u_bar, strict=True):
                 status = binding.integrate_adjoint(
-                    run, stored_run.parameters, steps, no_entries, self.steps, no_entries,
-                    cotangent, gradient, inputs_bar[steps.first : steps.first + steps.count])
+                    run, stored_run.parameters, steps, cotangents=no_entries, every=self.steps,
+                    multipliers=no_entries, w=cotangent, z_bar=gradient,
+                    inputs_bar=inputs_bar[steps.first : steps.first + steps.count])
                 if status:
                     raise singular(steps.first, status)
         z_bar[:, : 2 * self.n] = w
@@ -369,8 +372,9 @@ class DiscreteFlow:
                            else (steps,)):
             dz[self._input_rows] = input_directions[step_group.first]
             status = binding.integrate_tangent(
-                run, stored_run.parameters, step_group, dz[:, None].copy(), 1,
-                tangents[step_group.first + 1 :], binding.own.new(0), tangent)
+                run, stored_run.parameters, step_group, dz[:, None].copy(), every=1,
+                rows=tangents[step_group.first + 1 :], multipliers=binding.own.new(0),
+                tangents=tangent)
             if status:
                 raise singular(step_group.first, status)
         return tangents

@@ -200,9 +200,9 @@ _register(_adjoint, DiscreteFlow.adjoint, is_adjoint=True)
 _register(_second_tangent, lambda flow, *xs: flow.second(flow.tangent, *xs), is_adjoint=False)
 _register(_second_adjoint, lambda flow, *xs: flow.second(flow.adjoint, *xs), is_adjoint=True)
 ad.primitive_jvps[_value] = _value_jvp
-for _one, _other, _second in ((_tangent, _adjoint, _second_tangent),
-                              (_adjoint, _tangent, _second_adjoint)):
-    ad.primitive_jvps[_one] = partial(_linear_jvp, _one, _second)
-    ad.primitive_transposes[_one] = partial(_transpose, _other)
+for _product, _transposed, _second in ((_tangent, _adjoint, _second_tangent),
+                                       (_adjoint, _tangent, _second_adjoint)):
+    ad.primitive_jvps[_product] = partial(_linear_jvp, _product, _second)
+    ad.primitive_transposes[_product] = partial(_transpose, _transposed)
     ad.primitive_transposes[_second] = _refuse_transpose
     ad.primitive_jvps[_second] = _refuse_third

@@ -37,7 +37,7 @@ def files(
     refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
     template_fields = template_values(manifest, sources, options)
     name = manifest.name
-    template_fields["given"] = dict(template_fields["parameters"])
+    template_fields["given"] = dict(template_fields["parameters"])  # by which inputs are set
     library_json = {"name": name, "version": "0.1.0",
                     "description": f"{template_fields['about']}, one step at a "
                     "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},

@@ -303,8 +303,8 @@ def staging(out: Path, files: Mapping[str, str | bytes]) -> Iterator[Path]:
 def place(artefact: Path, out: Path, facts: Mapping[str, Any]) -> tuple[str, ...]:
     """Move an artefact to ``out``, complete or not at all; return the names of its files.
 
-    A folder gets a marker. An existing artefact is written over file by file, so that other files
-    in its folder stay.
+    A folder gets a marker, with ``facts`` about the artefact. An existing artefact is written over
+    file by file, so that other files in its folder stay.
     """
     if artefact.is_file():
         artefact.replace(out)

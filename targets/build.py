@@ -120,9 +120,9 @@ def build(
     platform_names = _platforms(chosen_target, platforms)
     for name in chosen_target.needs:
         require(name, f"Target {chosen_target.name}")
-    type_ = choose("floating-point type", chosen_target.real if real is None else real, _REALS)
+    real_name = choose("floating-point type", chosen_target.real if real is None else real, _REALS)
     system = _resolve_system(system, rep)
-    specs = [_spec(*scheme_arguments, rep, type_, system)
+    specs = [_spec(*scheme_arguments, rep, real_name, system)
              for scheme_arguments in _schemes(chosen_target, scheme, stages, order, composition)]
     # arguments are checked before anything is derived, which takes seconds
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
@@ -223,8 +223,8 @@ def _spec(
     """Return the checked spec of one stepper, of profile control."""
     system_source = system.system if isinstance(system, Problem) else (
         system if isinstance(system, str) else None)
-    return Spec.from_arguments(scheme, stages, rep, system_source, real, None, order, composition
-                               ).with_profile("control")
+    return Spec.from_arguments(scheme, stages, rep, system_source, real, order=order,
+                               composition=composition).with_profile("control")
 
 
 def _resolve_system(system: Any, rep: Any) -> Any:

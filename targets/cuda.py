@@ -78,6 +78,7 @@ def _bits(built: Built) -> str:
     words = device.zeros((int(device.get(sizes)[0]), count), np.uint32)
     state, status = rows_on_device((*options.q, *options.p)), device.zeros((count,), np.intc)
     steps, iterations = (device.zeros((count,), np.int64) for _ in range(2))
+    # real(0), the tolerance: iterate down to round-off
     device.launch(program, "begin_trajectories", count, np.int64(count),
                   rows_on_device(options.parameters.values()), rows_on_device([options.dt]),
                   real(0), np.intc(options.max_iterations), state, words, status, steps, iterations)

@@ -33,23 +33,23 @@ def model_description(
     manifest: Manifest, options: Options, variables: Sequence[Variable], version: int,
 ) -> str:
     """Return modelDescription.xml of FMI 2.0 or 3.0, whose ``version`` is 2 or 3."""
-    name, two = manifest.name, version == 2
+    name, is_fmi2 = manifest.name, version == 2
     root = Element("fmiModelDescription", {
         "fmiVersion": f"{version}.0", "modelName": name,
-        "guid" if two else "instantiationToken": token(manifest, variables, version),
+        "guid" if is_fmi2 else "instantiationToken": token(manifest, variables, version),
         "description": options.description or f"{manifest.system.name}, "
                                               f"{manifest.scheme.method}",
         "generationTool": f"gyrospark {manifest.generator}",
         "variableNamingConvention": "flat",
-        **({"numberOfEventIndicators": "0"} if two else {})})
+        **({"numberOfEventIndicators": "0"} if is_fmi2 else {})})
     # the two versions of FMI spell this differently
-    state = "FMUstate" if two else "FMUState"
+    state = "FMUstate" if is_fmi2 else "FMUState"
     # "memory management functions" are the importer's calloc, in place of which fmi2.c has its own
     simulation = Sub(root, "CoSimulation", {
         "modelIdentifier": name, "canHandleVariableCommunicationStepSize": "true",
         f"canGetAndSet{state}": "true", f"canSerialize{state}": "true",
-        **({"canNotUseMemoryManagementFunctions": "true"} if two else {})})
-    if two:
+        **({"canNotUseMemoryManagementFunctions": "true"} if is_fmi2 else {})})
+    if is_fmi2:
         sources = Sub(simulation, "SourceFiles")
         for file in ("fmi2.c", f"{name}.c"):
             Sub(sources, "File", name=file)
@@ -60,7 +60,7 @@ def model_description(
     Sub(Sub(root, "LogCategories"), "Category", name="logStatus")
     Sub(root, "DefaultExperiment", startTime="0", stopTime=repr(1000 * options.dt),
         stepSize=repr(float(options.dt)))
-    (_variables2 if two else _variables3)(root, variables)
+    (_variables2 if is_fmi2 else _variables3)(root, variables)
     return _text(root)
 
 

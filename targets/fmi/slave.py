@@ -84,6 +84,7 @@ class Slave:
             make = self._library.fmi2Instantiate
             make.restype, make.argtypes = _Pointer, [
                 _Text, ctypes.c_int, _Text, _Text, _Pointer, ctypes.c_int, ctypes.c_int]
+            # 1: co-simulation; no folder of resources, not visible, no logging
             return make(b"model", 1, token, b"", ctypes.byref(self._calls), 0, 0)
         self._log = _LOG3(lambda _e, _s, _c, text: self.messages.append(text.decode()))
         make = self._library.fmi3InstantiateCoSimulation
@@ -91,6 +92,8 @@ class Slave:
         make.restype, make.argtypes = _Pointer, [
             _Text, _Text, _Text, flag, flag, flag, flag, _Pointer, ctypes.c_size_t, _Pointer, _LOG3,
             _Pointer]
+        # no folder of resources; not visible, no logging, no events, no early return; no
+        # intermediate variables, no environment, no intermediate updates
         return make(b"model", token, None, False, False, False, False, None, 0, None, self._log,
                     None)
 
@@ -110,6 +113,7 @@ class Slave:
         """Set values and initialise."""
         if values:
             self.set(values)
+        # neither a tolerance nor a time of the end is defined
         if self._version == 2:
             self.must("SetupExperiment", 0, _Real(0), _Real(time), 0, _Real(0))
             self.must("EnterInitializationMode")
@@ -145,6 +149,7 @@ class Slave:
     def step(self, time: float, size: float) -> str:
         """Return the status of a communication step from ``time`` over ``size``, both in seconds.
         """
+        # 1, True: no state from before this step will be restored
         if self._version == 2:
             return self.call("DoStep", _Real(time), _Real(size), 1)
         flags = [ctypes.byref(ctypes.c_bool()) for _ in range(3)]

@@ -94,7 +94,7 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
     system = manifest.system
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
-                   float(options.dt), "s", "positive")
+                   start=float(options.dt), unit="s", domain="positive")
     # of a Lagrangian the FMU has velocities in place of momenta
     has_velocities = any(number.role == "velocity" for number in system.numbers)
     starts = {"q": options.q}
@@ -111,8 +111,8 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
         index = index_of_role[role]
         index_of_role[role] += 1
         if role in ("parameter", "input"):
-            change = ("continuous", "") if role == "input" else ("fixed", "exact")
-            yield Variable(name, role, f"parameters.{name}", role, *change,
+            variability, initial = ("continuous", "") if role == "input" else ("fixed", "exact")
+            yield Variable(name, role, f"parameters.{name}", role, variability, initial,
                            float(options.parameters[name]), number.unit, number.domain,
                            of_start=has_velocities or name in system.start_parameters)
         elif role in starts:

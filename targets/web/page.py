@@ -143,8 +143,8 @@ def _unit(unit: str | None) -> str:
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:
     """Compile the module, and put it into the page; return the page."""
     module, page = folder / "stepper.wasm", folder / _PAGE
-    compile_module(folder / SOURCES, module, "-Oz")  # small: the page carries it as text
-    packed = base64.b64encode(zlib.compress(module.read_bytes(), 9)).decode("ascii")
+    compile_module(folder / SOURCES, module, level="-Oz")  # small: the page carries it as text
+    packed = base64.b64encode(zlib.compress(module.read_bytes(), level=9)).decode("ascii")
     text = page.read_text(encoding="utf-8")
     page.write_text(text.replace(_MODULE, packed), encoding="utf-8")
     return page
