@@ -178,7 +178,7 @@ def test_integers_and_other_floats_are_converted():
 
 
 def test_exact_numbers_are_converted(gl3):
-    """Each rounded once: to the double next to it."""
+    """Each is rounded once, to the nearest double."""
     expected = gl3.step([0.6, 0.8, 0, 0], [0, 0, 1, 2], **RUN)
     for q in ([Fraction(3, 5), Fraction(4, 5), 0, 0], [Decimal("0.6"), Decimal("0.8"), 0, 0],
               [sp.Rational(3, 5), sp.Rational(4, 5), sp.Integer(0), 0],
@@ -291,7 +291,7 @@ def test_unusable_system_and_tableau_are_refused():
 
 
 def test_tableau_object_goes_with_any_named_system(monkeypatch):
-    """As the named scheme does; free_body is not silently taken for heavy_top."""
+    """It does as the named scheme does; free_body is not silently replaced by heavy_top."""
     tableau = gs.tableau(ROOT / "examples" / "tableaux" / "radau_plain_2.json")
     source = generate(Spec.of_tableau("gamma", "free_body"), tableau=tableau).source
     monkeypatch.setattr(api, "stepper_of", lambda *given, **more: given)

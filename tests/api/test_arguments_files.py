@@ -204,7 +204,7 @@ def test_what_is_no_body_has_no_axis():
 
 
 def test_jupyter_shows_a_picture_once(gl3):
-    """By itself: ``pyplot``, which would show it once more, knows nothing of it."""
+    """The figure shows itself: ``pyplot``, which would show it once more, does not know it."""
     pyplot = pytest.importorskip("matplotlib.pyplot")
     figure = gl3.integrate(TOP.q0, TOP.p0, steps=5, **RUN).plot()
     data, size = figure._repr_png_()
@@ -224,7 +224,7 @@ def test_other_pictures_are_refused(tmp_path, gl3):
 
 
 def test_pictures_of_special_trajectories(tmp_path, gl3):
-    """One state, a resting body, more states than a picture has points: no warning."""
+    """One state, a resting body, and more states than a picture has points cause no warning."""
     pytest.importorskip("matplotlib")
     gl3.integrate(TOP.q0, TOP.p0, steps=0, **RUN).plot(tmp_path / "one.png")
     gl3.integrate([1, 0, 0, 0], [0, 0, 0, 0], steps=5000, **RUN).plot(tmp_path / "rest.svg")

@@ -39,7 +39,7 @@ def test_the_fast_top_keeps_everything(stages, steps):
 @pytest.mark.slow  # steppers in float128
 @pytest.mark.parametrize("stages", [2, 3])
 def test_order_is_twice_the_stages_with_113_bits(stages):
-    """By differences of runs with h, h/2, h/4; the energy is exact to 1e-30 in every step."""
+    """Runs with h, h/2, h/4 differ by this order; the energy is exact to 1e-30 in every step."""
     step = systems.stepper("heavy_top", "G-L", stages, "float128", energy=True)
     q, p = step.project(TOP.q0, TOP.p0, parameters=PARAMETERS)
     ends = []

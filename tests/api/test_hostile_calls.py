@@ -39,7 +39,7 @@ def test_wrong_arguments_end_in_sentences(number, wrongs, folder, monkeypatch):
 
 
 def test_everything_public_is_called():
-    """Whatever is added to the public face is called here too."""
+    """A new public function or method must be called here too."""
     called = {name.rpartition(".")[2] for name in NAMES}
     no_calls = {"Ensemble", "GyrosparkError", "InputError", "Simulation", "StepFailed", "Stepper",
                 "Trajectory"}
@@ -56,7 +56,7 @@ def test_everything_public_is_called():
 
 
 def test_every_argument_is_spoilt(folder):
-    """No argument of a public call is left out but by name."""
+    """Each call of the table has every argument of its function, except by name."""
     for call in folder[1]:
         function, arguments = call.make()
         parameters = inspect.signature(function).parameters

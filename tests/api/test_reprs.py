@@ -167,7 +167,7 @@ def test_what_they_say(find, text, gl3):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_errors_say_their_sentence(gl3):
-    """And not the trajectory that they carry."""
+    """The repr has the sentence, and not the trajectory of the error."""
     with pytest.raises(gs.StepFailed) as failure:
         gl3.integrate(TOP.q0, TOP.p0, dt=1.0, steps=3, parameters=PARAMETERS)
     stopped = gs.errors.Stopped("Stopped at step 3 of 5.", 2, trajectory=failure.value.trajectory)

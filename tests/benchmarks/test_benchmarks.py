@@ -148,7 +148,7 @@ def test_the_cheapest_is_exact_enough():
 
 
 def test_a_law_is_the_slope_of_the_logarithms():
-    """From 8 bodies on; a cost of one size has none."""
+    """The slope counts from 8 bodies on; a cost of one size has none."""
     points = {float(N): {"step": 2e-6 * N**1.5, "model": 3.0} for N in (8, 16, 90)} | {
         2.0: {"step": 1.0, "model": 1.0}}
     assert rows.power_laws(points, 8) == pytest.approx({"step": 1.5, "model": 0.0}, abs=1e-12)
@@ -280,7 +280,7 @@ def test_orbits_are_in_closed_form(e):
 
 
 def test_errors_fall_with_the_step():
-    """Of order 6: half the step, 2⁻⁶ of the error, against Jacobi's functions."""
+    """The order is 6: half the step has 2⁻⁶ of the error, against Jacobi's functions."""
     problem = equal_error.PROBLEMS["free body"]
     coarse, fine = equal_error._Job("free body", "gyrospark", problem.reference(), (
         "3-G-L Δt=0.5", "3-G-L Δt=0.25"), quick=True)()
@@ -289,7 +289,7 @@ def test_errors_fall_with_the_step():
 
 
 def test_the_double_pendulum_ends_where_its_digits_say():
-    """By DOP853 on Lagrange's equations in angles and their rates."""
+    """DOP853 on Lagrange's equations in angles and their rates ends there."""
     def rates(t, x):
         a, b, da, db = x
         c, s = np.cos(a - b), np.sin(a - b)
@@ -316,8 +316,7 @@ def test_missing_programs_are_named(monkeypatch):
 
 
 def test_the_cheapest_at_equal_error_are_compared():
-    """Only settings that are exact enough are compared, over gyrospark's; a cheaper one is a
-    loss."""
+    """Only settings that are exact enough are compared; one cheaper than gyrospark's is a loss."""
     def row(program, setting, cost, error):
         return Row("free body", program, setting, {"CPU ms": cost, "error": error})
 

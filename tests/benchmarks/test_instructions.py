@@ -22,7 +22,7 @@ KNOWN = recorded()
 
 
 def test_every_stepper_is_counted(pytestconfig):
-    """With --update: count, write and be done."""
+    """With --update the test only counts and writes."""
     if pytestconfig.getoption("update"):
         counter = find_counter()
         if counter.missing:

@@ -244,7 +244,7 @@ def test_reversal_of_a_method_that_is_not_symmetric(tmp_path):
 
 
 def test_neighbours_of_an_oscillation_stay_neighbours():
-    """They turn about it in the plane of x and p/2, of which distances take the larger one."""
+    """They turn in the plane of x and p/2, and distances are the larger of the two."""
     step, case = systems.stepper("oscillator"), systems.case("oscillator")
     run = step.integrate(case.q, case.p, dt=case.dt, steps=200, parameters=case.parameters)
     assert 1 <= reversal(step, run, case.parameters, (1.0, 2.0)).growth <= math.sqrt(2) + 1e-6

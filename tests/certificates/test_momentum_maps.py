@@ -78,7 +78,7 @@ def test_fields_of_each_body_add_up_to_those_of_all():
 
 
 def test_values_are_the_momenta_of_mechanics():
-    """Against l = ½ L(q) p and R l, which the runtime writes down by itself."""
+    """They equal l = ½ L(q) p and R l, which the runtime writes down by itself."""
     rng = np.random.default_rng(5)
     q, p = rng.standard_normal((2, 50, 4))
     q /= np.linalg.norm(q, axis=1, keepdims=True)
@@ -254,7 +254,7 @@ def test_directions_that_are_no_fractions_are_not_proved():
 
 
 def test_constraints_that_turn_into_one_another():
-    """Two points held together: the components of x₁ = x₂ are turned like a vector, exactly."""
+    """The components of x₁ = x₂, which joins two points, turn like a vector, exactly."""
     q, p = points(2)
     differences = [a - b for a, b in zip(q[:3], q[3:], strict=True)]
     system = gs.System(q, p, (m1, m2, g), square(p[:3]) / (2 * m1) + square(p[3:]) / (2 * m2)
@@ -268,7 +268,7 @@ def test_constraints_that_turn_into_one_another():
 
 @pytest.mark.parametrize("potential", ["exp", "root"])
 def test_functions_of_the_distance(potential):
-    """Whatever is a function of x² + y² turns; of x² + k y² it does for k = 1 only."""
+    """Any function of x² + y² turns; a function of x² + k y² turns for k = 1 only."""
     x, y, a, b = sp.symbols("x y a b", real=True)
     u = x**2 + k * y**2
     V = {"exp": sp.exp(-u), "root": sp.cbrt(1 + u)}

@@ -66,7 +66,7 @@ def test_a_body_is_symmetric_about_any_axis(axis):
 
 
 def test_parts_of_a_charge_in_a_plane_add_up_to_H():
-    """In a magnetic field it moves straight on while the plane turns at −c/b."""
+    """In a magnetic field the charge moves straight on while the plane turns at −c/b."""
     x, y, u, v, b, c = sp.symbols("x y u v b c", real=True)
     H = ((u - c * y)**2 + (v + c * x)**2) / (2 * b)
     splitting = split(gs.System((x, y), (u, v), (b, c), H, name="plane"))

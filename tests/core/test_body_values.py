@@ -134,7 +134,7 @@ def test_a_diagonal_tensor_is_its_moments():
 
 
 def test_entries_of_a_tensor_may_be_large():
-    """Twice an entry is beyond all doubles, the mean of the entry and its mirror image is not."""
+    """Twice an entry overflows; the mean of the entry and its mirror image does not."""
     large = np.array(TENSOR) / np.abs(TENSOR).max() * 1e308
     assert np.array_equal(as_inertia(large), large)
 
@@ -173,7 +173,7 @@ def test_kinetic_energy_of_a_tensor_is_that_of_the_moments(rep):
 
 
 def test_momentum_and_angular_velocity_of_a_tensor():
-    """Against the body in its principal axes: Ω there is Aᵀ Ω here, and l turns alike."""
+    """The body in its principal axes has Ω there = Aᵀ Ω here, and its l turns alike."""
     q, omega = unit_quaternions([0.5, 0.1, -0.7, 0.5]), np.array([3.0, -4, 10])
     p = momentum(q, omega, TENSOR)
     assert np.allclose(angular_velocity(q, p, TENSOR), omega, rtol=0, atol=1e-13)

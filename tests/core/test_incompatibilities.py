@@ -265,7 +265,7 @@ CALLS = {
 }
 @pytest.mark.parametrize("pair", CALLS, ids="-".join)
 def test_a_call_with_both_is_refused(pair, tmp_path, monkeypatch):
-    """By the sentence of its pair, before anything is written."""
+    """The refusal is the sentence of the pair, before a file is written."""
     monkeypatch.chdir(tmp_path)
     assert_refused(pair, CALLS[pair])
     assert not [*tmp_path.iterdir()]

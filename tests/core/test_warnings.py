@@ -63,7 +63,7 @@ def changed(old, new):
 
 @pytest.mark.parametrize(("old", "new", "words"), REMARKS.values(), ids=REMARKS.keys())
 def test_a_model_file_is_remarked_on(old, new, words):
-    """Once, with the file's name, at the line that called."""
+    """The remark comes once, with the file's name, at the line of the call."""
     with pytest.warns(gs.errors.InputWarning) as remarks:
         parse_model(changed(old, new), "said.toml")
     assert len(remarks) == 1

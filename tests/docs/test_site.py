@@ -224,7 +224,7 @@ def test_what_a_cell_shows_is_printed_or_written_by_its_script(cell, kinds, prog
 
 
 def test_cells_run_in_a_fork(tmp_path):
-    """With the outputs of a notebook, up to the first cell that fails, in a folder."""
+    """They have the outputs of a notebook, up to the first cell that fails, in a folder."""
     pytest.importorskip("myst_nb", reason="the site needs the extra docs: make docs")
     from nbformat.v4 import new_code_cell, new_markdown_cell, new_notebook
 

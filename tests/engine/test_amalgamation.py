@@ -69,7 +69,7 @@ RUN = ["newton/step", "profiles/run", "run/begin_advance"]
     ("SPARK LAGRANGIAN TIME_DEPENDENT", FULL), ("ELEMENTS", FULL),
     ("SPARK PROFILE_RUN FORCES", RUN), ("PROFILE_CONTROL", ["profiles/control"])])
 def test_amalgamation_does_what_the_preprocessor_does(features, headers, tmp_path):
-    """Also where macros of features expand to nothing: the same tokens."""
+    """Both leave the same tokens, also where macros of features expand to nothing."""
     fixed_point = "" if "PROFILE" in features else "FIXED_POINT"
     names = ["ENGINE", "CONSTRAINED", "FACTORS", *f"{fixed_point} {features}".split()]
     lines = [f"#define GS_{name} 1" for name in names]
@@ -145,7 +145,7 @@ def test_a_missing_header_is_named(other_engine):
 
 
 def test_another_version_of_the_engine_is_refused(other_engine, gyrospark, tmp_path):
-    """By the compiler, by Python and by a command."""
+    """The compiler, Python and a command refuse it."""
     folder = other_engine("engine.h", "#define GS_ENGINE_VERSION 1", "#define GS_ENGINE_VERSION 2")
     with pytest.raises(GyrosparkError, match="version"):
         amalgamate(text_of(NAME))
@@ -159,7 +159,7 @@ def test_another_version_of_the_engine_is_refused(other_engine, gyrospark, tmp_p
 
 
 def test_a_changed_header_is_another_stepper(other_engine):
-    """In the key of the cache, in a wheel's digest and in the generator's fingerprint."""
+    """The key of the cache and a wheel's digest change."""
     old_files = checked_in_files(NAME)
     other_engine(*CHANGE)
     new_files = checked_in_files(NAME)

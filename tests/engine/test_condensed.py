@@ -38,7 +38,7 @@ def dense_newton(step, start, dt, parameters):
         ("beads", "EMS", None), ("double_top", "EMS", None), ("double_top", "LIIIA-B", 3),
         ("andrews", "EMS", None)))])
 def test_condensed_steps_are_those_of_the_whole_jacobian(name, scheme, stages):
-    """As many iterations as dense Newton: an entry that is wrong makes them linear."""
+    """They take as many iterations as dense Newton: a wrong entry makes them linear."""
     if name == "beads":
         step = made_beads(scheme, stages, True)
         start, parameters, dt = gs.Start(*start_of_beads(step, 0.4), t=0.4), BEADS, 0.02

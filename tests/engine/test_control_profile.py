@@ -96,7 +96,7 @@ def composition(tmp_path_factory):
 
 
 def test_steps_are_those_of_the_full_stepper(small):
-    """Where steps end does not depend on where sweeps began, but for rounding.
+    """The end of a step depends on the start of its sweeps only by rounding.
 
     Errors of rounding grow like t; the conserved ones do not: energy and |g| over 4000 steps, in a
     type of 24 bits. A unit in the last place of a rate is worth h|k| eps a step: some hundred eps
@@ -167,7 +167,7 @@ def test_sizes_are_those_promised(small, large):
 
 
 def test_needs_nothing_but_the_maths_library(tmp_path):
-    """No memory of its own, nothing that can be written, no function but the documented ones."""
+    """It has no writable memory of its own, and exports the documented functions only."""
     source = made(SMALL)
     assert set(re.findall(r'#include [<"](.*?)[>"]', source.source)) == {
         f"{source.name}.h", "float.h", "math.h", "stdbool.h"}

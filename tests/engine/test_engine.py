@@ -89,7 +89,7 @@ def test_headers_compile_alone_in_each_variant(checking):
 @pytest.mark.slow  # a process for each set of features
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_an_editor_opens_headers_without_errors(name):
-    """With compile_flags.txt and .clangd, as clangd does; guarded headers are opened together."""
+    """The flags are those files', as for clangd; guarded headers are opened together."""
     folder = FOLDER / "gyrospark"
     common = (folder / "compile_flags.txt").read_text(encoding="ascii").split()
     checking = [*compiler(name), "-fsyntax-only", "-Werror", *common]
@@ -285,7 +285,7 @@ class Toy:
 
 @pytest.fixture(scope="module")
 def toy(tmp_path_factory, other_tables):
-    """Two stages, two constraints."""
+    """A stepper with two stages and two constraints."""
     return Toy(tmp_path_factory.mktemp("toys"), other_tables, {"TOY_CONSTRAINTS": 2})
 
 
@@ -325,8 +325,7 @@ def test_sums_of_products_have_twice_the_digits(toy):
 
 
 def test_products_by_even_and_odd_parts(tmp_path, other_tables):
-    """Products agree with the full tables, rounded once more; three numbers are a pair and a
-    single."""
+    """Products agree with the full tables, rounded once more; of three numbers two are a pair."""
     s = 7
     toy = Toy(tmp_path, other_tables, {"TOY_STAGES": s, "TOY_TABLES": f'"tables{s}.h"',
                                        "GS_EVEN_ODD": 1})
@@ -391,7 +390,7 @@ def test_iterations_fail_that_grow_or_are_too_slow(toy, changes):
 
 
 def test_lanes_converge_as_numbers_do(toy):
-    """Each lane ends by itself, at the iteration that its numbers alone end at."""
+    """Each lane ends at the iteration at which its numbers end by themselves."""
     n, draw = toy.lib.toy_lanes(), np.random.default_rng(11)
     sequences = [linear_changes(rate) for rate in 10 ** draw.uniform(-3, -0.5, n - 1)]
     sequences.append([0.1 * 1.5**k for k in range(60)])
@@ -433,7 +432,7 @@ def test_sums_of_exponentials_obey_the_fitted_recurrence(toy):
 
 @pytest.mark.parametrize("extra", [0, 1, 40])
 def test_least_squares(toy, extra):
-    """Against numpy; the ridge is of the size of round-off."""
+    """The solutions agree with numpy; the ridge is of the size of round-off."""
     draw = np.random.default_rng(extra)
     unknowns_max, sides = (toy.lib.toy_least_squares_limits(limit) for limit in (0, 1))
     for unknowns in (1, 4, unknowns_max):

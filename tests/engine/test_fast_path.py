@@ -241,8 +241,7 @@ def test_hopeless_sweeps_hand_over_to_newton_and_say_so():
 
 @pytest.mark.parametrize(("dt", "most"), [(1e-4, 2), (1e-3, 3), (5e-3, 4)])
 def test_newton_stops_when_the_next_increment_is_round_off(dt, most):
-    """Of quadratic convergence, the next size is (size/previous)^2; no increment is computed in
-    vain."""
+    """Convergence is quadratic: the next size is (size/previous)^2, and no increment is in vain."""
     trajectory = gs.stepper("G-L", 2).integrate(TOP.q0, TOP.p0, dt=dt, steps=100,
                                                 parameters=PARAMETERS, solver="newton")
     assert set(trajectory.iterations.tolist()) == {most}

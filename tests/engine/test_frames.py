@@ -41,7 +41,7 @@ def framed(scheme="G-L", stages=2, **more):
 
 @cache
 def model():
-    """Two tops on each other, symmetric both; g turns with the vertical."""
+    """Two symmetric tops on each other; g turns with the vertical."""
     return gs.models.double_top()
 
 
@@ -137,7 +137,7 @@ def test_a_system_without_a_rotation_is_refused(system):
 @pytest.mark.parametrize(("scheme", "stages"), [
     ("G-L", 2), pytest.param("EMS", None, marks=pytest.mark.slow)])
 def test_regular_precession_has_no_error(scheme, stages):
-    """In the frame of both rates q~ stands still, whatever the method and the step."""
+    """In the frame of both rates q~ stands still, for any method and any step."""
     cone, step, numbers = CONE, framed(scheme, stages), with_gamma(CONE)
     rates = rates_of(step, cone.q0, cone.p0, numbers)
     run = step.integrate(cone.q0, cone.p0, dt=1e-2, steps=2000, parameters=numbers | rates)
@@ -156,7 +156,7 @@ def test_regular_precession_has_no_error(scheme, stages):
       for ratio in (0.5, 1.5) for times in (1, 2, 5, 10))])
 def test_regular_precession_keeps_its_height_at_ten_times_the_papers_step(
         scheme, stages, ratio, times, steps):
-    """There sweeps diverge, and what they and Newton leave of rounding would add up."""
+    """Sweeps diverge there, and the rounding that Newton leaves would add up."""
     cone, dt = gs.problems.regular_precession(radius_ratio=ratio), {0.5: 5e-3, 1.5: 1e-2}[ratio]
     step, numbers = framed(scheme, stages), with_gamma(cone)
     run = step.integrate(cone.q0, cone.p0, dt=times * dt, steps=steps, every=max(1, steps // 2000),
@@ -208,7 +208,7 @@ def rates_of(step, q, p, numbers):
 
 @pytest.mark.parametrize(("scheme", "stages", "order"), [("G-L", 2, 4), ("EMS", None, 2)])
 def test_the_order_is_kept_and_the_error_is_smaller(scheme, stages, order):
-    """At rest a frame changes nothing: there the steps are those of a stepper that has none."""
+    """With rates 0 a frame changes nothing: its steps equal steps without a frame."""
     numbers, plain = with_gamma(TOP), systems.stepper("heavy_top")
     run = {"dt": 1e-4, "steps": 1000, "every": 1000, "parameters": numbers}
     exact = plain.integrate(TOP.q0, TOP.p0, **run).q[-1]
@@ -346,8 +346,7 @@ def test_a_rate_of_no_symmetry_is_unknown():
     (1, True), (Fraction(1, 2), True), (Fraction(3, 8), True), (6, True), (Fraction(1, 3), False),
     (Fraction(1, 6), False), (Fraction(2, 5), False)])
 def test_a_rotation_turns_at_a_rate_that_binary_holds(rate, is_one):
-    """Else the angle of a million steps is as wrong as the rounding of its rate times their number.
-    """
+    """A rounded rate would make the angle wrong by its rounding times a million steps."""
     rate = Fraction(rate)
     rotation = rotation_of({(0, 1): -rate, (1, 0): rate})
     assert (rotation is not None) == is_one
@@ -364,7 +363,7 @@ def steady_stepper(name, scheme="G-L", stages=2):
 @pytest.mark.slow  # systems that are derived for seconds; test_frames.py has a quick one
 @pytest.mark.parametrize("name", STEADY)
 def test_a_steady_motion_has_no_error(name):
-    """Where the start's own least squares is the frame; without one the error is of the order."""
+    """The frame is the start's own least squares; without a frame the error is of the order."""
     steady, step = STEADY[name](), steady_stepper(name)
     start = {"dt": steady.dt, "steps": 200, "parameters": steady.parameters}
     plain = step.integrate(steady.q, steady.p, **start)

@@ -80,7 +80,7 @@ def test_history_of_the_predictor_outlives_a_call(tmp_path, monkeypatch):
 
 
 def test_prediction_saves_iterations():
-    """There were 14 a step with a recurrence alone."""
+    """A recurrence alone took 14 iterations a step."""
     run = gs.stepper("G-L", 2, "gamma").integrate(
         TOP.q0, TOP.p0, dt=0.01, steps=1500, parameters=PARAMETERS)
     assert run.report.newton_steps == 0

@@ -193,7 +193,7 @@ def test_quantities(programs):
 
 
 def test_nothing_but_what_the_header_declares(programs):
-    """No batches, no lanes, no residual; no static function that nothing calls."""
+    """The text has no batches, no lanes, no residual, and no static function that nothing calls."""
     program = programs("G-L2 double", "run")
     source = made("G-L2 double")
     functions = set(re.findall(rf"\b{source.name}_(\w+)\(", read_declarations(source.header)))

@@ -116,7 +116,7 @@ def test_motion_in_rotating_axes_is_the_rotated_motion(turntable):
 
 @pytest.mark.slow  # a stepper of one system
 def test_a_bead_in_a_plane_that_turns():
-    """Beside a top in axes at rest."""
+    """The bead moves in closed form beside a top in axes at rest."""
     x, y, u, v, w = sp.symbols("x y u v w", real=True)
     top = gs.models.lagrange_top()
     bead = (u**2 + v**2 + x**2 + 4 * y**2) / 2 - w * (x * v - y * u)
@@ -242,7 +242,7 @@ def test_work_of_drag_has_the_order_of_the_motion(turntable):
 
 @pytest.mark.slow  # derivatives compiled for this
 def test_derivatives_by_the_drag_of_a_body(turntable):
-    """Without a spring, in axes at rest |m| ∝ exp(−c t): d(|p|²/2)/dc = −t |p|²."""
+    """Without a spring, in axes at rest, |m| ∝ exp(−c t): d(|p|²/2)/dc = −t |p|²."""
     step, start, values = with_drag(turntable, k=0.0, w0=0.0, w1=0.0, w2=0.0)
     run = step.integrate(*start, dt=5e-3, steps=4, parameters=values,
                          tangents=gs.Tangents(start=None, parameters=["c"]))

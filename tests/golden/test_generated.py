@@ -139,7 +139,7 @@ def test_comments_carry_equations_and_operation_counts(spec):
 
 @pytest.mark.parametrize("spec", CHECKED_IN, ids=lambda spec: spec.name)
 def test_c_needs_only_math_and_no_memory_of_its_own(spec):
-    """No malloc, no statics but constants, nothing beyond <math.h> and freestanding headers."""
+    """It has no malloc, no variable statics, and no headers but <math.h> and freestanding ones."""
     source = (FOLDER / f"{spec.name}.c").read_text(encoding="ascii")
     header = (FOLDER / f"{spec.name}.h").read_text(encoding="ascii")
     includes = set(re.findall(r"#include [<\"](.*?)[>\"]", header + source))

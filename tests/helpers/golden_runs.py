@@ -94,7 +94,7 @@ def of_system(scheme: str, stages: int | None, system: Callable[[], gs.System], 
 
 
 def oscillator() -> gs.System:
-    """No constraint, separable, not quadratic."""
+    """A separable system without constraint that is not quadratic."""
     q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
     k = sp.Symbol("k", positive=True)
     return gs.System(q, p, (k,), (p[0]**2 + p[1]**2) / 2 + k*q[0]**2 / 2 + q[0]**2 * q[1]**2
@@ -102,7 +102,7 @@ def oscillator() -> gs.System:
 
 
 def coupled() -> gs.System:
-    """No constraint, not separable."""
+    """A system without constraint that is not separable."""
     q, p = sp.symbols("r a", positive=True), sp.symbols("pr pa", real=True)
     k = sp.Symbol("k", positive=True)
     return gs.System(q, p, (k,), p[0]**2 / 2 + p[1]**2 / (2*q[0]**2) - k / q[0], name="kepler")
@@ -135,7 +135,7 @@ def curved() -> gs.System:
 
 
 def parallelogram() -> gs.System:
-    """More constraints than half the coordinates."""
+    """A system with more constraints than half the coordinates."""
     q = sp.symbols("x1 y1 x2 y2", real=True)
     p = sp.symbols("px1 py1 px2 py2", real=True)
     g = sp.Symbol("g", positive=True)

@@ -66,7 +66,7 @@ def newton_in_python():
 
 @dataclass(frozen=True)
 class ConstantsOfRun(RunConstants):
-    """With the arguments in Python's numbers."""
+    """The constants of a run, with the arguments in Python's numbers."""
 
     run: Any = None
 

@@ -77,7 +77,7 @@ EXPRESSIONS = st.recursive(LEAVES, grow, max_leaves=8).filter(is_usable)
 
 
 def _cardinal(function: Any) -> Any:
-    """As templates/cardinal.c.jinja writes it."""
+    """Return a cardinal function as templates/cardinal.c.jinja writes it."""
     return lambda z: function(abs(z) + TINY) / (abs(z) + TINY)
 
 

@@ -59,7 +59,7 @@ def states(name: str) -> tuple[Any, Any]:
 
 
 def kepler(e: str) -> Callable[[], Formulas]:
-    """From the pericentre, in closed form: E − e sin E = t."""
+    """Return Kepler's motion from the pericentre, in closed form: E − e sin E = t."""
     def formulas() -> Formulas:
         number = mp.mpf(e)
 

@@ -177,7 +177,7 @@ def with_wheel(q, omega, rate, body, wheel, dt, **more) -> Steady:
 
 
 def two_on_one_axis() -> Steady:
-    """Both symmetric, tilted, in regular precession: (L_a + L_w) φ̇ = m g l + I φ̇² cos θ."""
+    """Two symmetric bodies, tilted, in regular precession: (L_a + L_w) φ̇ = m g l + I φ̇² cos θ."""
     tilt, rate, fast = 0.6, 5.0, 80.0
     body, wheel = (0.1, 0.1, 0.05), (0.01, 0.01, 0.02)
     L = WEIGHT / rate + (0.1 + ACROSS) * rate * cos(tilt)

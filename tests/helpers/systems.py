@@ -248,7 +248,7 @@ def _dragged_pendulum() -> Case:
 
 
 def _pushed_pendulum() -> Case:
-    """Two inputs, one times the other."""
+    """A pendulum with two inputs, one of which is multiplied by the other."""
     return _plane("pushed_pendulum", (0.6, -0.8), (0.4, 0.3), {"k": 2.0, "push": 0.5, "pull": -0.2},
                   (u**2 + v**2) / 2 + k * y, x**2 + y**2 - 1, inputs=(push, pull),
                   forces=(push, push * pull - u / 10))
@@ -428,7 +428,7 @@ def _arm() -> Case:
 
 
 def _tied() -> Case:
-    """Without gravity: a leaning top on a spring, and two bodies that circle on a rod."""
+    """A leaning top on a spring, and two bodies that circle on a rod, without gravity."""
     build = gs.Multibody("tied", gravity=(0, 0, 0))
     tensor = np.array([[0.5, 0.05, 0.02], [0.05, 0.6, 0.01], [0.02, 0.01, 0.4]])
     c = np.array([0.1, 0, 0.3])

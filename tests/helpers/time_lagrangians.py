@@ -42,7 +42,7 @@ def wire():
 
 @cache
 def shaken():
-    """With the pivot at y = a sin wt and the length l = 1 + b cos wt."""
+    """A pendulum with the pivot at y = a sin wt and the length l = 1 + b cos wt."""
     x, v, _ = one("x")
     lift, length = a * sp.sin(w * t), 1 + b * sp.cos(w * t)
     rate, reel = sp.diff(lift, t), sp.diff(length, t)

@@ -88,7 +88,8 @@ def test_the_jacobian_of_many_inputs_is_made_of_adjoints():
 
 @pytest.mark.parametrize("case", CASES)
 def test_tangents_are_the_limit_of_differences(case):
-    """In every direction, off the constraints too: F projects its start; IMS leaves p as it is."""
+    """This holds in every direction, off the constraints too: F projects its start; IMS leaves
+    p."""
     flow, x = flow_of(case, 12)
     dx = directions(x, 3)
     if case == "framed":  # a frame that rotates about the axis of a body is for I1 = I2

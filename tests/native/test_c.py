@@ -142,7 +142,7 @@ def test_plain_c_example_agrees_with_python(tmp_path):
 @pytest.mark.slow  # -O3 takes some seconds; lanes of any width compare contraction at -O1
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_optimisation_and_contraction_do_not_change_the_answer(name, tmp_path):
-    """Without optimisation and FMA, and with both: round-off only, over 2000 steps."""
+    """Runs without optimisation and FMA, and with both, differ by round-off over 2000 steps."""
     command = compiler(name)
     spec = Spec("G-L", 3)
     shutil.copy(ROOT / "examples" / "plain_c" / "main.c", tmp_path)

@@ -59,7 +59,7 @@ def test_it_is_c_plus_plus(written):
 
 
 def test_deviations_from_misra_are_those_of_the_page(written):
-    """At most ten, each by a rule of the table and not more often."""
+    """There are at most ten, each by a rule of the table and not more often."""
     name, _, folder = written
     output = run(folder, "cppcheck", "--std=c11", "--enable=style", "--addon=misra",
                  "--suppress=missingIncludeSystem", "--template={line}: {id}", f"{name}.c")

@@ -30,7 +30,7 @@ def batch(request):
 
 
 def test_a_linkage_does_not_depend_on_its_neighbours(batch):
-    """Beside six others, in another order and alone in its batch: the same bits."""
+    """It has the same bits beside six others, in another order and alone in its batch."""
     step, q, p, dts, parameters = batch
     run = {"steps": 70, "every": 7, "parameters": parameters}
     ensemble = step.integrate_ensemble(q, p, dt=dts, **run)
@@ -53,7 +53,7 @@ def test_a_linkage_does_not_depend_on_its_neighbours(batch):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_linkage_that_fails_falls_out_alone(batch):
-    """One second is no step for a pendulum of one second: that lane ends, the others do not."""
+    """A step of one second is too long for a pendulum of one second: only that lane ends."""
     step, q, p, dts, parameters = batch
     dts[2] = 1.0
     run = {"steps": 12, "parameters": parameters}

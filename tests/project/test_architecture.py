@@ -87,7 +87,7 @@ def test_the_picture_is_drawn_from_the_imports(request):
 
 
 def test_each_step_names_a_function_to_open_first():
-    """Of the module that it names; the text is one that is read at once."""
+    """The module of the step has the function; the text is short enough to be read at once."""
     text = ARCHITECTURE.read_text(encoding="utf-8")
     first = re.findall(r"^\*\*(\d)\. .*?\(`(\w+)`\s+in\s+`([\w/.]+)`\)", text, flags=re.M | re.S)
     assert [int(number) for number, _, _ in first] == [1, 2, 3, 4, 5, 6]
@@ -187,7 +187,7 @@ SUSPECT = re.compile(rf"\b({'|'.join(EVALUATE)})\s*\(|\b(shell|allow_pickle)\s*=
 
 
 def test_imports_are_relative_and_nothing_evaluates_text():
-    """No file's content can become code: the names that would do it are not even called."""
+    """No file's content can become code: functions that could do so are not even called."""
     for path in SOURCES:
         allowed = {("re", "compile"), ("module", "compile"), ("cuda_program", "compile"),
                    ("spec", "compile")}  # of C and MJCF

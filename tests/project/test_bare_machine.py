@@ -248,7 +248,7 @@ def test_a_bare_environment_is_small_and_has_none_of_the_extras(bare):
 @pytest.mark.slow
 @pytest.mark.parametrize("target", ["demo", "ready"])
 def test_make_demo_works_before_and_after_the_tests(target, tmp_path):
-    """By itself it installs 350 MB, SciPy 110 of them; what the tests need has all it needs."""
+    """The demo alone installs 350 MB, SciPy 110 of them; the tests' packages are enough for it."""
     folder = copy(tmp_path / "project")
     for command in (f".venv/{target}", "demo", "demo"):
         process = call(["make", command], cwd=folder, PYTHONWARNINGS=None, PYTHONPATH=None)
@@ -279,7 +279,7 @@ def _told(names: list[str], section: str) -> str:
 
 @pytest.mark.slow  # installs the wheel, and derives and compiles a dozen systems
 def test_commands_of_the_documents(bare, full):
-    """Each distinct one; what needs an extra says so in a line, and works where it is.
+    """Each works, or names its missing extra in a line and works where the extra is installed.
 
     (``make demo`` installs the extra it needs.)
     """
@@ -316,7 +316,7 @@ def test_every_rule_is_used():
 @pytest.mark.parametrize("path", [p for p in documents.DOCUMENTS if documents.blocks(p, "python")],
                          ids=lambda p: p.name)
 def test_python_of_the_documents(path, bare, full):
-    """Where no block lacks an extra, the blocks are typed once."""
+    """Each block works; where no block lacks an extra, the blocks are typed once."""
     blocks = documents.blocks(path, "python")
     check = documents.Typed("what they made", CHECKS.get(path.name, ""), "")
     sections = {block.where: block.section for block in blocks}

@@ -40,7 +40,7 @@ def without(packages):
 
 @pytest.mark.slow  # ten commands with their stores
 def test_commands(tmp_path):
-    """Each ends well, or names the missing package; no folder has a hidden file afterwards."""
+    """Each command ends well; no folder has a hidden file afterwards."""
     study_file(tmp_path, STUDY.replace("count = 40", "count = 4").replace("count = 32",
                                                                          "count = 3"))
     answers = json.loads(python(without(OPTIONAL) + COMMANDS + """

@@ -82,7 +82,8 @@ def test_a_checkout_has_none():
 
 @pytest.mark.slow
 def test_wheel_of_a_platform(tmp_path):
-    """As RELEASE.md builds it: a tag for this platform, modules inside, a top without gcc."""
+    """The wheel of RELEASE.md has a tag for this platform, modules inside, and runs a top without
+    gcc."""
     pytest.importorskip("build")
     build = subprocess.run([sys.executable, "-m", "build", "--wheel", "--outdir", tmp_path, ROOT],
                            env=environment(GYROSPARK_PREBUILT=NAME, PYTHONWARNINGS=None),

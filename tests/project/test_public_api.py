@@ -117,7 +117,7 @@ def test_there_are_few_public_names():
 
 
 def test_the_first_program_of_the_readme_is_short():
-    """No γ, q or p, and no more than five lines."""
+    """It has no γ, q or p, and no more than five lines."""
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     program = readme.split("```python\n")[1].split("```")[0]
     assert len([line for line in program.splitlines() if line]) <= 5

@@ -63,12 +63,12 @@ class Recipe:
 
     @property
     def room(self) -> str:
-        """Where it says that the change goes."""
+        """The package in which the recipe says that the change goes."""
         return re.search(r"^Package: `?([\w/]+)", self.text, flags=re.MULTILINE)[1]
 
     @property
     def changes(self) -> list[Change]:
-        """Its ``diff`` block, file by file."""
+        """The changes of its ``diff`` block, file by file."""
         (diff,) = re.findall(r"^```diff\n(.*?)^```", self.text, flags=re.MULTILINE | re.DOTALL)
         files = re.split(r"^--- (.+)\n", diff, flags=re.MULTILINE)[1:]
         return [Change(path, [hunk.splitlines() for hunk in re.split(r"^@@\n", body,
@@ -77,13 +77,13 @@ class Recipe:
 
     @property
     def files(self) -> dict[str, str]:
-        """Its ``toml`` blocks, by the name in them."""
+        """The texts of its ``toml`` blocks, by the name in them."""
         blocks = re.findall(r"^```toml\n(.*?)^```", self.text, flags=re.MULTILINE | re.DOTALL)
         return {re.search(r'name = "(\w+)"', block)[1] + ".toml": block for block in blocks}
 
     @property
     def commands(self) -> list[list[str]]:
-        """Its ``sh`` or ``python`` block, as arguments of Python."""
+        """The commands of its ``sh`` or ``python`` block, as arguments of Python."""
         (match,) = re.findall(r"^```(sh|python)\n(.*?)^```", self.text,
                               flags=re.MULTILINE | re.DOTALL)
         language, block = match

@@ -44,7 +44,7 @@ def test_b(x, parts):
 @pytest.mark.parametrize("folder", sorted(p.name for p in (ROOT / "tests").iterdir()
                                           if p.is_dir() and p.name not in ("data", "__pycache__")))
 def test_no_sentence_is_looked_for(folder):
-    """At most two words of prose: a key word, a name, a value."""
+    """A pattern has at most two words of prose: a key word, a name, a value."""
     for path in sorted((ROOT / "tests" / folder).rglob("*.py")):
         for line, text in sorted(Sought(path.read_text(encoding="utf-8")).found):
             assert len(plain_words(text)) <= 2 or text in NAMES, f"{path}:{line}: {text!r}"

@@ -130,7 +130,7 @@ def _errors(name, peer, scheme):
     ("slider-crank", "trapezoidal index 2", 2, 5e-3), ("andrews", "generalised α", 2, 2e-3),
     ("four-bar", "generalised α", 2, 4e-4), ("simple-pendulum", "trapezoidal index 2", 2, 1e-2)])
 def test_exudyn_goes_to_the_digits(name, scheme, order, error):
-    """At the order of its method, nearly, from equations that are none of ours."""
+    """It does so nearly at the order of its method, from equations that are not ours."""
     pytest.importorskip("exudyn")
     for coarse, fine in pairwise(_errors(name, "exudyn", scheme)):
         assert fine < min(error, coarse * 4.0**-order * 1.3)

@@ -77,7 +77,7 @@ OTHER = {
 
 @pytest.mark.parametrize("name", OTHER)
 def test_digits_are_those_of_another_code(name):
-    """To the last digit of each number but one, which was rounded."""
+    """They agree to the last digit of each number but one, which was rounded."""
     true = REFERENCES[name].truth
     for number, text in OTHER[name].items():
         digits, _, power = text.partition("e")
@@ -172,7 +172,8 @@ def test_a_loop_begins_with_the_rate_it_is_given():
 
 
 def test_a_parallelogram_goes_through_a_hundred_change_points():
-    """At φ an odd multiple of π/2; the closed form counts them, and the title has their number."""
+    """The closed form counts the points, φ an odd multiple of π/2, and the title has their
+    number."""
     problem = REFERENCES["parallelogram"]
     c = make_digits.forms.four_bar_constant(1)
     m, w = 4 * c / (1 + 4 * c), mp.sqrt(1 + 4 * c) / 2
@@ -185,7 +186,7 @@ def test_a_parallelogram_goes_through_a_hundred_change_points():
 
 @pytest.mark.parametrize(("name", "left_out"), [("bricard", 1), ("four-bar", 6)])
 def test_redundant_constraints_are_left_out_by_themselves(name, left_out):
-    """One freedom is left: n - m = 1 beside the six or so that joints seem to take away."""
+    """One freedom remains: n - m = 1, though joints seem to take away six or so more."""
     system = REFERENCES[name].make().system
     joints = {"bricard": 30, "four-bar": 35}[name]
     bodies = system.n // 7

@@ -152,7 +152,7 @@ COMMAND = ["run", "fast-top", "--scheme", "G-L", "--stages", "2"]
     ("--set", ["I1=0", "I1=-1", "I1=x", "I4=1", "I1", "t=nan", "t=inf", "t=soon", "t"]),
 ])
 def test_the_command_line_refuses_bad_values(option, values, gyrospark, tmp_path):
-    """One line, exit code 2, nothing on stdout, no file."""
+    """A refusal is one line with exit code 2, nothing on stdout, and no file."""
     default = {"--dt": "1e-3", "--steps": "3"} if option != "--t-end" else {"--dt": "1e-3"}
     for bad in values:
         words = [word for pair in (default | {option: bad}).items() for word in pair]

@@ -171,7 +171,7 @@ def test_attributes(opened, gl3):
 
 
 def test_what_is_no_row_is_refused(opened, tmp_path):
-    """Of a store as of a run in memory."""
+    """A store refuses it like a run in memory."""
     recording = gs.load(tmp_path / "run.zarr")
     for row, error in (("q0", gs.InputError), (1.5, gs.InputError), (8, IndexError),
                        (-9, IndexError)):

@@ -59,7 +59,7 @@ def end(process):
 
 
 def test_signal_ends_a_run_at_a_commit(tmp_path):
-    """It says where it stands, and all of that is in the store."""
+    """The message names the step of the end, and the store has all steps up to it."""
     process = begin([*LONG, *OUT], tmp_path)
     process.send_signal(signal.SIGINT)
     code, stdout, stderr = end(process)
@@ -75,7 +75,7 @@ def test_signal_ends_a_run_at_a_commit(tmp_path):
 
 
 def test_an_ignored_signal_does_not_end_a_run(gl3, tmp_path):
-    """As under nohup; the handler stays as it was."""
+    """The signal is ignored, as under nohup; the handler stays as it was."""
     handler = signal.signal(signal.SIGHUP, signal.SIG_IGN)
     try:
         run = record(gl3, **START, out=tmp_path / "run.zarr", steps=100,

@@ -80,7 +80,7 @@ def read_netcdf(path):
 
 
 def test_files_have_the_numbers_of_the_store(stored, tmp_path):
-    """To the bit in each kind of file, exported or saved without a store; xarray has no warning."""
+    """Each kind of file agrees to the bit, exported or saved; xarray has no warning."""
     dataset, trajectory = stored.dataset().load(), stored[:]
     exported, saved = ({end: write(tmp_path / f"{name}{end}") for end in ENDS}
                        for name, write in (("stored", stored.save), ("saved", trajectory.save)))

@@ -71,7 +71,7 @@ def test_each_integer_of_work_memory_is_checked_or_not_read(number, tmp_path):
 
 
 def test_a_damaged_checkpoint_is_found_by_its_digest():
-    """One bit of a number, which no check of a range can tell."""
+    """No check of a range can detect one wrong bit of a number."""
     stored = case(1)
     forged = stored.sound.copy()
     forged[60] ^= 1

@@ -232,7 +232,7 @@ def test_export_to_a_full_disk(end, gl3, tmp_path, monkeypatch):
 
 @pytest.mark.skipif(os.name == "nt", reason="Windows does not sync folders")
 def test_a_file_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
-    """Else a power cut leaves the name of a file without its bytes; the name is synced then."""
+    """A power cut would leave a name without its bytes; the name is synced afterwards."""
     operations = []
 
     def fsync(handle):

@@ -140,7 +140,7 @@ def test_store_of_another_version_with_the_same_layout_is_read(store):
 @pytest.mark.parametrize("change", [
     {"run__format": 2}, {"report__steps": ...}, {"states": {"of": 42}}, {"arrays": ["other"]}])
 def test_store_of_another_version_that_is_not_understood(change, store, gl3):
-    """It is not called damaged."""
+    """The message does not call it damaged."""
     changed(store, run__gyrospark="7.3", **change)
     for use in (lambda: gs.load(store),
                 lambda: record(gl3, **ARGUMENTS, out=store, resume=True)):
@@ -207,7 +207,7 @@ def test_what_is_no_path(name, gl3):
 
 @pytest.mark.parametrize("name", ["it's \"so\" γ*\n.zarr", "-no_ending", "\udcff.zarr"])
 def test_names(name, gl3, tmp_path, monkeypatch):
-    """And a run is the same whichever integers and floats it is called with."""
+    """A run has these names, and is the same for NumPy's and Python's integers and floats."""
     monkeypatch.chdir(tmp_path)
     record(gl3, **ARGUMENTS | {"dt": np.float64(1e-3), "steps": np.int64(100)}, out=name)
     assert record(gl3, **ARGUMENTS, out=tmp_path / name, resume=True).status == "complete"
@@ -283,7 +283,7 @@ ATTRIBUTES = {
 
 @pytest.mark.parametrize("name", ATTRIBUTES)
 def test_hostile_attributes(name, store, gl3):
-    """Whatever a store says of itself: an error of ours when it is opened or resumed."""
+    """Any such attribute is an error of ours when the store is opened or resumed."""
     sound = (store / "zarr.json").read_bytes()
     for value in ATTRIBUTES[name]:
         (store / "zarr.json").write_bytes(sound)
@@ -345,7 +345,7 @@ def test_blocks_of_other_lengths(store):
 @pytest.mark.parametrize("name", ["q", "time", "energy", "iterations", "multipliers",
                                   "checkpoint"])
 def test_missing_array(name, store, gl3):
-    """Without its checkpoint a run can be read, and not go on; nothing is written before."""
+    """Without its checkpoint a run can be read but not resumed; no file changes."""
     (store / name / "zarr.json").write_text("{")
     for damage in (None, shutil.rmtree):
         if damage:

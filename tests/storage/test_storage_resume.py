@@ -71,7 +71,7 @@ def test_runs_that_fail(failures, tmp_path, monkeypatch):
        calls=st.lists(st.integers(0, 12), max_size=8), scheme=st.sampled_from(["EMS", "G-L"]))
 @settings(max_examples=3, suppress_health_check=list(HealthCheck))
 def test_any_run_ended_anywhere(steps, every, rows, chunk, seconds, calls, scheme, tmp_path):
-    """Also with commits at the ends of blocks alone: then the store is behind the run."""
+    """Commits may be at the ends of blocks alone: then the store is behind the run."""
     step = systems.stepper("heavy_top", scheme)
     arguments = START | {"steps": steps, "every": every}
     with pytest.MonkeyPatch.context() as patch:
@@ -211,7 +211,7 @@ def test_block_size_is_the_stores(gl3, tmp_path, monkeypatch):
     (49, 120, 7), *(pytest.param(*given, marks=pytest.mark.slow)
                     for given in ((0, 30, 7), (64, 65, 1)))])
 def test_finished_run_goes_on_to_more_steps(first, second, every, gl3, tmp_path, monkeypatch):
-    """As if it had been begun with them, to the bit, also from a last state between two others."""
+    """It equals a longer run to the bit, also from a last state between two others."""
     small_blocks(monkeypatch, 16)
     out = tmp_path / "run.zarr"
     record(gl3, **START, out=out, steps=first, every=every)

@@ -196,7 +196,7 @@ def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
 
 
 def test_events_that_are_gone_are_not_nothing(tmp_path) -> None:
-    """Neither is a missing block NaN, nor a missing array no event."""
+    """A missing block is not NaN, and a missing array does not mean no event."""
     step, run = arguments(events=gs.Event("angle"))
     stored = record(step, out=tmp_path / "run.zarr", **run)
     shutil.rmtree(tmp_path / "run.zarr" / "event_angle_q" / "c")

@@ -55,7 +55,7 @@ def test_claims_on_the_energy_hold_for_gains_of_their_runs(claim: Any, times: in
 
 
 def test_gains_are_those_at_the_second_time() -> None:
-    """Their median decides; a trial that has lost the motion counts for nothing."""
+    """The median of the gains decides; a trial that has lost the motion does not count."""
     times = (1.0, 10.0, 100.0)
 
     def trial(gain: float) -> Any:

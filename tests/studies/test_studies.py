@@ -185,7 +185,7 @@ def test_the_demands_can_fail(accuracy_tables):
 
 
 def test_round_off_is_where_a_scheme_keeps_the_quantity(accuracy_tables):
-    """No number of a truncation error hides behind the floor."""
+    """No number that is a truncation error hides behind the floor."""
     for table in accuracy_tables:
         for cell in table.cells:
             if cell.verdict == "round-off":
@@ -372,7 +372,7 @@ def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monk
 
 @pytest.mark.parametrize(("what", "met"), [("holds", 17), ("known", 14), ("unknown", 12)])
 def test_what_is_known_of_table_10_is_bounded(what, met):
-    """Fewer agreeing cells than ever are news."""
+    """A result with fewer agreeing cells than ever is news."""
     cells = [Cell("r", f"c{i}", 1.0, 1.0, "agrees" if i < met else "differs", "n")
              for i in range(19)]
     claim = _near_claim("cells", cells, 17, certain=13)
@@ -408,9 +408,8 @@ def test_committed_summary_is_what_is_computed(name, engine):
 
 @pytest.mark.slow
 def test_whole_committed_summary_is_what_is_computed():
-    """But for its numbers, of which each processor has its own last digits, and for tables of
-    iterations, where the last bits decide.
-    """
+    """The texts agree except for last digits of numbers, which depend on the processor, and for
+    tables of iterations, where the last bits decide."""
     results = study_registry.compute(study_registry.chosen("all"), Engine())
     computed, committed = (
         [re.sub(r"\d[\d.,]*(e[-+]\d+)?", "#", text) for text in page_text.split("\n## ")]

@@ -12,7 +12,7 @@ from gyrospark.targets.fmi import archive
 
 @pytest.fixture(scope="module", autouse=True)
 def quickly_compiled(request: pytest.FixtureRequest) -> Iterator[None]:
-    """At -O0 there are the same bits, for nothing is contracted; the slow tests keep the flags."""
+    """Compile at -O0, with the same bits, for nothing is contracted; slow tests use all flags."""
     with pytest.MonkeyPatch.context() as patch:
         if request.config.option.markexpr == "not slow":
             for module, name in ((native, "C_FLAGS"), (cpp, "C_FLAGS"), (arduino, "C_FLAGS"),

@@ -261,7 +261,7 @@ def test_a_start_that_nothing_can_check_against_the_constraints_is_refused(versi
 
 
 def test_a_step_that_fails_is_discarded_and_nothing_is_done(satellite):
-    """With such a step the iteration diverges; a master goes on with a shorter one."""
+    """The iteration diverges in such a step; a master goes on with a shorter one."""
     with satellite.started(dt=1e4, body_omega_x=40.0) as slave:
         values_before = slave.get([*OUTPUTS, "time"])
         assert slave.step(0.0, 1e4) == "Discard"
@@ -410,7 +410,7 @@ def test_the_description(satellite):
 
 
 def test_the_same_model_is_the_same_file(satellite, tmp_path):
-    """To the byte; another start has another token."""
+    """The files agree to the byte; another start has another token."""
     artefact, target = satellite.built, satellite.built.target.load()
 
     def texts(options):
@@ -575,7 +575,7 @@ def test_fmpy_finds_no_problem_and_simulates_the_same_bits(satellite, native):
 @needs_zig
 @pytest.mark.parametrize("version", [2, 3])
 def test_libraries_for_every_platform(version, tmp_path):
-    """ziglang links the libraries; the jobs of each system load their own, as tests above do."""
+    """ziglang links the libraries; the jobs of each system load their own, as above."""
     names = ["linux", "windows", "mac", *(["aarch64"] if version == 3 else [])]
     arguments = {"scheme": "G-L", "stages": 2, "platforms": names}
     artefact = gs.build(f"fmu{version}", SATELLITE, **arguments, out=tmp_path / "all.fmu")
@@ -595,7 +595,7 @@ def test_libraries_for_every_platform(version, tmp_path):
 @needs_fmpy
 @pytest.mark.skipif(shutil.which("cmake") is None, reason="cmake is not installed")
 def test_a_source_code_fmu_is_compiled_by_others(satellite, tmp_path):
-    """Without its library, by fmpy and cmake."""
+    """fmpy and cmake compile it without its library."""
     from fmpy import extract
     from fmpy.build import build_platform_binary
 

@@ -98,7 +98,7 @@ TYPED = re.findall(r"^## (.*?)\n.*?^```sh\n(.*?)^```", PAGE, flags=re.MULTILINE 
 @pytest.mark.slow
 @pytest.mark.parametrize(("title", "block"), TYPED, ids=[title for title, _ in TYPED])
 def test_commands_of_the_page(tmp_path, title, block):
-    """Each artefact from the commands of its section, as they are typed."""
+    """The commands of a section, as they are typed, build its artefact."""
     for program in ("cmake", "cargo", "octave", "cc"):
         if re.search(rf"\b{program} ", block) and shutil.which(program) is None:
             pytest.skip(f"{program} is not installed")
