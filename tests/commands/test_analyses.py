@@ -1,4 +1,4 @@
-"""gyrospark lyapunov and fit: report, JSON, picture, and what is refused in one line."""
+"""gyrospark lyapunov and fit: report, JSON, picture, and refusals in one line."""
 
 from __future__ import annotations
 
@@ -23,16 +23,16 @@ def test_report_and_picture(gyrospark, tmp_path):
 
 def test_json(gyrospark):
     answer = gyrospark("lyapunov", MODEL, *TWO, "--dt", "0.01", "--steps", "300", "--json")
-    found = answer.document
+    document = answer.document
     assert answer.code == 0
-    assert np.abs(np.array(found["exponents"]) + found["exponents"][::-1]).max() < 1e-10
-    assert found["pairing"] < 1e-10
-    assert found["time"] == pytest.approx(3)
-    some = gyrospark("lyapunov", MODEL, *TWO, "--dt", "0.01", "--steps", "20", "--count", "1",
-                     "--json").document
-    assert some["pairing"] is None
-    assert some["errors"] == [None]
-    assert len(some["exponents"]) == 1
+    assert np.abs(np.array(document["exponents"]) + document["exponents"][::-1]).max() < 1e-10
+    assert document["pairing"] < 1e-10
+    assert document["time"] == pytest.approx(3)
+    first = gyrospark("lyapunov", MODEL, *TWO, "--dt", "0.01", "--steps", "20", "--count", "1",
+                      "--json").document
+    assert first["pairing"] is None
+    assert first["errors"] == [None]
+    assert len(first["exponents"]) == 1
     shown = gyrospark("lyapunov", MODEL, *TWO, "--dt", "0.01", "--steps", "20", "--count", "1")
     assert "λ1" in shown.stdout
     assert "λ2" not in shown.stdout
@@ -80,7 +80,7 @@ def test_a_wrong_call_is_answered_in_one_line(gyrospark, table, tmp_path):
     refused(fit("--sigma", "much"), "--sigma")
     refused(fit(file=tmp_path / "none.csv"), "none.csv", "be read")
     lines = table.read_text(encoding="utf-8").splitlines()
-    for name, text, said in (
+    for name, text, message in (
         ("empty", "", "no samples"), ("other", "time,x\n0,1\n", "no column 'y'"),
         ("two", "time,x,y,x\n0,1,2,1\n", "2 columns 'x'"),
         ("underscore", "time,x,y\n\n0,1_0,2\n", "line 3"),
@@ -88,7 +88,7 @@ def test_a_wrong_call_is_answered_in_one_line(gyrospark, table, tmp_path):
     ):
         path = tmp_path / f"{name}.csv"
         path.write_text(text, encoding="utf-8")
-        refused(fit(file=path), said)
+        refused(fit(file=path), message)
 
 
 def test_the_columns_may_be_in_any_order(gyrospark, table, tmp_path):
@@ -97,13 +97,13 @@ def test_the_columns_may_be_in_any_order(gyrospark, table, tmp_path):
     path.write_text("y, time ,x\n" + "".join(
         f"{float(row['y'])!r},{float(row['time'])!r},{float(row['x'])!r}\n" for row in rows),
         encoding="utf-8")
-    found = [gyrospark("fit", MODEL, str(file), *SCHEME, "--observe", "x,y", "--free", "l",
-                       "--json")
-             for file in (table, path)]
-    assert found[0].code == 0, found[0].stderr
-    assert found[0].document == found[1].document
-    assert found[0].document["converged"]
-    assert found[0].document["parameters"]["l"] == pytest.approx(0.5, rel=1e-7)
+    answers = [gyrospark("fit", MODEL, str(file), *SCHEME, "--observe", "x,y", "--free", "l",
+                         "--json")
+               for file in (table, path)]
+    assert answers[0].code == 0, answers[0].stderr
+    assert answers[0].document == answers[1].document
+    assert answers[0].document["converged"]
+    assert answers[0].document["parameters"]["l"] == pytest.approx(0.5, rel=1e-7)
     text = gyrospark("fit", MODEL, str(table), *SCHEME, "--observe", "x,y", "--fixed", "start",
                      "--sigma", "1e-3")
     assert text.code == 0, text.stderr

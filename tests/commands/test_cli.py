@@ -52,7 +52,7 @@ CHOICES = {
 
 @pytest.mark.parametrize(("arguments", "fragments"), CHOICES.values(), ids=CHOICES.keys())
 def test_bad_choice_is_refused(arguments, fragments, gyrospark, generate):
-    """By generate, its twin, verify and run alike: value, allowed ones, cure."""
+    """generate, its twin, verify and run have the same message: value, allowed ones, cure."""
     refused(generate(*arguments), *fragments)
     refused(gyrospark("generate", *arguments), *fragments)
     refused(gyrospark("verify", *arguments), *fragments)
@@ -113,7 +113,7 @@ SETTINGS = {
 
 @pytest.mark.parametrize(("settings", "fragments"), SETTINGS.values(), ids=SETTINGS.keys())
 def test_bad_setting_is_refused(settings, fragments, gyrospark):
-    flags = [part for setting in settings for part in ("--set", setting)]
+    flags = [word for setting in settings for word in ("--set", setting)]
     refused(gyrospark("run", "free-body", "--scheme", "IMS", "--dt", "1e-3", "--steps", "5",
                       *flags), *fragments)
 
@@ -121,7 +121,7 @@ def test_bad_setting_is_refused(settings, fragments, gyrospark):
 @pytest.mark.parametrize("setting", ["rate=0", "radius_ratio=-1", "density=inf", "height=1,2",
                                      "height=1e200"])
 def test_bad_cone_is_refused(setting, gyrospark):
-    """Also where a number is fine and what follows from it overflows."""
+    """A number may be fine by itself, and overflow in a value that follows from it."""
     refused(gyrospark("run", "regular-precession", "--scheme", "IMS", "--dt", "1e-3", "--steps",
                       "5", "--set", setting))
 
@@ -172,26 +172,26 @@ def test_json_is_one_document_with_the_keys_of_the_contract(gyrospark):
     answer = gyrospark(*RUN, "--json")
     assert answer.code == 0
     assert answer.stderr == ""
-    found = answer.document
-    assert set(found) >= CONTRACT
-    assert found["steps"] == 20
-    assert found["dt"] == 1e-3
-    assert found["t_end"] == pytest.approx(0.02)
-    assert len(found["q"]) == len(found["p"]) == 4
-    assert found["ns_per_step"] == pytest.approx(found["seconds"] / 20 * 1e9)
+    document = answer.document
+    assert set(document) >= CONTRACT
+    assert document["steps"] == 20
+    assert document["dt"] == 1e-3
+    assert document["t_end"] == pytest.approx(0.02)
+    assert len(document["q"]) == len(document["p"]) == 4
+    assert document["ns_per_step"] == pytest.approx(document["seconds"] / 20 * 1e9)
     top = gs.problems.fast_top()
-    made = gs.stepper("G-L", 2).integrate(
+    trajectory = gs.stepper("G-L", 2).integrate(
         top.q0, top.p0, dt=1e-3, steps=20,
         parameters=top.parameters | {"gamma": gs.gamma(top.inertia)})
-    assert found["q"] == made.q[-1].tolist()
-    assert found["p"] == made.p[-1].tolist()
-    assert found["energy_error_max"] == abs(made.energy() - made.energy()[0]).max()
-    assert found["energy_error_mean"] == pytest.approx(
-        abs(made.energy() - made.energy()[0]).mean(), abs=1e-16)
-    assert found["constraint_max"] == abs((made.q**2).sum(axis=1) - 1).max() or (
-        found["constraint_max"] <= 1e-15)
-    assert found["iterations_max"] == made.iterations.max()
-    assert found["iterations_mean"] == made.iterations.mean()
+    assert document["q"] == trajectory.q[-1].tolist()
+    assert document["p"] == trajectory.p[-1].tolist()
+    assert document["energy_error_max"] == abs(trajectory.energy() - trajectory.energy()[0]).max()
+    assert document["energy_error_mean"] == pytest.approx(
+        abs(trajectory.energy() - trajectory.energy()[0]).mean(), abs=1e-16)
+    assert document["constraint_max"] == abs((trajectory.q**2).sum(axis=1) - 1).max() or (
+        document["constraint_max"] <= 1e-15)
+    assert document["iterations_max"] == trajectory.iterations.max()
+    assert document["iterations_mean"] == trajectory.iterations.mean()
 
 
 @pytest.mark.parametrize("arguments", [
@@ -209,7 +209,7 @@ def test_run_takes(arguments, gyrospark):
 
 
 def test_tables_4_and_6_come_out(gyrospark):
-    """Regular precession has a closed form: axis errors are reported without being asked for."""
+    """Regular precession has a closed form: axis errors are reported without an option."""
     answer = gyrospark("run", "regular-precession", "--scheme", "EMS", "--dt", "1e-3", "--steps",
                        "50", "--json")
     assert answer.document["axis_reference"] == "closed form"
@@ -237,60 +237,60 @@ def test_out_and_plot_are_written_and_named(gyrospark):
 
 @pytest.fixture(scope="module")
 def late_failure():
-    """Arguments of a run whose first failing step is neither the first nor a multiple of 3."""
+    """Return a failure that is neither at step 1 nor behind a multiple of 3, and its command."""
     top = gs.problems.free_body(angular_velocity=(0.01, 60, 0.01))  # it turns over now and then
     step = gs.stepper("G-L", 2, system="free_body")
     parameters = {"gamma": gs.gamma(top.inertia)} | {
         name: value for name, value in top.parameters.items() if name in step.parameter_domains}
     for dt in np.arange(0.044, 0.08, 0.002).round(4).tolist():
-        for most in (6, 7, 8, 10):
+        for limit in (6, 7, 8, 10):
             try:
                 step.integrate(top.q0, top.p0, dt=dt, steps=400, parameters=parameters,
-                               solver=gs.Solver("auto", max_iterations=most))
+                               solver=gs.Solver("auto", max_iterations=limit))
             except gs.StepFailed as failure:
                 if failure.step > 5 and (failure.step - 1) % 3:
                     return failure, ["run", "free-body", "--scheme", "G-L", "--stages", "2",
                                      "--set", "angular_velocity=0.01,60,0.01", "--dt", str(dt),
                                      "--steps", "400", "--solver",
-                                     f"auto,max_iterations={most}"]
+                                     f"auto,max_iterations={limit}"]
     raise AssertionError("no run fails late")
 
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
-@pytest.mark.parametrize("more", [["--every", "3"], []], ids=" ".join)
-def test_failed_step_is_reported_and_all_before_it_kept(late_failure, more, gyrospark):
-    """Exit code 1; step, time and reason on stderr; the JSON and the file have the rest."""
+@pytest.mark.parametrize("options", [["--every", "3"], []], ids=" ".join)
+def test_failed_step_is_reported_and_all_before_it_kept(late_failure, options, gyrospark):
+    """Exit code 1; step, time and reason are on stderr, all states before in JSON and file."""
     failure, arguments = late_failure
-    answer = gyrospark(*arguments, *more, "--json", "--out", "kept.npz")
+    answer = gyrospark(*arguments, *options, "--json", "--out", "kept.npz")
     assert answer.code == 1
     assert answer.stderr.count("\n") == 1
     number = answer.document["failed"]["step"]
     assert number == failure.step
     for fragment in (f"Step {number:g} ", failure.reason, "t = ", "dt = "):
         assert fragment in answer.stderr
-    found = answer.document
-    assert set(found) >= CONTRACT
-    assert found["steps"] == number - 1
-    assert found["failed"]["t"] == pytest.approx((number - 1) * found["dt"])
-    assert found["failed"]["reason"] == failure.reason
-    kept = gs.load("kept.npz")
-    assert len(kept) == (number - 1) // (3 if "3" in more else 1) + 1
-    assert kept.report.steps == number - 1
-    assert found["q"] == list(kept.report.q)
+    document = answer.document
+    assert set(document) >= CONTRACT
+    assert document["steps"] == number - 1
+    assert document["failed"]["t"] == pytest.approx((number - 1) * document["dt"])
+    assert document["failed"]["reason"] == failure.reason
+    saved = gs.load("kept.npz")
+    assert len(saved) == (number - 1) // (3 if "3" in options else 1) + 1
+    assert saved.report.steps == number - 1
+    assert document["q"] == list(saved.report.q)
 
 
-@pytest.mark.parametrize("more", [["--json"], ["--plot", "first.png", "--out", "first.npz"]],
+@pytest.mark.parametrize("options", [["--json"], ["--plot", "first.png", "--out", "first.npz"]],
                          ids=" ".join)
-def test_failure_of_the_first_step(more, gyrospark):
-    """Nothing is left but the start, and that is drawn and saved without a word of warning."""
-    if "--plot" in more:
+def test_failure_of_the_first_step(options, gyrospark):
+    """Only the start is left, which is drawn and saved without a warning."""
+    if "--plot" in options:
         pytest.importorskip("matplotlib")
-    answer = gyrospark(*FAILS, "--solver", "auto,max_iterations=1", *more)
+    answer = gyrospark(*FAILS, "--solver", "auto,max_iterations=1", *options)
     assert answer.code == 1
     assert answer.stderr.count("\n") == 1
     assert "Step 1 " in answer.stderr
     assert "not converged" in answer.stderr
-    assert "--json" in more or re.search("step 1 .*not converged", answer.stdout)
+    assert "--json" in options or re.search("step 1 .*not converged", answer.stdout)
 
 
 @pytest.mark.parametrize("arguments", [
@@ -385,15 +385,16 @@ def test_check_says_up_to_date_or_shows_the_difference(generate):
     assert source.read_bytes() != good
     answer = generate(*choice, "--check")
     assert answer.code == 1
-    there, wanted = (re.search(rf"^\{sign} .*", answer.stdout, re.MULTILINE)[0] for sign in "-+")
-    assert there[1:] == wanted[1:].replace(" + ", " - ", 1)
+    on_disk, generated = (
+        re.search(rf"^\{sign} .*", answer.stdout, re.MULTILINE)[0] for sign in "-+")
+    assert on_disk[1:] == generated[1:].replace(" + ", " - ", 1)
     assert re.search(r"^--- .*\n\+\+\+ .*\n@@ ", answer.stdout, re.MULTILINE)
     assert "STALE" in answer.stderr
     assert source.read_bytes() != good  # --check writes nothing
 
 
 def test_check_sees_every_difference(generate):
-    """Other line ends, bytes that are no UTF-8, and that there is no file."""
+    """Differences are other line ends, bytes that are no UTF-8, and a missing file."""
     choice = ["--scheme", "IMS", "--check"]
     for path in (ROOT / "generated").glob("heavy_top_ims_gamma.*"):
         shutil.copy(path, Path())
@@ -433,7 +434,7 @@ def test_file_in_the_way_is_refused(generate):
 
 @pytest.fixture
 def small_disk(tmp_path):
-    """A file system of 64 KiB."""
+    """Mount a file system of 64 KiB."""
     disk = tmp_path / "disk"
     disk.mkdir()
     if call(["mount", "-t", "tmpfs", "-o", "size=64k", "none", disk]).returncode:
@@ -487,7 +488,7 @@ def test_a_folder_without_files_is_refused_with_its_reason(gyrospark):
 
 @pytest.mark.parametrize("arguments", [
     ["heavy_top_gl2_alpha"],
-    *(pytest.param(given, marks=pytest.mark.slow) for given in ([EXAMPLE], [])),  # all of them
+    *(pytest.param(choice, marks=pytest.mark.slow) for choice in ([EXAMPLE], [])),  # all of them
 ], ids=str)
 def test_paper_steppers_hold(arguments, gyrospark):
     answer = gyrospark("verify", *arguments)
@@ -501,9 +502,9 @@ def test_verify_json_is_one_document(gyrospark):
     answer = gyrospark("verify", "--scheme", "G-L", "--stages", "2", "--json")
     assert answer.code == 0
     assert answer.stderr == ""
-    found = answer.document
-    assert found["holds"] is True
-    (only,) = found["verified"]
+    document = answer.document
+    assert document["holds"] is True
+    (only,) = document["verified"]
     assert (only["name"], only["order"], only["holds"]) == ("heavy_top_gl2_gamma", 4, True)
     names = " ".join(line["name"] for line in only["conditions"])
     for word in ("B", "C", "symplectic", "symmetr", "order", "compiled coefficients"):
@@ -547,7 +548,7 @@ def test_violated_condition_is_named_and_refused_unless_allowed(gyrospark, gener
     ({"A": [["1/4"], ["1/4", "1/4"]]}, ["A", "row 1"]),
     ({"b": ["__import__('os').system('touch evil')", "1/2"]}, ["b", "entry 1"])])
 def test_bad_tableau_file_is_refused(changes, fragments, gyrospark, generate):
-    """With file, key and reason; nothing in it is evaluated."""
+    """The message has file, key and reason; nothing in the file is evaluated."""
     name = perturbed(**changes)
     for answer in (gyrospark("verify", name), generate("--tableau", name, "--no-compile"),
                    gyrospark("run", "fast-top", "--tableau", name, "--dt", "1e-3", "--steps", "1")):
@@ -556,7 +557,7 @@ def test_bad_tableau_file_is_refused(changes, fragments, gyrospark, generate):
 
 
 def test_tableau_runs(gyrospark):
-    """With the bits of Python; another method is near; what the tableau lacks is said first."""
+    """A run has the bits of Python, near another method; its first lines name lost properties."""
     path = EXAMPLE.with_name("radau_plain_2.json")
     size = ("--dt", "1e-3", "--steps", "20", "--json")
     answer = gyrospark("run", "free-body", "--tableau", path, *size)
@@ -609,7 +610,7 @@ def test_verify_model_refuses(gyrospark, arguments, fragments):
 
 
 def test_gamma_auto_reports_its_gain(gyrospark):
-    """As gs.tune does; the run has the error."""
+    """The report agrees with gs.tune."""
     run = ("run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--steps", "80")
     step, top = gs.stepper("G-L", 2), gs.problems.fast_top()
     for word, aim in (("auto", "motion"), ("auto-energy", "energy")):
@@ -648,13 +649,13 @@ def test_cache_is_listed_and_cleared(gyrospark, generate, monkeypatch, tmp_path)
 
 
 def test_help_of_run_lists_every_option_once_under_a_heading(gyrospark):
-    """And says what a robot's settings are."""
-    said = gyrospark("run", "--help").stdout
-    options = [one for one in run.params if isinstance(one, click.Option)]
+    """The help also explains the settings of a robot."""
+    text = gyrospark("run", "--help").stdout
+    options = [parameter for parameter in run.params if isinstance(parameter, click.Option)]
     for option in options:
-        lines = re.findall(rf"^  {option.opts[0]}(?![\w-])", said, re.MULTILINE)
+        lines = re.findall(rf"^  {option.opts[0]}(?![\w-])", text, re.MULTILINE)
         assert len(lines) == 1, option.name
-    headings = re.findall(r"^([A-Z][\w ]+):$", said, re.MULTILINE)
+    headings = re.findall(r"^([A-Z][\w ]+):$", text, re.MULTILINE)
     assert len(headings) >= 5
     for word in (".urdf", "ignore=", "base=floating"):
-        assert word in said
+        assert word in text

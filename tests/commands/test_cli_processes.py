@@ -23,7 +23,7 @@ FAILS = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1", "--
 
 
 def test_exit_codes_of_processes(tmp_path):
-    """The same through real processes: silence on the right stream, no traceback."""
+    """Real processes have the same codes, silence on the right stream, and no traceback."""
     good = cli(*IMS, "--json", cwd=tmp_path)
     assert (good.returncode, good.stderr) == (0, "")
     assert json.loads(good.stdout)["steps"] == 5
@@ -58,7 +58,7 @@ def test_terminals_that_know_no_greek(tmp_path):
 
 
 def test_reader_that_goes_away(tmp_path):
-    """``gyrospark ... | head``: no traceback, no complaint at the end of Python."""
+    """``gyrospark ... | head`` has no traceback, and no complaint at the end of Python."""
     process = subprocess.Popen(gyrospark_command(*IMS), stdout=subprocess.PIPE, cwd=tmp_path,
                                stderr=subprocess.PIPE, env=environment(), text=True)
     process.stdout.close()
@@ -81,23 +81,23 @@ def test_full_disk_behind_stdout(tmp_path):
     assert "space" in done.stderr
 
 
-def read_until(terminal, wanted, seconds=PATIENCE):
-    """Read from a terminal until a word has appeared or it is closed."""
+def read_until(terminal, word, seconds=PATIENCE):
+    """Return the output of a terminal until a word has appeared or it is closed."""
     text, end = b"", time.monotonic() + seconds
-    while wanted not in text and time.monotonic() < end:
+    while word not in text and time.monotonic() < end:
         try:
-            more = os.read(terminal, 4096)
+            chunk = os.read(terminal, 4096)
         except OSError:  # the other side is closed
             break
-        if not more:
+        if not chunk:
             break
-        text += more
+        text += chunk
     return text
 
 
 @pytest.mark.parametrize(("entry", "name"), [("main", "gyrospark"), ("main_generate", "generate")])
 def test_interrupt_of_the_imports(entry, name):
-    """Ctrl-C before there is anything to interrupt: the same short end."""
+    """Ctrl-C before there is anything to interrupt has the same short end."""
     code = (f"import sys\nfrom gyrospark.__main__ import {entry}\n"
             "class Interrupted:\n"
             "    def find_spec(self, name, *rest):\n"
@@ -108,7 +108,7 @@ def test_interrupt_of_the_imports(entry, name):
 
 
 def test_interrupt_of_a_read_from_a_store():
-    """Zarr reads in a loop of its own; what is pending there says nothing."""
+    """Zarr reads in a loop of its own; reads that are pending there print nothing."""
     code = ("import asyncio, os, signal, sys, threading\n"
             "from gyrospark import commands\n"
             "from zarr.core.sync import sync\n"
@@ -129,7 +129,7 @@ PENDULUM = ["run", str(ROOT / "examples" / "pendulum.toml"), "--scheme", "IMS", 
 
 @pytest.mark.slow  # derived and compiled for this; test_progress.py tests messages
 def test_first_compile_is_said_on_a_terminal(tmp_path):
-    """What is derived and compiled, while it is done and with its time."""
+    """The terminal names each derivation and compilation, at first without, then with its time."""
     terminal, theirs = pty.openpty()
     process = subprocess.Popen(
         gyrospark_command(*PENDULUM), stdout=subprocess.PIPE, stderr=theirs, cwd=tmp_path,
@@ -149,7 +149,7 @@ def test_first_compile_is_said_on_a_terminal(tmp_path):
 
 
 def test_interrupt_of_derivation(tmp_path):
-    """Ctrl-C while SymPy works: the same short end, and no file that is not whole."""
+    """Ctrl-C while SymPy works has the same short end, and leaves no incomplete file."""
     process = subprocess.Popen(  # ten seconds of deriving after the first file
         gyrospark_command("generate", "--all", "--no-compile", "--out", "made"),
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, cwd=tmp_path, env=environment(),
@@ -159,8 +159,8 @@ def test_interrupt_of_derivation(tmp_path):
     _, stderr = process.communicate(timeout=PATIENCE)
     assert (process.returncode, stderr.strip()) == (130, "gyrospark: Interrupted.")
     for path in (tmp_path / "made").iterdir():
-        known = ROOT / "generated" / path.name
-        assert not known.is_file() or path.read_bytes() == known.read_bytes()
+        generated = ROOT / "generated" / path.name
+        assert not generated.is_file() or path.read_bytes() == generated.read_bytes()
 
 
 def test_interrupt_of_text_that_is_executed(tmp_path):
@@ -176,7 +176,7 @@ def test_interrupt_of_text_that_is_executed(tmp_path):
 
 @pytest.mark.parametrize("call", ["write_text", "replace"])
 def test_interrupt_of_a_write_leaves_no_part_of_a_file(tmp_path, monkeypatch, call):
-    """Ctrl-C at any instant: between the writing of a file and its renaming, too."""
+    """Ctrl-C comes at any instant, also between the writing of a file and its renaming."""
     done = getattr(Path, call)
 
     def interrupted(*arguments, **options):

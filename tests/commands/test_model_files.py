@@ -22,7 +22,7 @@ PENDULUM, SATELLITE = (ROOT / "examples" / f"{name}.toml" for name in ("pendulum
 
 @pytest.fixture
 def document(gyrospark):
-    """Run a command that must succeed; return its JSON."""
+    """Return a function that runs a command, which must succeed, and returns its JSON."""
     def caller(*arguments):
         done = gyrospark(*arguments, "--json")
         assert done.code == 0, done.stderr
@@ -37,24 +37,24 @@ def document(gyrospark):
     path if path.stem == "pendulum"
     else pytest.param(path, marks=pytest.mark.slow) for path in EXAMPLES], ids=lambda p: p.stem)
 def test_example_runs(path, document):
-    """With the file's own dt; twenty steps keep every constraint."""
-    found = document("run", path, "--scheme", "G-L", "--stages", "2", "--steps", "20")
+    """Twenty steps with the file's own dt keep every constraint."""
+    result = document("run", path, "--scheme", "G-L", "--stages", "2", "--steps", "20")
     model = gs.load_model(path)
-    assert set(found) >= CONTRACT
-    assert found["problem"] == path.stem
-    assert found["steps"] == 20
-    assert found["dt"] == model.dt
-    assert len(found["q"]) == model.system.n
-    assert set(found["parameters"]) >= set(model.parameters) | set(model.bodies)
-    size = max(1.0, *map(abs, found["q"]))
-    assert found["constraint_max"] <= 64 * EPS * size**2
-    assert np.isfinite(found["energy_error_max"])
+    assert set(result) >= CONTRACT
+    assert result["problem"] == path.stem
+    assert result["steps"] == 20
+    assert result["dt"] == model.dt
+    assert len(result["q"]) == model.system.n
+    assert set(result["parameters"]) >= set(model.parameters) | set(model.bodies)
+    size = max(1.0, *map(abs, result["q"]))
+    assert result["constraint_max"] <= 64 * EPS * size**2
+    assert np.isfinite(result["energy_error_max"])
 
 
 def test_commands_in_the_headers_of_examples_exist():
     from gyrospark.commands.run.command import run
 
-    known = {opt for p in run.params for opt in p.opts}
+    options = {opt for p in run.params for opt in p.opts}
     for path in EXAMPLES:
         header = [line for line in path.read_text(encoding="utf-8").splitlines()
                   if line.startswith("#   gyrospark run")]
@@ -62,7 +62,7 @@ def test_commands_in_the_headers_of_examples_exist():
         for line in header:
             words = line.removeprefix("#").split()
             assert words[2] == f"examples/{path.name}"
-            assert {word for word in words if word.startswith("--")} <= known
+            assert {word for word in words if word.startswith("--")} <= options
 
 
 def test_text_fits_the_system(orbit, gyrospark, document):
@@ -72,34 +72,34 @@ def test_text_fits_the_system(orbit, gyrospark, document):
     done = gyrospark(*orbit, "--dtau", "0.1", "--steps", "5")
     assert done.code == 0, done.stderr
     assert "constraint" not in done.stdout
-    found = document(*orbit, "--dtau", "0.1", "--steps", "5")
-    assert found["constraint_max"] == found["momentum_constraint_max"] == 0
+    result = document(*orbit, "--dtau", "0.1", "--steps", "5")
+    assert result["constraint_max"] == result["momentum_constraint_max"] == 0
 
 
 def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, document):
     text = PENDULUM.read_text(encoding="utf-8").replace('q = ["l", 0]', "q = [0.3, 0.4001]")
     rough = tmp_path / "rough.toml"
     rough.write_text(text, encoding="utf-8")
-    found = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5", "--json").document
-    assert 1e-5 < found["start_moved"] < 1e-3
+    result = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5", "--json").document
+    assert 1e-5 < result["start_moved"] < 1e-3
     assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
-    said = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stderr
-    assert "constraints" in said
+    warning = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stderr
+    assert "constraints" in warning
     model, step = gs.load_model(rough), gs.stepper("IMS", system=rough)
     with pytest.warns(gs.errors.InputWarning, match="y = 0.4001"):
         run = step.integrate(model, steps=5)
-    assert run.q[-1].tolist() == found["q"]
+    assert run.q[-1].tolist() == result["q"]
     with pytest.raises(gs.InputError, match="constraints"):
         step.integrate(model.q0, model.p0, dt=1e-3, steps=1, parameters=model.parameters)
 
 
 @pytest.mark.parametrize("lengths", [[0.5, 0.6], [0.7, 0.7]])
 def test_a_model_starts_on_the_constraints_of_its_run(lengths):
-    """Whatever the parameters of a run, or of each of an ensemble's, are."""
+    """A start has the parameters of its run, in an ensemble the ones of its member."""
     model, step = gs.load_model(PENDULUM), gs.stepper("G-L", stages=2, system=PENDULUM)
     with pytest.warns(gs.errors.InputWarning, match="constraints"):
-        many = step.integrate_ensemble(model, steps=3, parameters={"l": lengths})
-    for member, length in zip(many.members, lengths, strict=True):
+        ensemble = step.integrate_ensemble(model, steps=3, parameters={"l": lengths})
+    for member, length in zip(ensemble.members, lengths, strict=True):
         assert np.hypot(*member.q[0]) == pytest.approx(length, rel=1e-15)
         with contextlib.nullcontext() if length == 0.5 else pytest.warns(gs.errors.InputWarning):
             alone = step.integrate(model, steps=3, parameters={"l": length})
@@ -113,9 +113,9 @@ def test_models_in_doubles_start_in_float128():
 
 
 def test_the_system_of_a_file_is_verified(document):
-    found = document("verify", "--scheme", "IMS", "--system", PENDULUM)
-    assert found["holds"]
-    assert found["verified"][0]["name"] == "pendulum_ims"
+    result = document("verify", "--scheme", "IMS", "--system", PENDULUM)
+    assert result["holds"]
+    assert result["verified"][0]["name"] == "pendulum_ims"
 
 
 def test_events_of_a_file_are_those_of_its_runs(tmp_path, gyrospark, document):
@@ -177,7 +177,7 @@ HOSTILE = {
 
 @pytest.fixture
 def bounded(gyrospark):
-    """Call the command line with little memory and little patience."""
+    """Return the command line, with little memory and little patience."""
     resource = pytest.importorskip("resource")
 
     def impatient(number, frame):
@@ -185,9 +185,9 @@ def bounded(gyrospark):
 
     before = resource.getrlimit(resource.RLIMIT_AS)
     pages = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0])
-    taken = pages * resource.getpagesize()
+    used = pages * resource.getpagesize()
     handler = signal.signal(signal.SIGALRM, impatient)
-    resource.setrlimit(resource.RLIMIT_AS, (taken + (3 << 30), before[1]))
+    resource.setrlimit(resource.RLIMIT_AS, (used + (3 << 30), before[1]))
     signal.alarm(PATIENCE)
     yield gyrospark
     signal.alarm(0)
@@ -256,7 +256,7 @@ dt = 0.1
 
 @pytest.fixture
 def ruled(tmp_path):
-    """Return a body whose file says by which rule its gamma is found."""
+    """Return a function that writes the file of a body with a rule for its gamma."""
     def write(rule):
         path = tmp_path / "ruled.toml"
         path.write_text(RULED.format(rule=rule), encoding="utf-8")
@@ -266,13 +266,13 @@ def ruled(tmp_path):
 
 
 def test_a_file_says_by_which_rule_gamma_is_found(ruled, document):
-    """What the option does, which takes its place; without one, in Python and certificates too."""
+    """A rule in the file does what the option does, which overrides it, also in Python."""
     run = ("--scheme", "G-L", "--stages", "2", "--steps", "10")
     inertia = (12.0, 10.0, 3.0)
-    wanted = {"h": gs.gamma(inertia, "h"), "auto-energy": document(
+    expected = {"h": gs.gamma(inertia, "h"), "auto-energy": document(
         "run", ruled("h"), *run, "--gamma", "auto-energy")["parameters"]["gamma"]}
-    assert len({*wanted.values(), gs.gamma(inertia)}) == 3
-    for rule, gamma in wanted.items():
+    assert len({*expected.values(), gs.gamma(inertia)}) == 3
+    for rule, gamma in expected.items():
         path = ruled(rule)
         assert document("run", path, *run)["parameters"]["gamma"] == gamma
         model = gs.load_model(path)
@@ -292,9 +292,9 @@ def test_a_sweep_has_no_motion_to_choose_for(ruled):
     with pytest.raises(gs.InputError, match="gamma = 'auto'"):
         gs.sweep(ruled("auto"), axis, scheme="G-L", stages=2, steps=3)
     by_rule = gs.sweep(ruled("h"), axis, scheme="G-L", stages=2, steps=3)
-    told = gs.sweep(ruled("m"), axis, scheme="G-L", stages=2, steps=3,
-                    parameters={"gamma": gs.gamma((12.0, 10.0, 3.0), "h")})
-    assert np.array_equal(by_rule["q"], told["q"])
+    by_number = gs.sweep(ruled("m"), axis, scheme="G-L", stages=2, steps=3,
+                         parameters={"gamma": gs.gamma((12.0, 10.0, 3.0), "h")})
+    assert np.array_equal(by_rule["q"], by_number["q"])
 
 
 def test_another_word_is_no_rule(ruled, gyrospark):
@@ -302,11 +302,12 @@ def test_another_word_is_no_rule(ruled, gyrospark):
     assert done.code == 2
     assert "gamma" in done.stderr
     model = gs.load_model(SATELLITE)
-    what = {"parameters": model.parameters, "q0": model.q0, "p0": model.p0, "bodies": model.bodies}
+    arguments = {"parameters": model.parameters, "q0": model.q0, "p0": model.p0,
+                 "bodies": model.bodies}
     with pytest.raises(gs.InputError, match=r"rules\['gamma'\].*auto"):
-        gs.Model(model.system, **what, rules={"gamma": "automatic"})
+        gs.Model(model.system, **arguments, rules={"gamma": "automatic"})
     with pytest.raises(gs.InputError, match="rule for 'mu'"):
-        gs.Model(model.system, **what, rules={"mu": "m"})
+        gs.Model(model.system, **arguments, rules={"mu": "m"})
 
 
 def test_rules_are_those_of_the_option(gyrospark):
@@ -318,7 +319,7 @@ def test_rules_are_those_of_the_option(gyrospark):
 
 @pytest.fixture
 def orbit(tmp_path):
-    """The eccentric orbit of the catalogue as a file: the options of a run of it."""
+    """Return the arguments of a run of the catalogue's eccentric orbit from a file."""
     path = tmp_path / "eccentric.toml"
     path.write_text(ECCENTRIC)
     return "run", str(path), "--scheme", "G-L", "--stages", "2"
@@ -327,23 +328,23 @@ def orbit(tmp_path):
 def test_a_run_in_scaled_time_is_that_of_python(orbit, document, gyrospark):
     step, entry = systems.stepper("eccentric"), systems.case("eccentric")
     run = step.integrate(gs.Start(entry.q, entry.p, entry.parameters), dtau=0.1, t_end=7)
-    found = document(*orbit, "--dtau", "0.1", "--t-end", "7")
-    assert found.keys() >= CONTRACT
-    assert found["t_end"] == run.t[-1] == 7
-    assert np.abs(np.array(found["q"]) - run.report.q).max() < 1e3 * EPS
-    assert found["steps"] == run.report.steps
-    assert found["dtau"] == 0.1
-    assert found["dt_min"] < found["dt"] == 7 / found["steps"] < found["dt_max"]
+    result = document(*orbit, "--dtau", "0.1", "--t-end", "7")
+    assert result.keys() >= CONTRACT
+    assert result["t_end"] == run.t[-1] == 7
+    assert np.abs(np.array(result["q"]) - run.report.q).max() < 1e3 * EPS
+    assert result["steps"] == run.report.steps
+    assert result["dtau"] == 0.1
+    assert result["dt_min"] < result["dt"] == 7 / result["steps"] < result["dt_max"]
     assert "0.1" in gyrospark(*orbit, "--dtau", "0.1", "--steps", "3").stdout
 
 
 def test_a_stored_run_in_scaled_time_is_resumed(orbit, document, tmp_path, gyrospark):
     out = "--dtau", "0.1", "--out", str(tmp_path / "a.zarr")
     document(*orbit, *out, "--steps", "20")
-    again = document(*orbit, *out, "--steps", "40", "--resume")
-    whole = document(*orbit, "--dtau", "0.1", "--steps", "40")
-    assert again["resumed_at"] == 20
-    assert (again["q"], again["t_end"]) == (whole["q"], whole["t_end"])
+    resumed = document(*orbit, *out, "--steps", "40", "--resume")
+    full_run = document(*orbit, "--dtau", "0.1", "--steps", "40")
+    assert resumed["resumed_at"] == 20
+    assert (resumed["q"], resumed["t_end"]) == (full_run["q"], full_run["t_end"])
     refused(gyrospark(*orbit, *out[:3], str(tmp_path / "b.zarr"), "--t-end", "5"), "t_end", "steps")
 
 
@@ -351,13 +352,13 @@ def test_steps_of_scaled_time_are_asked_for(orbit, document, gyrospark):
     refused(gyrospark(*orbit, "--dt", "0.1", "--t-end", "5"), "0.1", "dtau")
     refused(gyrospark(*orbit, "--t-end", "5"), "dtau")
     refused(gyrospark("run", "fast-top", "--dtau", "0.1", "--steps", "5"), "0.1", "dt")
-    found = document(*orbit, "--dtau", "0.4", "--step-error", "1e-5", "--t-end", "7")
-    assert found["tuned"]["error"] <= 1e-5
-    assert found["dtau"] == found["tuned"]["dt"] < 0.2
+    result = document(*orbit, "--dtau", "0.4", "--step-error", "1e-5", "--t-end", "7")
+    assert result["tuned"]["error"] <= 1e-5
+    assert result["dtau"] == result["tuned"]["dt"] < 0.2
 
 
 def test_a_sweep_and_a_fit_in_scaled_time_are_those_of_python(orbit, document, gyrospark, tmp_path):
-    """Cells of a study at rows of equal τ; samples between the steps of a run of other steps."""
+    """Cells of a study have rows of equal τ; samples of the fit lie between steps of its run."""
     study = tmp_path / "eccentricities.toml"
     study.write_text("""model = "eccentric.toml"
 scheme = "G-L 2"
@@ -373,16 +374,16 @@ k = [1.0, 1.1]
     assert summary["least"] == float(cells.t.min())
     table = tmp_path / "seen.csv"
     document(*orbit, "--dtau", "0.05", "--steps", "60", "--every", "7", "--out", table)
-    found = document("fit", orbit[1], table, *orbit[2:], "--dtau", "0.05", "--observe", "x,y",
-                     "--set", "parameters.k=1.01", "--free", "k")
-    assert abs(found["parameters"]["k"] - 1) < 1e-9
+    fit = document("fit", orbit[1], table, *orbit[2:], "--dtau", "0.05", "--observe", "x,y",
+                   "--set", "parameters.k=1.01", "--free", "k")
+    assert abs(fit["parameters"]["k"] - 1) < 1e-9
     refused(gyrospark("fit", orbit[1], table, *orbit[2:], "--observe", "x,y"), "dtau")
 
 
 def test_a_certificate_in_scaled_time(orbit, document, gyrospark):
-    found = document("verify", "--model", *orbit[1:], "--dtau", "0.1", "--steps", "40")
-    assert found["holds"]
-    assert (found["dt"], found["steps"]) == (0.1, 40)
+    result = document("verify", "--model", *orbit[1:], "--dtau", "0.1", "--steps", "40")
+    assert result["holds"]
+    assert (result["dt"], result["steps"]) == (0.1, 40)
     verify = "verify", "--model", *orbit[1:]
     assert "τ" in gyrospark(*verify, "--dtau", "0.1", "--steps", "4").stdout
     refused(gyrospark(*verify), "dtau")

@@ -1,4 +1,4 @@
-"""``gyrospark models``: what has a name is listed, and what is listed can be run."""
+"""``gyrospark models`` lists everything with a name, and each entry of the list can be run."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ def test_every_name_is_listed_with_a_sentence(gyrospark):
     for row in rows:
         assert row["about"].endswith(".")
         assert not row["about"].startswith("Return")
-    said = gyrospark("models").stdout
+    text = gyrospark("models").stdout
     for name in NAMES:
-        assert f"  {name} " in said
+        assert f"  {name} " in text
 
 
 def test_the_list_is_that_of_python():
@@ -44,8 +44,8 @@ def test_every_example_is_listed_with_what_it_is(gyrospark):
     assert [row["name"] for row in rows] == EXAMPLES
     for row in rows:
         assert len(row["about"]) > 20, row
-    said = gyrospark("examples", "list").stdout
-    assert all(f"\n{name} " in f"\n{said}" for name in EXAMPLES)
+    text = gyrospark("examples", "list").stdout
+    assert all(f"\n{name} " in f"\n{text}" for name in EXAMPLES)
 
 
 def test_examples_are_copied_whole_and_run(gyrospark, tmp_path):

@@ -40,14 +40,14 @@ ANSWERS = {"--json", "sweep --dry-run", "sweep --plot", "sweep --show", "verify 
 
 
 def command(words: str) -> click.Command:
-    found: click.Command = command_line
+    current: click.Command = command_line
     for word in words.split():
-        found = found.get_command(click.Context(found), word)
-    return found
+        current = current.get_command(click.Context(current), word)
+    return current
 
 
 def options(words: str) -> list[click.Option]:
-    return [one for one in command(words).params if isinstance(one, click.Option)]
+    return [parameter for parameter in command(words).params if isinstance(parameter, click.Option)]
 
 
 def value_of(words: str, option: click.Option) -> object:
@@ -82,7 +82,7 @@ def test_run_has_few_options():
 @pytest.mark.parametrize("former", FORMER_OPTIONS)
 def test_former_options_name_the_present_one(former, gyrospark):
     words, flag = former.split()
-    assert flag not in {name for one in options(words) for name in one.opts}
+    assert flag not in {name for option in options(words) for name in option.opts}
     refused(gyrospark(words, "fast-top", *(["x.csv"] if words == "fit" else []), flag, "1"), flag)
     assert not [*Path().iterdir()]
 
@@ -97,7 +97,7 @@ def test_a_solver_that_is_none(text, word, gyrospark):
 
 @pytest.mark.parametrize("options", [(), ("dt",), ("steps",), ("dt", "t_end")])
 def test_a_model_has_its_step_and_their_number(options, gyrospark):
-    """Where they are left out, on the command line and in Python, of runs and simulations."""
+    """The model's dt and steps hold where a call leaves them out, for runs and simulations."""
     path = ROOT / "examples" / "pendulum.toml"
     model, numbers = gs.load_model(path), {"dt": 0.004, "steps": 7, "t_end": 0.02}
     named = {name: numbers[name] for name in options}
@@ -110,8 +110,8 @@ def test_a_model_has_its_step_and_their_number(options, gyrospark):
     assert run.report.steps == answer["steps"]
     assert run.q[-1] == pytest.approx(answer["q"], rel=1e-12)
     assert float(run.dt) == (named.get("dt") or model.dt)
-    many = step.integrate_ensemble(model, parameters={"m": [1.0, 1.0]}, **named)
-    assert many.members[0].q[-1] == pytest.approx(answer["q"], rel=1e-12)
+    ensemble = step.integrate_ensemble(model, parameters={"m": [1.0, 1.0]}, **named)
+    assert ensemble.members[0].q[-1] == pytest.approx(answer["q"], rel=1e-12)
     if "steps" in options:
         sim = step.start(model.start.replace(t=1.0))
         sim.advance(7)
@@ -122,7 +122,7 @@ def test_a_solver_has_its_arguments(gyrospark):
     run = ["run", "fast-top", "--dt", "1e-3", "--steps", "3", "--json", "--solver"]
     answer = gyrospark(*run, "newton, tolerance=1e-6, max_iterations=9").document
     step = gs.stepper()
-    made = step.integrate(gs.problems.fast_top(), dt=1e-3, steps=3,
-                          solver=gs.Solver("newton", tolerance=1e-6, max_iterations=9))
-    assert answer["q"] == made.q[-1].tolist()
-    assert answer["iterations_mean"] == made.report.iterations_mean
+    trajectory = step.integrate(gs.problems.fast_top(), dt=1e-3, steps=3,
+                                solver=gs.Solver("newton", tolerance=1e-6, max_iterations=9))
+    assert answer["q"] == trajectory.q[-1].tolist()
+    assert answer["iterations_mean"] == trajectory.report.iterations_mean

@@ -1,4 +1,4 @@
-"""``gyrospark run`` as everybody writes it: names, no scheme, 1e3 steps, other values."""
+"""``gyrospark run`` in everyday use: names, no scheme, 1e3 steps, other values."""
 
 from __future__ import annotations
 
@@ -21,22 +21,22 @@ TWO = ("--scheme", "G-L", "--stages", "2")
     name if name == "double_top"
     else pytest.param(name, marks=pytest.mark.slow) for name in MODELS])
 def test_every_model_runs_by_its_name(name, gyrospark):
-    """With its own dt; the same bits as from Python."""
+    """A model runs with its own dt and has the same bits as from Python."""
     settings = ["--set", "count=1"] if name == "chain" else []
     answer = gyrospark("run", name, "--scheme", "G-L", "--stages", "2", "--steps", "2", "--json",
                        *settings)
     assert answer.code == 0, answer.stderr
     assert answer.stderr == ""
-    made = getattr(gs.models, name)(**({"count": 1} if settings else {}))
-    assert answer.document["problem"] == made.name
-    assert answer.document["dt"] == made.dt
-    step = gs.stepper("G-L", 2, system=made)
-    run = step.integrate(made.start, dt=made.dt, steps=2)
+    model = getattr(gs.models, name)(**({"count": 1} if settings else {}))
+    assert answer.document["problem"] == model.name
+    assert answer.document["dt"] == model.dt
+    step = gs.stepper("G-L", 2, system=model)
+    run = step.integrate(model.start, dt=model.dt, steps=2)
     assert answer.document["q"] == list(run.report.q)
 
 
 def test_scheme_and_stages_have_defaults(gyrospark, generate):
-    """As ``gs.stepper`` has them."""
+    """Scheme and stages have the defaults of ``gs.stepper``."""
     run = ["run", "fast-top", "--dt", "1e-3", "--steps", "5"]
     answer = gyrospark(*run)
     assert answer.code == 0
@@ -60,9 +60,9 @@ def test_whole_numbers_as_everybody_writes_them(text, count, gyrospark):
 
 def test_counts_in_python_and_files(gl3, tmp_path):
     run = {"dt": 1e-3, "parameters": TOP.parameters}
-    made = gl3.integrate(TOP.q0, TOP.p0, steps=10.0, every=np.float32(5),
-                         solver=gs.Solver("auto", max_iterations=5e1), **run)
-    assert made.q.shape == (3, 4)
+    trajectory = gl3.integrate(TOP.q0, TOP.p0, steps=10.0, every=np.float32(5),
+                               solver=gs.Solver("auto", max_iterations=5e1), **run)
+    assert trajectory.q.shape == (3, 4)
     q, p = [TOP.q0] * 2, [TOP.p0] * 2
     assert gl3.integrate_ensemble(q, p, steps=4.0, every=2.0, workers=1.0, **run).q.shape == (2, 3,
                                                                                              4)
@@ -73,7 +73,7 @@ def test_counts_in_python_and_files(gl3, tmp_path):
 
 
 def test_gamma_is_the_mean_wherever_parameters_are(gl3):
-    ruled, known = TOP.parameters, TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
+    by_rule, with_gamma = TOP.parameters, TOP.parameters | {"gamma": gs.gamma(TOP.inertia)}
     q, p, x = TOP.q0, TOP.p0, np.zeros(gl3.unknowns)
     for call in (
         lambda s: gl3.step(q, p, dt=1e-3, parameters=s), lambda s: gl3.energy(q, p, parameters=s),
@@ -84,7 +84,7 @@ def test_gamma_is_the_mean_wherever_parameters_are(gl3):
         lambda s: gl3.integrate_ensemble([q], [p], dt=1e-3, steps=2, parameters=[s]).q,
         lambda s: gs.certify(TOP, "IMS", dt=1e-3, steps=2, parameters=s).parameters["gamma"],
     ):
-        assert np.array_equal(np.asarray(call(ruled)), np.asarray(call(known)))
+        assert np.array_equal(np.asarray(call(by_rule)), np.asarray(call(with_gamma)))
 
 
 @pytest.mark.parametrize(("changes", "words"), [
@@ -96,16 +96,16 @@ def test_other_words_are_refused(changes, words, gl3):
 
 
 def test_settings_are_the_file_with_other_values(gyrospark, tmp_path):
-    """Against the same file written anew, to the bit."""
+    """A setting has the bits of the same file, written anew."""
     text = PENDULUM.read_text(encoding="utf-8")
     (tmp_path / "other.toml").write_text(text.replace("m = 1.0", "m = 2.5"), encoding="utf-8")
     assert "m = 1.0" in text
     run = ["--scheme", "IMS", "--steps", "5", "--json"]
-    wanted = gyrospark("run", tmp_path / "other.toml", *run).document
+    expected = gyrospark("run", tmp_path / "other.toml", *run).document
     for value in ("2.5", "5/2", "2.5e0"):
-        found = gyrospark("run", PENDULUM, *run, "--set", f"m={value}").document
-        assert found["parameters"]["m"] == 2.5
-        assert (found["q"], found["p"]) == (wanted["q"], wanted["p"])
+        document = gyrospark("run", PENDULUM, *run, "--set", f"m={value}").document
+        assert document["parameters"]["m"] == 2.5
+        assert (document["q"], document["p"]) == (expected["q"], expected["p"])
 
 
 FILE = """
@@ -137,14 +137,14 @@ def test_what_depends_on_a_setting_follows(gyrospark, tmp_path):
         return answer.document
 
     assert run()["parameters"]["I3"] == 1
-    found = run("half=0.75", "body.gamma=2")
-    assert found["parameters"]["gamma"] == 2
-    assert found["parameters"]["I3"] == 1.5
-    assert found["p"][3] == pytest.approx(2 * 1.5 * 6, rel=0.02)
-    found = run("k=3", "start.euler=[0, '30 deg', 0]", "run.steps=7")
-    assert found["parameters"]["k"] == 3
-    assert found["energy_start"] == pytest.approx(3 * np.cos(np.pi / 6) + 0.5 * 16, rel=1e-12)
-    assert found["steps"] == 7
+    document = run("half=0.75", "body.gamma=2")
+    assert document["parameters"]["gamma"] == 2
+    assert document["parameters"]["I3"] == 1.5
+    assert document["p"][3] == pytest.approx(2 * 1.5 * 6, rel=0.02)
+    document = run("k=3", "start.euler=[0, '30 deg', 0]", "run.steps=7")
+    assert document["parameters"]["k"] == 3
+    assert document["energy_start"] == pytest.approx(3 * np.cos(np.pi / 6) + 0.5 * 16, rel=1e-12)
+    assert document["steps"] == 7
     assert run("start.angular_velocity=[0, 0, '60 rpm']")["q"] != run()["q"]
 
 
@@ -164,9 +164,9 @@ def test_settings_that_do_not_fit_are_refused(setting, fragments, gyrospark, tmp
 
 @pytest.mark.slow  # the derivation of two bodies
 def test_settings_of_bodies_go_by_name(gyrospark):
-    found = gyrospark("run", EXAMPLES / "double_top.toml", "--scheme", "IMS", "--steps", "2",
-                      "--set", "bodies.upper.mass=0.7", "--gamma", "h", "--json")
-    parameters = found.document["parameters"]
+    answer = gyrospark("run", EXAMPLES / "double_top.toml", "--scheme", "IMS", "--steps", "2",
+                       "--set", "bodies.upper.mass=0.7", "--gamma", "h", "--json")
+    parameters = answer.document["parameters"]
     assert parameters["upper_m"] == 0.7
     assert parameters["lower_gamma"] == gs.gamma((0.004, 0.004, 0.002), "h")
     assert parameters["upper_gamma"] == gs.gamma((0.001, 0.001, 0.0006), "h")

@@ -24,9 +24,9 @@ def test_a_composition_holds(gyrospark):
     assert (answer.code, answer.stderr) == (0, "")
     assert answer.stdout.splitlines()[-1].startswith("Strang: order 2")
     assert "FAILS" not in answer.stdout
-    found = gyrospark(*SPLITTING, "--order", "2", "--json").document
-    assert found["holds"] is True
-    (only,) = found["verified"]
+    document = gyrospark(*SPLITTING, "--order", "2", "--json").document
+    assert document["holds"] is True
+    (only,) = document["verified"]
     assert (only["name"], only["order"], only["holds"]) == ("Strang", 2, True)
     names = " ".join(line["name"] for line in only["conditions"])
     for word in ("consistency", "symmetry", "symplecticity", "order, measured", "error constant"):
@@ -63,36 +63,36 @@ def test_bad_choices_are_refused(arguments, fragments, gyrospark):
 
 
 def test_errors_fall_with_the_order(gl3):
-    """And are those against a much finer run of another method."""
+    """The errors agree with a much finer run of another method."""
     step = gs.stepper("IMS")
-    found = accuracy(step, TOP.q0, TOP.p0, dt=1e-3, steps=100, parameters=PARAMETERS)
-    assert step.order == found.order == 2
-    assert found.dt == [4e-3 / 2**k for k in range(7)]
-    assert np.abs(np.array(found.slopes[-3:]) - 2).max() < 0.15
-    fine = gl3.integrate(TOP.q0, TOP.p0, dt=1e-4, steps=round(found.t_end / 1e-4),
+    measured = accuracy(step, TOP.q0, TOP.p0, dt=1e-3, steps=100, parameters=PARAMETERS)
+    assert step.order == measured.order == 2
+    assert measured.dt == [4e-3 / 2**k for k in range(7)]
+    assert np.abs(np.array(measured.slopes[-3:]) - 2).max() < 0.15
+    fine = gl3.integrate(TOP.q0, TOP.p0, dt=1e-4, steps=round(measured.t_end / 1e-4),
                          parameters=PARAMETERS)
-    count = round(found.t_end / found.dt[2])
-    run = step.integrate(TOP.q0, TOP.p0, dt=found.dt[2], steps=count, parameters=PARAMETERS)
+    count = round(measured.t_end / measured.dt[2])
+    run = step.integrate(TOP.q0, TOP.p0, dt=measured.dt[2], steps=count, parameters=PARAMETERS)
     error = max(np.abs(a[-1] - b[-1]).max() / np.abs(b[[0, -1]]).max()
                 for a, b in ((run.q, fine.q), (run.p, fine.p)))
-    assert found.error[2] == pytest.approx(error, rel=2e-3)
+    assert measured.error[2] == pytest.approx(error, rel=2e-3)
 
 
 def test_steps_without_a_solution_are_left_out():
     step = gs.stepper("LIIIA-B", 3)
-    found = accuracy(step, TOP.q0, TOP.p0, dt=0.03, steps=40, parameters=PARAMETERS)
-    assert 0 < len(found.dt) < 7
-    assert len(found.dt) == len(found.error) == len(found.seconds)
+    measured = accuracy(step, TOP.q0, TOP.p0, dt=0.03, steps=40, parameters=PARAMETERS)
+    assert 0 < len(measured.dt) < 7
+    assert len(measured.dt) == len(measured.error) == len(measured.seconds)
 
 
 def test_the_picture_shows_the_numbers(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
-    kept = []
+    figures = []
     monkeypatch.setattr("gyrospark.certificates.accuracy_over_time.save",
-                        lambda figure, target: kept.append(figure))
-    found = Accuracy("a_stepper", 4, 1.0, [0.4, 0.2, 0.1], [1e-3, 6e-5, 0.0], [0.1, 0.2, 0.4])
-    draw("top", found, tmp_path / "a.png")
-    order, work = kept[0].axes
+                        lambda figure, target: figures.append(figure))
+    measured = Accuracy("a_stepper", 4, 1.0, [0.4, 0.2, 0.1], [1e-3, 6e-5, 0.0], [0.1, 0.2, 0.4])
+    draw("top", measured, tmp_path / "a.png")
+    order, work = figures[0].axes
     curve, guide = order.get_lines()
     assert list(curve.get_ydata()) == [1e-3, 6e-5]  # a logarithm has no place for 0
     assert guide.get_label() == "Δt^4"
@@ -109,25 +109,25 @@ def test_the_picture_is_of_the_stepper_in_the_frame(gyrospark, monkeypatch):
 
     monkeypatch.setattr(accuracy_over_time, "accuracy", measured)
     monkeypatch.setattr(accuracy_over_time, "draw", lambda *drawn: None)
-    said = gyrospark("verify", "--model", "fast-top", "--scheme", "EMS", "--steps", "20",
-                     "--frame", "symmetries", "--plot", "framed.png", "--json")
-    assert said.code == 0, said.stderr
-    assert said.document["accuracy"]["stepper"] == f"{said.document['stepper']} set()"
+    answer = gyrospark("verify", "--model", "fast-top", "--scheme", "EMS", "--steps", "20",
+                       "--frame", "symmetries", "--plot", "framed.png", "--json")
+    assert answer.code == 0, answer.stderr
+    assert answer.document["accuracy"]["stepper"] == f"{answer.document['stepper']} set()"
 
 
 def test_on_the_command_line(gyrospark, tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     verify = ["verify", "--model", "free-body", "--scheme", "IMS", "--steps", "20"]
-    said = gyrospark(*verify, "--plot", "order.png", "--json")
-    assert said.code == 0
-    assert said.document["plot"] == "order.png"
-    assert len(said.document["accuracy"]["dt"]) == 7
+    answer = gyrospark(*verify, "--plot", "order.png", "--json")
+    assert answer.code == 0
+    assert answer.document["plot"] == "order.png"
+    assert len(answer.document["accuracy"]["dt"]) == 7
     assert (tmp_path / "order.png").stat().st_size > 10_000
-    said = gyrospark("verify", "--scheme", "IMS", "--plot", "order.png")
-    assert said.code == 2
-    assert "--plot belongs to --model" in said.stderr
-    said = gyrospark(*verify, "--plot", "order.txt")
-    assert said.code == 2
-    assert ".png" in said.stderr
+    answer = gyrospark("verify", "--scheme", "IMS", "--plot", "order.png")
+    assert answer.code == 2
+    assert "--plot belongs to --model" in answer.stderr
+    answer = gyrospark(*verify, "--plot", "order.txt")
+    assert answer.code == 2
+    assert ".png" in answer.stderr
     monkeypatch.setitem(sys.modules, "gyrospark.runtime.plotting.figure", None)
     assert 'pip install "matplotlib>=' in gyrospark(*verify, "--plot", "order.png").stderr
