@@ -22,12 +22,12 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
     study_file(tmp_path, STUDY.replace("steps = 100", "steps = 10").replace("= 40", "= 8"))
     done = gyrospark("sweep", "study.toml", "--plot", "s.png", "--json")
     assert done.code == 0, done.stderr
-    said = done.document
-    assert said["statuses"] == {"done": 256}
+    document = done.document
+    assert document["statuses"] == {"done": 256}
     result = gs.load_sweep(tmp_path / "study.zarr")
-    assert said["least"] == float(result.energy_error_max.min())
-    at = result.sel(gamma=said["least_at"]["gamma"], dt=said["least_at"]["dt"])
-    assert at.energy_error_max == said["least"]
+    assert document["least"] == float(result.energy_error_max.min())
+    cell = result.sel(gamma=document["least_at"]["gamma"], dt=document["least_at"]["dt"])
+    assert cell.energy_error_max == document["least"]
     assert (tmp_path / "s.png").stat().st_size > 5000
     again = gyrospark("sweep", "study.toml", "--resume", "--workers", "2")
     assert again.code == 0
@@ -42,13 +42,13 @@ def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark, monkey
     path = study_file(tmp_path, text)
     done = gyrospark("sweep", "study.toml", "--dry-run", "--json")
     assert done.code == 0, done.stderr
-    said = done.document
-    assert (said["cells"], said["steps"]) == (1280, 1280 * 300)
+    document = done.document
+    assert (document["cells"], document["steps"]) == (1280, 1280 * 300)
     assert not (tmp_path / "study.zarr").exists()
     loaded = parse_study(text, path)
-    assert said["disk_bytes"] == 1280 * sum(f.row_bytes for f in fields_of(loaded.study))
-    assert 0 < said["low"] <= said["cpu_seconds"] <= said["high"] < 60
-    assert said["tiles"] == len(list(tiles.tiles_of(loaded.study)))
+    assert document["disk_bytes"] == 1280 * sum(f.row_bytes for f in fields_of(loaded.study))
+    assert 0 < document["low"] <= document["cpu_seconds"] <= document["high"] < 60
+    assert document["tiles"] == len(list(tiles.tiles_of(loaded.study)))
     monkeypatch.setattr(cost_estimate, "_seconds_a_step", lambda study, tile: 1e-6)
     text = gyrospark("sweep", "study.toml", "--dry-run").stdout
     assert "1,280 cells" in text
@@ -194,7 +194,7 @@ def test_axes_are_drawn_as_they_are_spaced(values, scale):
     ({"start": {"angular_velocity": [[0, 0, 100], [0, 5, 100]]}, "dt": [1e-3, 2e-3]}, ["0", "1"],
      "Δt (s)", "linear")])
 def test_few_values_are_lines(over, names, label, scale):
-    """Schemes, starts, points and short axes: one line each, named, over the other axis."""
+    """Schemes, starts, points and short axes have a named line each, over the other axis."""
     axes = drawn(over, **({} if "scheme" in over else {"scheme": "EMS"}),
                  **({} if "dt" in over else {"dt": 1e-3}))
     assert [text.get_text() for text in axes.get_legend().get_texts()] == names
@@ -204,7 +204,7 @@ def test_few_values_are_lines(over, names, label, scale):
 
 
 def test_two_long_axes_are_colours():
-    """And what is fixed is said."""
+    """The title names the scheme, which is fixed."""
     over = {"scheme": ["EMS", "IMS"], "gamma": spaced(4e-4, 4e-3, 12, "log"),
             "dt": spaced(1e-4, 1e-2, 11, "linear")}
     axes = drawn(over)

@@ -1,4 +1,4 @@
-"""Sweeps that are ended: killed, interrupted, on clusters that lose their workers."""
+"""Sweeps may be killed or interrupted, or run on clusters that lose their workers."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ def killed(folder, kills, seed):
                  "sweep", path, "--out", "{store}"], KILLING_WORK=str(WORK),
                 GYROSPARK_OPTIMISE="1")
     assert done.returncode == 0, done.stderr
-    said = json.loads(done.stdout)
-    assert said["kills"] == kills
-    assert said["completed"] == said["same"] >= 1, said
+    report = json.loads(done.stdout)
+    assert report["kills"] == kills
+    assert report["completed"] == report["same"] >= 1, report
 
 
 @pytest.mark.slow  # processes that are killed; test_sweep_stores.py ends sweeps in this one
@@ -76,16 +76,16 @@ def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
     assert "complete" in answer.stderr
 
 
-def on_a_cluster(folder, what, **changes):
-    """Run the folder's study on a cluster that loses workers; return what is printed."""
-    done = call([sys.executable, HELPERS / "clusters.py", what], cwd=folder,
+def on_a_cluster(folder, scenario, **changes):
+    """Return the output of the folder's study on a cluster that loses workers."""
+    done = call([sys.executable, HELPERS / "clusters.py", scenario], cwd=folder,
                 PYTHONWARNINGS=None, **changes)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
 
 def test_a_cluster_of_threads_writes_the_same_bytes(tmp_path, monkeypatch):
-    """Workers are threads of this process; scheduler and client are those of any cluster."""
+    """Workers are threads of this process; scheduler and client work as in any cluster."""
     distributed = pytest.importorskip("distributed")
     monkeypatch.setattr(tiles, "_LEAST_STORED", 10**3)
     study = load_study(study_file(tmp_path, STUDY.replace("count = 40", "count = 2"))).study
@@ -125,25 +125,25 @@ def test_no_scheduler_answers(monkeypatch):
 
 @pytest.mark.slow
 def test_a_tile_that_kills_every_worker_is_left_and_done_later(tmp_path, monkeypatch):
-    """All others are done, whatever the scheduler blames for the deaths."""
+    """All other tiles are done, whatever the scheduler blames for the deaths."""
     monkeypatch.setattr(tiles, "_LEAST_STORED", WORK)
     study = load_study(study_file(tmp_path)).study
     every = {tile.place for tile in tiles.tiles_of(study)}
     assert (1, 0) in every
     run_study(study, out=tmp_path / "threads.zarr")
-    said = on_a_cluster(tmp_path, "deadly", KILLING_WORK=str(WORK))
-    assert "Workers died" in said
-    assert "--resume" in said
+    output = on_a_cluster(tmp_path, "deadly", KILLING_WORK=str(WORK))
+    assert "Workers died" in output
+    assert "--resume" in output
     assert every - done_tiles(tmp_path / "cluster.zarr") == {(1, 0)}
     run_study(study, out=tmp_path / "cluster.zarr", resume=True)
     assert differences(tmp_path / "threads.zarr", tmp_path / "cluster.zarr") == []
 
 
 @pytest.mark.slow  # processes of a cluster
-@pytest.mark.parametrize(("how", "words"), [
+@pytest.mark.parametrize(("scenario", "words"), [
     ("signal", "0 of 1,280"), ("gone", "2 s")])
-def test_a_sweep_does_not_hang_where_no_worker_is(how, words, tmp_path):
+def test_a_sweep_does_not_hang_where_no_worker_is(scenario, words, tmp_path):
     study_file(tmp_path)
-    said = on_a_cluster(tmp_path, how)
-    assert words in said
-    assert "--resume" in said
+    output = on_a_cluster(tmp_path, scenario)
+    assert words in output
+    assert "--resume" in output

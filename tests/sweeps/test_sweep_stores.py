@@ -1,4 +1,4 @@
-"""Sweeps into a store: what is in it, and that a finished cell is never computed again."""
+"""A store has all results of a sweep, and a finished cell is never computed again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from sweep_studies import FAILURES, OVER, TOP
 
 @pytest.fixture
 def small_tiles(monkeypatch):
-    """Tiles of 64 cells: several even of a small sweep."""
+    """Limit tiles to 64 cells: even a small sweep has several."""
     monkeypatch.setattr(tiles, "_LEAST_STORED", 1)
     monkeypatch.setattr(tiles, "_TILES", 2**30)
 
@@ -33,8 +33,8 @@ def test_a_store_holds_what_memory_holds(tmp_path, small_tiles):
     opened = gs.load_sweep(path)
     assert opened.equals(stored)
     assert (opened.sel(scheme="G-L 2").status == 0).all()
-    other = gs.sweep(TOP, over, steps=20, out=tmp_path / "t.zarr", workers=1)
-    assert other.equals(stored)
+    by_one_worker = gs.sweep(TOP, over, steps=20, out=tmp_path / "t.zarr", workers=1)
+    assert by_one_worker.equals(stored)
     assert differences(path, tmp_path / "t.zarr") == []
 
 
@@ -79,11 +79,11 @@ def test_an_unfinished_sweep_can_be_read(tmp_path, small_tiles):
     over = {"gamma": list(np.linspace(8e-4, 2e-3, 400))}
     with pytest.raises(KeyboardInterrupt):
         gs.sweep(TOP, over, scheme="EMS", dt=1e-3, steps=5, out=path, workers=1, progress=end)
-    found = gs.load_sweep(path)
-    states = np.asarray(found.status)
+    unfinished = gs.load_sweep(path)
+    states = np.asarray(unfinished.status)
     assert {0, NOT_COMPUTED} == set(states.tolist())
-    assert np.isfinite(found.q.values[states == 0]).all()
-    assert np.isnan(found.q.values[states == NOT_COMPUTED]).all()
+    assert np.isfinite(unfinished.q.values[states == 0]).all()
+    assert np.isnan(unfinished.q.values[states == NOT_COMPUTED]).all()
 
 
 def test_a_missing_file_is_refused_and_computed_again(tmp_path):
@@ -91,13 +91,13 @@ def test_a_missing_file_is_refused_and_computed_again(tmp_path):
     path = tmp_path / "s.zarr"
     arguments = {"over": {"gamma": [1e-3, 2e-3], "mgl": [0.0]}, "scheme": "EMS", "dt": 1e-3,
                  "steps": 5}
-    whole = gs.sweep(TOP, **arguments, out=path).load()
+    complete = gs.sweep(TOP, **arguments, out=path).load()
     (path / "q" / "c" / "0" / "0" / "0").unlink()
     with pytest.raises(gs.InputError, match="'q'"):
         gs.load_sweep(path)
     with pytest.raises(gs.InputError, match="load_sweep"):
         gs.load(path)
-    assert gs.sweep(TOP, **arguments, out=path, resume=True).equals(whole)
+    assert gs.sweep(TOP, **arguments, out=path, resume=True).equals(complete)
     (path / "mgl" / "c" / "0").unlink()
     with pytest.raises(gs.InputError, match="'mgl'"):
         gs.load_sweep(path)
@@ -119,7 +119,7 @@ def test_another_sweep_is_not_resumed(tmp_path):
 
 
 def test_a_store_in_other_tiles_is_not_resumed(tmp_path, monkeypatch):
-    """A tile is a chunk: what is one depends on the version."""
+    """A tile is a chunk, whose size may depend on the version."""
     arguments = {"over": OVER, "scheme": "EMS", "steps": 5, "out": tmp_path / "s.zarr"}
     gs.sweep(TOP, **arguments)
     monkeypatch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: 1)
@@ -137,14 +137,14 @@ def test_a_damaged_status_is_named_where_the_sweep_is_resumed(tmp_path):
 
 
 def test_sweep_of_another_version(tmp_path, monkeypatch):
-    """It is told as what it is; one whose layout is the same is read."""
+    """The refusal names the version; a store with the same layout is read."""
     path = tmp_path / "s.zarr"
     arguments = {"over": {"gamma": [1e-3, 2e-3]}, "scheme": "EMS", "dt": 1e-3, "steps": 5}
-    made = gs.sweep(TOP, **arguments, out=path).load()
+    result = gs.sweep(TOP, **arguments, out=path).load()
     file = path / "zarr.json"
     file.write_text(file.read_text().replace(f'"gyrospark": "{gs.__version__}"',
                                              '"gyrospark": "7.3"'))
-    assert gs.load_sweep(path).load().equals(made)
+    assert gs.load_sweep(path).load().equals(result)
     with pytest.raises(gs.InputError, match=r"gyrospark 7\.3"):
         gs.sweep(TOP, **arguments, out=path, resume=True)
     monkeypatch.setattr("gyrospark.sweeps.results.FORMAT", 2)
@@ -189,18 +189,18 @@ def test_a_full_disk_ends_a_sweep_that_then_goes_on(tmp_path, small_tiles, monke
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @FAILURES
 def test_every_tile_has_a_file_of_every_result(tmp_path, small_tiles):
-    """Zeros and NaN too: the dry run counts them, and what is missing is lost, not zero."""
+    """Zeros and NaN have files, which the dry run counts: a missing file is lost, not zero."""
     path = tmp_path / "s.zarr"
     over = {"gamma": [1.6e-3] * 40, "dt": [50.0, 60.0]}  # no cell gets anywhere
     result = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3, out=path)
     assert (result.status != 0).all()
     study = plan(TOP, over, scheme="G-L", stages=2, steps=3)
     fields = fields_of(study)
-    said = estimate(study, fields)
+    predicted = estimate(study, fields)
     files = [file for field in fields for file in (path / field.name / "c").rglob("*")
              if file.is_file()]
-    assert len(files) == said.files == len(fields) * said.tiles > len(fields)
-    assert sum(file.stat().st_size - 4 for file in files) == said.disk_bytes  # a checksum each
+    assert len(files) == predicted.files == len(fields) * predicted.tiles > len(fields)
+    assert sum(file.stat().st_size - 4 for file in files) == predicted.disk_bytes  # a checksum each
 
 
 def test_keep_keeps_what_it_names(tmp_path):

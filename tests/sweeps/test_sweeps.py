@@ -1,4 +1,4 @@
-"""Parameter sweeps: each cell is its single run, and what cannot be swept is refused."""
+"""Parameter sweeps: each cell is its single run, and impossible axes are refused."""
 
 from __future__ import annotations
 
@@ -32,9 +32,9 @@ def model_of(name):
 
 def alone(step, parameters, dt, steps, q=TOP.q0, p=TOP.p0, **options):
     """Return one trajectory by itself, in the lanes that sweeps use."""
-    many = step.integrate_ensemble(np.array([q]), np.array([p]), dt=dt, steps=steps,
-                                   parameters=parameters, **options)
-    return many.members[0]
+    ensemble = step.integrate_ensemble(np.array([q]), np.array([p]), dt=dt, steps=steps,
+                                       parameters=parameters, **options)
+    return ensemble.members[0]
 
 
 @pytest.mark.parametrize(("method", "rep", "real"), [
@@ -92,7 +92,7 @@ def test_schemes_starts_lists_and_draws():
 
 
 def test_means_and_starts_follow_the_moments_of_a_cell():
-    """γ_m of other moments than the model's, and p = 2 L(q)ᵀ J Ω with them."""
+    """A cell has γ_m of its moments, not of the model's, and p = 2 L(q)ᵀ J Ω with them."""
     step, moments = gs.stepper("EMS"), TOP.parameters | {"I2": 2.5e-3}
     for over in ({"I1": [2e-3, 3e-3]}, {"point": {"I1": [2e-3, 3e-3]}}):
         result = gs.sweep(TOP, over, parameters={"I2": 2.5e-3}, scheme="EMS", dt=1e-3, steps=7)
@@ -126,7 +126,7 @@ def test_a_system_of_ones_own_with_forces_time_and_quantities():
 
 
 def test_no_fast_path_no_constraint_no_parameter():
-    """A tableau-free corner: nothing is swept side by side, nothing needs to be consistent."""
+    """No cells are computed side by side, and no start has to be consistent."""
     model = model_of("swing")
     result = gs.sweep(model, {"dt": [0.01, 0.02, 0.05]}, scheme="EMS", steps=50, solver="newton")
     run = alone(systems.stepper("swing", "EMS"), {}, 0.05, 50, model.q0, model.p0,
@@ -149,16 +149,16 @@ def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, 
             "dt": list(numbers.uniform(1e-4, 3e-3, columns))}
     study = plan(TOP, over, scheme="G-L", stages=2, steps=3)
     with pytest.MonkeyPatch.context() as patch:
-        whole = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3)
+        untiled = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3)
         patch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: int(numbers.integers(1, 30)))
         fixed = tiles.tile_shape(study)
         patch.setattr(tiles, "tile_shape", lambda study, stored=True: fixed)
-        seen = np.zeros(study.shape, dtype=int)
+        counts = np.zeros(study.shape, dtype=int)
         for tile in tiles.tiles_of(study):
-            seen[tile.slices] += 1
-        assert (seen == 1).all()
-        parts = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3, workers=workers)
-    assert parts.equals(whole)
+            counts[tile.slices] += 1
+        assert (counts == 1).all()
+        tiled = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3, workers=workers)
+    assert tiled.equals(untiled)
 
 
 @FAILURES
@@ -211,10 +211,10 @@ def test_a_model_that_starts_off_its_constraints_is_moved_with_a_warning():
 @pytest.mark.parametrize("masses", [[1.1, 1.5, 2.0], [2.0, 1.5, 1.1]])
 @pytest.mark.parametrize("events", [(), gs.Event("y", level=10.0, name="far")])
 def test_a_start_is_projected_with_the_parameters_of_its_cell(masses, events):
-    """Its bits are those of a run alone, whichever cell comes first; momenta fit one mass alone."""
+    """A cell has the bits of a run alone, whichever comes first; momenta fit one mass alone."""
     step, case = systems.stepper("driven_pendulum"), systems.case("driven_pendulum")
-    at = step.consistent(case.q, case.p, parameters=case.parameters)
-    model = replace(model_of("driven_pendulum"), q0=at.q, p0=at.p)
+    start = step.consistent(case.q, case.p, parameters=case.parameters)
+    model = replace(model_of("driven_pendulum"), q0=start.q, p0=start.p)
     result = gs.sweep(model, {"m": masses}, scheme="G-L", stages=2, steps=5, dt=0.02,
                       events=events)
     assert not result.status.any()
@@ -228,7 +228,7 @@ def test_a_start_is_projected_with_the_parameters_of_its_cell(masses, events):
 
 
 def test_a_length_moves_the_start_of_its_cell():
-    """g of the pendulum has l in it: the model's start fits one length only."""
+    """The pendulum's g depends on l: the model's start fits one length only."""
     model = model_of("pendulum")
     result = gs.sweep(model, {"l": [1.0, 1.5], "g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=5)
     assert not result.status.any()
