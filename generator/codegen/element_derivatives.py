@@ -151,13 +151,13 @@ def _by_constants(
 ) -> list[list[sp.Expr]]:
     """Return the derivatives of expressions by the constants of an instance and by the times.
 
-    One row for each expression, with the columns of the constants first.
+    There is one row for each expression; the columns of the constants come first.
     """
     return derivative_rows(expressions, [*template.constants, *times])
 
 
 def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
-    """Return kernels without empty outputs; a kernel that has no other outputs is omitted."""
+    """Return kernels, for numbers, without empty outputs; a kernel with no others is omitted."""
     nonempty = []
     for kernel in kernels:
         outputs = {a: matrix for a, matrix in kernel.outputs.items() if matrix and matrix[0]}

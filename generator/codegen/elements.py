@@ -366,7 +366,7 @@ def mean_jacobian(
 ) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:
     """Return the mean G between two states, and g_t, of a template of constraints.
 
-    Row r is the mean gradient of g_r, as of a Hamiltonian without momenta. ``qm`` and ``dq`` are
+    Row r is the mean gradient of g_r, taken as a Hamiltonian without momenta. ``qm`` and ``dq`` are
     the mean and the difference of the coordinates of the two states.
     """
     n = len(template.q)

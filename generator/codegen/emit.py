@@ -279,6 +279,7 @@ def _arguments(derived: Derived, constants_c: Mapping[str, str]) -> dict[str, An
         "domains": [(str(p), domain_of(p)) for p in system.parameters],
         "quaternions": [[index_of[x] for x in body.q] for body in system.bodies if body.q],
         "time": str(system.time) if system.is_nonautonomous else "",
+        # other profiles have no arrays of inputs: the parameters define them
         "inputs": [str(u) for u in system.inputs] if derived.profile == "full" else [],
         "input_places": [list(constants_c).index(str(u)) for u in system.inputs
                          if str(u) in constants_c],

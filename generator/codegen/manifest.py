@@ -131,7 +131,8 @@ def _scheme(derived: Derived, program: Program) -> SchemeManifest:
 
 
 def _clock(system: System) -> ClockManifest | None:
-    """Return the hidden coordinate of a system in scaled time, its momentum, and σ's quantity."""
+    """Return the hidden coordinate of a system in scaled time, its momentum, and the scale's name.
+    """
     if not isinstance(system, ScaledSystem):
         return None
     return ClockManifest(time=str(system.q[-1]), momentum=str(system.p[-1]),

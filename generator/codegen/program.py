@@ -131,7 +131,7 @@ class Features:
 class Elements:
     """A system as sums over element templates: the indices of the numbers of each instance.
 
-    A template is a dict with its name, its sizes, its tables and its kernels.
+    A template is a dict with its name, its sizes, its tables and its kernels (``elements_of``).
     """
 
     energies: list[dict[str, Any]]
@@ -143,6 +143,7 @@ class Elements:
     blocks: Any
     #: Whether each momentum belongs to some element of H.
     covers_momenta: bool
+    #: Tables of the factors of W = G H_pp Gᵀ.
     elimination: dict[str, Any]
     #: Indices of the entries of H_pp and of H_qp − F_p, row by row.
     second: dict[str, Any]
@@ -295,7 +296,7 @@ class Flows:
     #: constant if the bodies are symmetric.
     axis_which: list[int]
     axis_steady: list[int]
-    #: Rotations that do not commute with free motions: their bodies, and 0 to 3 as for the others.
+    #: Rotations that do not commute with free motions: their bodies, and 0 to 3 for their axes.
     further_body: list[int]
     further_which: list[int]
     #: Indices of the coordinates of points in q, and of the entries of y that kicks change.

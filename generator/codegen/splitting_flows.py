@@ -68,6 +68,7 @@ def _body_tables(scheme: SplittingScheme) -> dict[str, Any]:
         "bodies": [list(body.q) for body in bodies],
         "body_axis": [axis_of.get(i, -1) for i in range(len(bodies))],
         "axis_which": [_axis_number(axis) for _, axis in scheme.axes],
+        # further rotations, which symmetric bodies do not have, would change the rates
         "axis_steady": [int(axis.steady)
                         for body in scheme.symmetric.bodies for axis in body.axes],
         "further_body": [body for body, _ in scheme.further],

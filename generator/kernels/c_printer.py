@@ -192,8 +192,8 @@ class CPrinter:
     def _power(self, base: sp.Expr, exponent: sp.Expr) -> tuple[str, int]:
         """Return base^exponent in C and its precedence, which decides on parentheses.
 
-        Products for integers up to 16, sqrt for halves, else pow. A negative exponent gives the
-        quotient 1/base^(−exponent).
+        Integers up to 16 give products, halves a sqrt, all others a pow. A negative exponent gives
+        the quotient 1/base^(−exponent).
         """
         if exponent.is_Rational and exponent < 0:
             self.operations["div"] += 1

@@ -184,7 +184,7 @@ def _sort_definitions(
 ) -> list[tuple[sp.Symbol, sp.Expr]]:
     """Return temporaries and definitions in an order in which each uses earlier ones only.
 
-    A depth-first search, which lists a symbol after all symbols of its definition.
+    A depth-first search lists a symbol after all symbols of its definition.
     """
     definition_of = dict(temporaries) | definitions
     ordered: dict[sp.Symbol, sp.Expr] = {}

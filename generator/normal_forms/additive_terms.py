@@ -107,8 +107,8 @@ def split(
 ) -> Iterator[Addend]:
     """Yield the addends of an expression: (a + b) c as it is, or as a c and b c.
 
-    An addend stays whole if ``is_irreducible`` says so of its expanded terms. Else the first sum
-    among its factors is expanded; without one each of its terms is an addend.
+    An addend stays whole if its expanded terms are irreducible (``is_irreducible``). Else the first
+    sum among its factors is expanded; without one each of its terms is an addend.
     """
     for addend in sp.Add.make_args(e):
         terms = forms.terms(addend)

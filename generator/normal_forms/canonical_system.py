@@ -190,6 +190,7 @@ class _SystemForms:
         structure, symbols = structure_of(summands)
         indices = sorted({self.index_of[x] for x in symbols if x in self.index_of})
         n = len(indices)
+        # n coordinates, n momenta, then time and parameters
         ordered = [own[i] for own in (self.system.q, self.system.p) for i in indices]
         ordered += sorted(set(symbols) - set(ordered), key=self.rank.__getitem__)
         key = n, self._key(structure, symbols, ordered)

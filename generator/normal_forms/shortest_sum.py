@@ -201,6 +201,7 @@ class Compact:
         for m, a in terms.items():
             variables, constants = self.split(m)
             coefficients[variables][constants] = a
+        # one product of variables, or one of constants: they are common factors already
         if len(coefficients) < 2 or len({m for c in coefficients.values() for m in c}) < 2:
             return
         if len(coefficients) <= _LARGEST_LINES:

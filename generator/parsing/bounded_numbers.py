@@ -133,7 +133,7 @@ def add(values: Sequence[Value]) -> Value:
 def multiply(values: Sequence[Value]) -> Value:
     """Return the product; the rational factors are one, whose size ``rational`` limits.
 
-    SymPy multiplies integers of the other factors out, those of sums excepted: their bits add.
+    SymPy multiplies the integers of the other factors, except for sums: their bits add.
     """
     product = rational(sp.Integer(1))
     for value in values:
@@ -141,6 +141,7 @@ def multiply(values: Sequence[Value]) -> Value:
             product = rational(product.exact * value.exact)
     factors = [product, *(value for value in values if not value.is_rational)]
     bits = sum(factor.bits for factor in factors[1:] if not factor.exact.is_Add)
+    # ``product`` and one irrational factor stay apart: there is nothing to multiply out
     if bits > MAX_PRODUCT_BITS and len(factors) > 2:
         raise RefusedError(
             f"The integers of this product may need {bits} bits and at most {MAX_PRODUCT_BITS} "

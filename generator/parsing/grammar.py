@@ -134,7 +134,7 @@ def parse_quantity(
 
     ``units`` has the factor of each unit as text, such as "pi/180" of "deg".
     """
-    # a text without units is parsed once; of one that is too long ``parse`` says so
+    # a text without units is parsed once; ``parse`` refuses a text that is too long
     if len(text) > MAX_LENGTH or not names_in(text) & _words(UNITS):
         return parse(text, arithmetic, example)
     factors = {unit: parse(factor, arithmetic, example) for unit, factor in units.items()}

@@ -43,7 +43,10 @@ _LARGEST_QUANTITIES = 50_000
 
 
 def time_columns(scheme: SparkScheme | MeanScheme | SplittingScheme) -> list[sp.Symbol]:
-    """Return the columns after the constants: t, and Δt of kernels of mean values."""
+    """Return the columns after the constants: t, and Δt of mean values if H or g depends on time.
+
+    A system without explicit time has none.
+    """
     system = scheme.system
     if system.time is None or not system.is_nonautonomous:
         return []
@@ -250,7 +253,7 @@ def _constraint_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Ke
 def _rate_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of rates at one state by constants: (H_q − F)_c and H_pc.
 
-    For a Lagrangian L_vc and (L_q + F)_c at fixed v.
+    For a Lagrangian they are L_vc and (L_q + F)_c at fixed v.
     """
     if isinstance(system, LagrangianSystem):
         arguments = {"q": list(system.q), "v": list(system.velocities)}
@@ -272,7 +275,8 @@ def _rate_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
 def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of IMS and EMS: derivatives of mean rates and of the constraint force.
 
-    By the means q̄ and p̄ at fixed increments, and by constants c: D_q, D_p and Ḡᵀ λ.
+    D_q, D_p and Ḡᵀ λ are differentiated by the means q̄ and p̄ at fixed increments, and by
+    constants.
     """
     system = scheme.system
     (qm, pm), (dq, dp) = scheme.means, scheme.differences

@@ -170,7 +170,7 @@ def _root(u: DiscreteDifference) -> DiscreteDifference:
     total = u1 + u0
     if u.known_ends is None:
         return u.apply(total / 2, 1 / total)
-    # both ends may be 0, as of max(x, 0)
+    # both ends may be 0, for example if u = max(x, 0)
     total = share(total)
     quotient = Where(sp.Integer(0), total, 1 / total, sp.Integer(0))
     return u.apply(total / 2, quotient).with_ends(u0, u1)

@@ -53,7 +53,7 @@ class FastTableau:
     def _tolerance(self) -> Fraction:
         """Tolerance of x + y = 1: 0 for an exact tableau.
 
-        For decimals, ten units of the last digit over the square of the smallest weight.
+        For decimals it is ten units of the last digit over the square of the smallest weight.
         """
         # decimals satisfy a_ij/b_j + â_ji/b̂_i = 1 to their last digit over the weights they are
         # divided by

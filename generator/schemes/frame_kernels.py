@@ -88,6 +88,7 @@ class FrameRotation:
                          [[s.rotation.dual for s in group] for group in groups]),
         ]
         if self.turns_multipliers:
+            # the identity for symmetries that leave g invariant
             kernels.append(self._kernel(
                 "rotate_multipliers", "C^(-T) lambda, where g(e^(theta A) q) = C g(q)", m,
                 [[s.turns or Rotation(blocks={}) for s in group] for group in groups]))

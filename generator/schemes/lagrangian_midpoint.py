@@ -143,7 +143,7 @@ class LagrangianEMS(LagrangianIMS):
     def balance(self) -> IdentityCheck:
         """Whether ΔH = D_pH·Δp + D_qH·Δq + D_tH Δt, for all v₀ and v₁.
 
-        With H = p·v − L and p = L_v at both ends.
+        H = p·v − L and p = L_v at both ends.
         """
         system = self.system
         symbols, means, steps = with_time(system.q, self.means[0], self.differences[0],

@@ -257,7 +257,7 @@ class SplittingScheme:
         return T
 
     def _drag_power(self) -> sp.Expr:
-        """−Σ k l·∂/∂l of the terms ½ d (e·m)² + c e·m of ``further`` rotations."""
+        """The power of drags k on ``further`` rotations: −Σ k l·∂/∂l of ½ d (e·m)² + c e·m."""
         power: sp.Expr = sp.S.Zero
         for body in self.splitting.bodies:
             m = body_momentum([self.splitting.system.q[i] for i in body.q], body.l)

@@ -171,7 +171,7 @@ class StartKernels:
                    Kernel("velocities_of", "Velocities of momenta", {"q": q, "p": p},
                           {"v": self.velocities})]
         if self.conditions:
-            # |g|/|g_q| is a distance from the constraint, in the units of q; g_q q̇ likewise
+            # |g|/|g_q| is a distance from the constraint, in units of q, and |g_q q̇|/|g_q| a rate
             G = [system.G[i] for i in self.conditions]
             rates = self.rates(u)
             outputs = {

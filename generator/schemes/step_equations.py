@@ -381,7 +381,7 @@ def constraint_rate_kernels(system: System) -> list[Kernel]:
 def velocity_kernels(system: System) -> list[Kernel]:
     """Return the kernels of velocity constraints A v + a = 0, as functions of q and of v = H_p.
 
-    A, K = (Aᵀ μ)_q, and the defects (g_q v + g_t, A v + a) with their derivatives by q.
+    They are A, K = (Aᵀ μ)_q, and the defects (g_q v + g_t, A v + a) with their derivatives by q.
     """
     if not system.velocity_count:
         return []

@@ -107,7 +107,7 @@ def by_increment(
 ) -> list[list[sp.Expr]]:
     """Return derivatives by differences at fixed start: ∂/∂Δ + ½ ∂/∂mean.
 
-    One row for each expression, one column for each difference.
+    There is one row for each expression, and one column for each difference.
     """
     by_means, by_differences = jacobian(expressions, means), jacobian(expressions, differences)
     return [[a / 2 + b for a, b in zip(mean_row, difference_row, strict=True)]

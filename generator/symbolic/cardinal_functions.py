@@ -40,6 +40,7 @@ class Numeric(sp.Function):  # type: ignore[misc]
             return sp.Float._new(number._mpf_, prec)
 
     def _eval_is_extended_real(self) -> Any:
+        """Return whether the value is real: it is where the argument is."""
         return self.args[0].is_extended_real
 
 

@@ -62,7 +62,8 @@ def along(
 ) -> list[sp.Expr]:
     """Return the directional derivatives Σ_k d_k ∂e/∂x_k, in forward mode.
 
-    Each shared subexpression is differentiated once: the result is d/dε e(x + ε d) at ε = 0.
+    Each shared subexpression is differentiated once: the result is d/dε e(x + ε d) at ε (``step``)
+    = 0.
     """
     step = sp.Symbol("_step", real=True)
     displaced = substitute(expressions, {x: x + step * d

@@ -211,7 +211,8 @@ class Residues:
     def _square_root(self, x: Residue) -> Residue:
         """Return a square root of x; points without one are marked unusable.
 
-        Tonelli-Shanks: with p − 1 = 8 m and m odd, x^((m+1)/2) times an eighth root of 1.
+        By Tonelli and Shanks it is, with p − 1 = 8 m and m odd, x^((m+1)/2) times an eighth root
+        of 1.
         """
         p = self.prime
         root = candidate = self._power(x, ((p - 1) // 8 + 1) // 2)

@@ -162,7 +162,9 @@ def evaluate(
 
 def _value_if_any(e: sp.Basic, arguments: list[Any]) -> Any:
     """Return the value of e; NaN if it is undefined, infinite or complex."""
-    if not all(map(mp.isfinite, arguments[:2] if isinstance(e, Where) else arguments)):
+    # of a Where, the two numbers that it compares; the branch that is not selected may be NaN
+    needed = arguments[:2] if isinstance(e, Where) else arguments
+    if not all(map(mp.isfinite, needed)):
         return mp.nan
     try:
         number = _value(e, arguments)

@@ -30,7 +30,9 @@ def rounding(
     expressions: Sequence[sp.Expr], values: Mapping[sp.Symbol, Any],
     errors: Mapping[sp.Symbol, Any],
 ) -> Array:
-    """Return the error bounds in units of ε, shape (number of expressions, *shape of values).
+    """Return the error bounds, shape (number of expressions, *shape of values).
+
+    They are in units of ε, the relative precision of the floating-point type.
 
     Parameters
     ----------

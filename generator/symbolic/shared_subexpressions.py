@@ -68,6 +68,7 @@ class Shared(sp.Function):  # type: ignore[misc]
         return sp.Integer(1)
 
     def _eval_evalf(self, prec: int) -> Any:
+        """Return the value of the argument to ``prec`` bits."""
         return self.args[0]._eval_evalf(prec)
 
 

@@ -63,9 +63,11 @@ class Switch(Numeric):
         raise NotImplementedError
 
     def _eval_derivative(self, s: sp.Symbol) -> sp.Expr:
+        """Return the derivative of the selected branch."""
         return self.pick(*(self.args[i].diff(s) for i in self.branches))
 
     def _eval_is_extended_real(self) -> Any:
+        """Return True if both branches are real, else None, unknown."""
         return all(self.args[i].is_extended_real for i in self.branches) or None
 
 
@@ -95,6 +97,7 @@ class Where(Switch):
         return x if a < b else y
 
     def _sympystr(self, printer: Any) -> str:
+        """Return ``if(a < b, x, y)``, as model files have it."""
         x, y = map(printer.doprint, self.args[2:])
         return f"if({_condition_text(self, printer)}, {x}, {y})"
 
@@ -120,7 +123,7 @@ class _Extreme(Switch):
         if a == b:
             return a
         if a.is_number and b.is_number and a.is_extended_real and b.is_extended_real:
-            return cls.value(a, b)  # complex numbers, as of asin(2), have no order
+            return cls.value(a, b)  # complex numbers, such as asin(2), have no order
         return cls(b, a) if a.compare(b) > 0 else None
 
     def pick(self, below: sp.Expr, above: sp.Expr) -> sp.Expr:
@@ -129,6 +132,7 @@ class _Extreme(Switch):
         return Where(a, b, below, Where(b, a, above, (below + above) / 2))
 
     def _sympystr(self, printer: Any) -> str:
+        """Return ``max(a, b)`` or ``min(a, b)``, as model files have it."""
         return f"{type(self).__name__.lower()}({', '.join(map(printer.doprint, self.args))})"
 
 
@@ -144,6 +148,7 @@ class Max(_Extreme):
         return a if a > b else b
 
     def _eval_is_extended_nonnegative(self) -> Any:
+        """Return True if a or b is ≥ 0, else None, unknown."""
         return any(a.is_extended_nonnegative for a in self.args) or None
 
 
@@ -159,6 +164,7 @@ class Min(_Extreme):
         return a if a < b else b
 
     def _eval_is_extended_nonnegative(self) -> Any:
+        """Return True if a and b are ≥ 0, else None, unknown."""
         return all(a.is_extended_nonnegative for a in self.args) or None
 
 
@@ -194,7 +200,7 @@ def has_sides(e: sp.Expr) -> bool:
 def switches_of(expressions: Iterable[sp.Expr]) -> list[sp.Expr]:
     """Return every switch w, and the argument of every floor, of the expressions.
 
-    A switch that depends on other steps only, as of a condition of two comparisons, is omitted.
+    A switch that depends on other steps only, as in a condition of two comparisons, is omitted.
     """
     switches: dict[sp.Expr, None] = {}
     for node in parts_of(expressions):

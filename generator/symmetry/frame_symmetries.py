@@ -288,6 +288,7 @@ class _SymmetrySearch:
     def _affected_part(self, field: LinearField) -> System:
         """Return the system with the terms of H and the constraints that a field changes."""
         system = self.system
+        # an entry A_ij changes q_i at the rate A_ij q_j, and p_j at the rate −A_ij p_i
         affected = {s for i, j in field.weights for s in (system.q[i], system.p[j])}
         return replace(
             system, H=sp.Add(*(e for e in sp.Add.make_args(system.H) if e.free_symbols & affected)),
@@ -371,7 +372,8 @@ def _are_independent(fields: Sequence[LinearField]) -> bool:
 def _bracket_coefficients(system: System, field: LinearField) -> list[sp.Expr] | None:
     """Return the coefficients of {J, H} = J_q·H_p − J_p·H_q; None if it is no polynomial in q, p.
 
-    Term by term of H, as whole brackets are long. Coefficients are expressions of parameters.
+    The bracket is expanded term by term of H, as it is long. Coefficients are expressions of
+    parameters.
     """
     J = field.momentum(system.q, system.p)
     slopes = {s: sp.diff(J, s) for s in (*system.q, *system.p)}

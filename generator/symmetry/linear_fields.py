@@ -118,7 +118,7 @@ def known_fields(system: System) -> list[LinearField]:
 def motions_of_space(system: System) -> list[LinearField]:
     """Return the rotations about e1, e2, e3 and the translations of the whole system.
 
-    Empty if the coordinates cannot be divided into points of space or of the plane.
+    The list is empty if the coordinates cannot be divided into points of space or of the plane.
     """
     layouts = _block_layouts(system)
     return _motions(system.n, layouts[0]) if layouts else []

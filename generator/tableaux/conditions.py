@@ -98,7 +98,7 @@ def adjoint_residual(
 def symplectic_residual(
     rows: Nodes, columns: Nodes, a: Matrix, a_back: Matrix, b_rows: Matrix, b_columns: Matrix
 ) -> Matrix:
-    """b_i a_ij + b_j a'_ji − b_i b_j, a function of row and column node."""
+    """b_i a_ij + b_j a'_ji − b_i b_j with a' = ``a_back``, a function of row and column node."""
     return (
         rows.multiply(b_rows) * a
         + (columns.multiply(b_columns) * a_back).transpose()
@@ -177,10 +177,10 @@ def order(tableau: Tableau, *, constrained: bool = True) -> int:
 
     Without constraints only A and Â count.
 
-    Butcher's theorem, order = min(B, C + D + 1, 2C + 2), extended to partitioned and constrained
-    systems by Jay (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even. The
-    conditions are sufficient: a method may have a higher order. ``observed_order`` measures it on
-    a test problem.
+    By Butcher's theorem order = min(B, C + D + 1, 2C + 2), which Jay extended to partitioned and
+    constrained systems (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even.
+    The conditions are sufficient: a method may have a higher order. ``observed_order`` measures it
+    on a test problem.
     """
     bound = min(bound for bound, _ in _bounds(tableau, constrained))
     return bound + bound % 2 if is_symmetric(tableau) else bound

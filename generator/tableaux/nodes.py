@@ -113,8 +113,9 @@ def _approximate_roots(integer: list[int]) -> list[Any]:
 def _upper_bound(integer: list[int]) -> Any:
     """Return an upper bound of the roots of a xⁿ + b xⁿ⁻¹ + c xⁿ⁻² + …, if all are real.
 
-    −b/(n a) + √((n − 1)((n − 1) b² − 2 n a c))/(n |a|), by Laguerre and Samuelson. The radicand is
-    n²(n − 1) a² times the variance of the roots. Raises ArithmeticError if it is negative.
+    It is −b/(n a) + √((n − 1)((n − 1) b² − 2 n a c))/(n |a|), by Laguerre and Samuelson. The
+    radicand is n²(n − 1) a² times the variance of the roots. Raises ArithmeticError if it is
+    negative.
     """
     n = len(integer) - 1
     a, b, c = [*integer, 0][:3]  # c = 0 for n = 1

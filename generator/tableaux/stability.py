@@ -90,9 +90,9 @@ class Stability:
 
     @property
     def damping(self) -> tuple[sp.Rational, int] | None:
-        """(C/2, 2k): an oscillation loses about C/2 (ωΔt)^2k of its amplitude in a step.
+        """(C/2, 2k): an oscillation ω loses about C/2 (ωΔt)^2k of its amplitude in a step Δt.
 
-        C w^k is the first term of E; None if E = 0.
+        C w^k, w = (ωΔt)², is the first term of E (``deficit``); None if E = 0.
         """
         terms = [(k, c) for (k,), c in self.deficit.terms() if c]
         if not terms:  # E = 0: oscillations keep their amplitude
