@@ -35,7 +35,7 @@ class Published:
 
 @dataclass(frozen=True)
 class Attempt:
-    """A scheme with its stages, and the numbers of steps it is run with."""
+    """A scheme with its stages, None for EMS, and the numbers of steps it is run with."""
 
     scheme: SchemeName
     stages: int | None

@@ -128,7 +128,8 @@ def _cell_without_print(engine: Engine, case: Case, quantity: Quantity, rule: st
     """
     ours = engine.mean(case, quantity)
     note = ROUND_OFF if ours <= engine.floor(case, quantity) else ""
-    return compare_value(row_name(quantity, case.rep, rule), case.method, ours, None, reason=note)
+    return compare_value(row_name(quantity, case.rep, rule), case.method, ours, printed=None,
+                         reason=note)
 
 
 def _cells(

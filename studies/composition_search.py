@@ -98,7 +98,7 @@ class FloatConditions:
         for i, (flow, flow_numbers) in enumerate(flows):
             # drifts and kicks are one object each: their matrices are computed once
             if id(flow) not in kinds:
-                kinds[id(flow)] = _Kind(*_matrices(flow, factors), [], [])
+                kinds[id(flow)] = _Kind(*_matrices(flow, factors), places=[], numbers=[])
             kinds[id(flow)].places.append(i)
             kinds[id(flow)].numbers.append(
                 list(range(len(numbers), len(numbers) + len(flow_numbers))))
@@ -123,7 +123,7 @@ class FloatConditions:
         flows = np.empty((count, size, size))
         for kind in kinds:
             scale = np.prod(values[kind.numbers][:, None, :] ** kind.monomials, axis=2)
-            flows[kind.places] = np.tensordot(scale, kind.matrices, 1)
+            flows[kind.places] = np.tensordot(scale, kind.matrices, axes=1)
         # left[i]: the row F₁ … F_i, of the empty word; right[i]: F_(i+1) F_(i+2) … at the words
         left, right = np.zeros((count + 1, size)), np.empty((count + 1, size, len(self.words)))
         left[0, 0] = 1
@@ -257,7 +257,7 @@ def _solve(floats: FloatConditions, x: Floats, largest_weight: float) -> Floats 
     for _ in range(_ITERATIONS):
         if not np.abs(x).max() < largest_weight:  # or not a number
             return None
-        inverse = np.linalg.pinv(J, _RANK)
+        inverse = np.linalg.pinv(J, rcond=_RANK)
         step = -inverse @ F
         length = float(np.linalg.norm(step))
         if length < _NEAR and np.abs(F).max() < _SOLVED:

@@ -55,10 +55,10 @@ def draw(panels: Sequence[Panel], columns: int) -> str:
 
 def _height(panel: Panel) -> float:
     """Return the height in inches, with room for a long legend below."""
-    return _HEIGHT + 0.2 * (_legend_rows(panel) if _legend_below(panel) else 0)
+    return _HEIGHT + 0.2 * (_legend_rows(panel) if _is_legend_below(panel) else 0)
 
 
-def _legend_below(panel: Panel) -> bool:
+def _is_legend_below(panel: Panel) -> bool:
     """Return whether the legend is too long for a place between the curves."""
     return len(panel.series) > 2
 
@@ -85,7 +85,7 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         heights = [0.0, *(y for series in panel.series for y in series.y)]
         axes.set_ylim(1.15 * min(heights), 1.15 * max(heights))
     axes.grid(color=_INK, alpha=0.15, linewidth=0.6)
-    if _legend_below(panel):
+    if _is_legend_below(panel):
         axes.legend(fontsize=8, frameon=False, ncols=2, loc="upper center",
                     bbox_to_anchor=(0.5, -0.2))
     elif len(panel.series) > 1:

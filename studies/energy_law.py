@@ -4,7 +4,7 @@ LIIIA-B is the variational method of the discrete Lagrangian
 
     L_d(q₀, q₁) = ext h Σ_i b_i L(Q_i, Q̇_i),   |Q_i| = 1,   Q̇_i of a polynomial of degree s,
 
-L = T + 2γ(qᵀq̇)² − V. Expanding it about the exact motion (``odd_stages`` tells the argument) gives
+L = T + 2γ(qᵀq̇)² − V. Expanding it about the exact motion (see ``odd_stages``) gives
 
     H̃ = H + h^{2s−2} (A_s + C_s/γ) + h^{2s} (B_s γ + terms without γ and with 1/γ) + O(h^{2s+2})
 
@@ -38,7 +38,7 @@ Matrix = Any
 
 @dataclass(frozen=True)
 class NodeNumbers:
-    """μ, ς and ε of the s Lobatto nodes, exact."""
+    """μ (``mu``), ς (``spread``) and ε (``quadrature``) of the s Lobatto nodes, exact."""
 
     mu: sp.Rational
     spread: sp.Rational

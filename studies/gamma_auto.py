@@ -1,7 +1,7 @@
 """γ searched by ``gs.tune`` against γ_m, γ_h, γ̃_m and γ̃_h: gains, and where there are none.
 
-Two choices of γ, one for the motion (the default) and one for the energy, each judged by what it
-was made for, on runs ten and a hundred times as long as the pilots, and by the other.
+There are two choices of γ, one for the motion (the default) and one for the energy. Each is
+measured by the error that it reduces, on runs longer than the pilots, and by the other's error.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ def study(engine: Engine) -> Finding:
     bodies, times = (ENERGY_BODIES, TIMES[:2]) if engine.short else (BODIES, TIMES)
     trials = {body: [Trial(body, *method) for method in methods] for body in bodies}
     all_trials = [trial for trials_of_body in trials.values() for trial in trials_of_body]
-    ims = {body: Trial(body, "IMS", None) for body in ENERGY_BODIES}
+    ims = {body: Trial(body, "IMS", stages=None) for body in ENERGY_BODIES}
     claims = [
         *(motion_claim(body, row, times) for body, row in trials.items()),
         gain_claim(all_trials, times),

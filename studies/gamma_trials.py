@@ -85,7 +85,7 @@ class TrialBody:
 
 def _top(inertia: tuple[float, float, float], mgl: float, theta: float, *omega: float
          ) -> Callable[[], Problem]:
-    """Return the function that makes an asymmetric top, for a ``TrialBody``."""
+    """Return the function that makes the top with these arguments, for a ``TrialBody``."""
     return lambda: asymmetric_top(inertia, mgl, theta, list(omega))
 
 
@@ -129,15 +129,15 @@ class Trial:
     @cached_property
     def for_motion(self) -> Tuned:
         """The choice by default."""
-        return self._tune("motion", {})
+        return self._tune("motion", options={})
 
     @cached_property
     def for_energy(self) -> Tuned:
         """The choice for the energy by pilot runs as long as the paper's tables."""
-        return self._tune("energy", {"pilot_steps": self.body.steps})
+        return self._tune("energy", options={"pilot_steps": self.body.steps})
 
     def _tune(self, aim: Aim, options: dict[str, Any]) -> Tuned:
-        """Return the γ that ``gs.tune`` chooses for the body with this method."""
+        """Return the γ that ``gs.tune`` with ``options`` chooses for the body with this method."""
         return tune(stepper(self.scheme, self.stages), self.body.problem, dt=self.body.dt,
                     gamma="auto", aim=aim, **options)
 
@@ -221,7 +221,7 @@ class Trial:
 
         The bound is 4 ε √N |H₀|: N random roundings of relative size ε = 2⁻⁵² grow like √N.
         """
-        size = abs(float(self.run(self.rule("γ_m"), 1).energies[0]))
+        size = abs(float(self.run(self.rule("γ_m"), steps=1).energies[0]))
         epsilon = 2.0**-52 * float(np.sqrt(times * self.body.steps))
         errors = [self.energy_error(self.rule(name), times) for name in MEANS.values()]
         return min(errors) < 4 * epsilon * size

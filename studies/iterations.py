@@ -27,11 +27,12 @@ from .verdict import same_digits
 
 __all__ = ["table_9", "table_10", "table_11", "table_12", "table_13", "table_14", "within_one"]
 
-_IMS = Rule("state", "d(q,p)", 1e-15, 100)
-_IMS_LAMBDA = Rule("state", "dx", 1e-15, 100)
-_EMS = Rule("state", "dx", 1e-12, 100)
-_SPARK = Rule("previous", "r", 1e-12, 100)
-_WITH_LAMBDA, _INEXACT = ", λ in the norm", ", inexact"
+_IMS = Rule("state", "d(q,p)", tolerance=1e-15, most=100)
+_IMS_LAMBDA = Rule("state", "dx", tolerance=1e-15, most=100)
+_EMS = Rule("state", "dx", tolerance=1e-12, most=100)
+_SPARK = Rule("previous", "r", tolerance=1e-12, most=100)
+#: Ends of the names of columns.
+_MAIN, _WITH_LAMBDA, _INEXACT = "", ", λ in the norm", ", inexact"
 
 _COMMON = (
     "Fast top, N_t = 80, iter_max = 100. A step that reaches iter_max counts with that number, "
@@ -41,8 +42,8 @@ _COMMON = (
     "to the printed digits."
 )
 _ROUND_OFF = "stagnation at round-off: the last bits decide which steps reach iter_max"
-_UNSAID = ("the paper does not describe its iteration; no initial guess or norm that we tried "
-           "agrees in more cells")
+_NOT_DESCRIBED = ("the paper does not describe its iteration; no initial guess or norm that we "
+                  "tried agrees in more cells")
 #: The share of Tables 12-14 that is met on any machine, where 0.8 is not.
 _KNOWN_SHARE = 0.75
 
@@ -53,12 +54,13 @@ def table_9(engine: Engine) -> Table:
     Erratum 20: the printed α rows grow as Δt shrinks only if the test includes λ, whose update
     stagnates at its round-off floor.
     """
-    counts = _Counts(engine, 9, "IMS", None)
-    main, with_multipliers = counts.runs("", _IMS), counts.runs(_WITH_LAMBDA, _IMS_LAMBDA)
+    counts = _Counts(engine, 9, "IMS", stages=None)
+    main, with_multipliers = counts.runs(_MAIN, _IMS), counts.runs(_WITH_LAMBDA, _IMS_LAMBDA)
     reason = ("with λ excluded from the norm; the printed α rows are only approximated with λ "
               "included (erratum 20)")
     cells = [
-        *(_cell(9, row, "", i, run, reason if row[0] == "alpha" else "") for row, i, run in main),
+        *(_cell(9, row, _MAIN, i, run, reason if row[0] == "alpha" else "")
+          for row, i, run in main),
         *(_cell(9, row, _WITH_LAMBDA, i, run, _ROUND_OFF) for row, i, run in with_multipliers),
     ]
     gamma = [c for c in cells if c.row.startswith("γ") and not c.column.endswith(_WITH_LAMBDA)]
@@ -68,7 +70,7 @@ def table_9(engine: Engine) -> Table:
         f"{_IMS} for both types. Columns with λ in the norm: {_IMS_LAMBDA}, where the update of λ "
         "stagnates at its round-off floor.",
         cells,
-        [_near_claim("γ rows", gamma, 8), _types_alike(counts, _IMS),
+        [_near_claim("γ rows", gamma, required=8), _types_alike(counts, _IMS),
          _lambda_stagnates(counts)],
     )
 
@@ -77,14 +79,15 @@ def table_10(engine: Engine) -> Table:
     """Return Table 10: mean Newton iterations of EMS, stopped by ‖dx‖ < 1e-12 (erratum 20)."""
     reason = ("reason unknown; no initial guess, norm or variant of the α term that we tried "
               "gives the printed number together with the rest of the table")
-    counts = _Counts(engine, 10, "EMS", None)
-    cells = [_cell(10, row, "", i, run, reason) for row, i, run in counts.runs("", _EMS)]
+    counts = _Counts(engine, 10, "EMS", stages=None)
+    cells = [_cell(10, row, _MAIN, i, run, reason) for row, i, run in counts.runs(_MAIN, _EMS)]
     return Table(
         10, "Fast spinning top: iterations of EMS",
         f"{_COMMON} Full Newton on x = (q_k, p_k, λ) from (q_{{k−1}}, p_{{k−1}}, 0), {_EMS} "
         "(erratum 20).",
         cells,
-        [_near_claim("readable cells", cells, 17, certain=13), _types_alike(counts, _EMS)],
+        [_near_claim("readable cells", cells, required=17, certain=13),
+         _types_alike(counts, _EMS)],
     )
 
 
@@ -177,7 +180,7 @@ def _lobatto(engine: Engine, table: int) -> Table:
         "exact Jacobian, full Newton. Columns \"inexact\": d(L(q)ᵀ)·u dropped from H_pq and H_qp; "
         "this is inferred.",
         cells,
-        [_near_claim("inexact Jacobian, Δt ≤ 0.01", _claimed_cells(table, cells), None),
+        [_near_claim("inexact Jacobian, Δt ≤ 0.01", _claimed_cells(table, cells), required=None),
          _types_alike(counts, _SPARK), _inexact_favours_gamma(counts)],
     )
 
@@ -197,7 +200,7 @@ def _lobatto_cells(counts: _Counts) -> list[Cell]:
                "known")
     return [
         _cell(counts.table, row, column, i, run, inexact if column else exact)
-        for column in ("", _INEXACT) for row, i, run in counts.runs(column, _SPARK)
+        for column in (_MAIN, _INEXACT) for row, i, run in counts.runs(column, _SPARK)
     ]
 
 
@@ -213,7 +216,7 @@ def _cell(table: int, row: Row, column: str, i: int, run: March, reason: str) ->
     printed = ITERATIONS[table][row][i]
     ours: float | str = DIVERGENT if run.divergent else run.mean
     if printed is None:
-        return Cell(name, column_name, None, ours, "not printed")
+        return Cell(name, column_name, paper=None, ours=ours, verdict="not printed")
     paper = printed if printed == DIVERGENT else float(printed)
     both_diverge = printed == ours
     both_are_numbers = paper != DIVERGENT and isinstance(ours, float)
@@ -284,7 +287,7 @@ def _near_claim(
     is_known = certain is not None and certain <= near_count < required_count
     return Claim(f"Within ±1 iteration of the paper: {label}", f"{near_count} of {len(printed)}",
                  f"at least {required_count}", near_count >= required_count,
-                 known=_UNSAID if is_known else "")
+                 known=_NOT_DESCRIBED if is_known else "")
 
 
 def _share_claim(cells: list[Cell]) -> Claim:
@@ -310,8 +313,8 @@ def _types_alike(counts: _Counts, newton: Rule) -> Claim:
     Compared are the medians over the steps, with the exact Jacobian and one norm (section 5.4).
     Columns 1 to 3 of the table are the smaller time steps, column 0 is Δt = 0.02.
     """
-    small = max(abs(a.typical - b.typical) for a, b in counts.pairs(newton, (1, 2, 3)))
-    large = [f"{a.typical:g} and {b.typical:g}" for a, b in counts.pairs(newton, (0,))]
+    small = max(abs(a.typical - b.typical) for a, b in counts.pairs(newton, columns=(1, 2, 3)))
+    large = [f"{a.typical:g} and {b.typical:g}" for a, b in counts.pairs(newton, columns=(0,))]
     at_large = f"; at Δt = 0.02 γ and α need {', '.join(large)}" if large else ""
     return Claim(
         "With the exact Jacobian and one norm for both types, γ and α of the same value need the "
@@ -321,7 +324,10 @@ def _types_alike(counts: _Counts, newton: Rule) -> Claim:
 
 
 def _printed_gap(table: int) -> str:
-    """Return by how much the printed α counts exceed the γ counts at the same value, Δt ≤ 0.01."""
+    """Return a clause with the most by which printed α counts exceed γ counts, for Δt ≤ 0.01.
+
+    The two have the same value of α and γ.
+    """
     rows = ITERATIONS[table]
     gaps = []
     for rule in ("m", "h"):

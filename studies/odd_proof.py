@@ -156,6 +156,7 @@ def _rational_errors(s: int, order: int) -> list[tuple[BodyFrameTop, PowerSeries
 def _rational_tops() -> list[BodyFrameTop]:
     """Return the tops of ``RATIONAL_STATES``, in exact rational numbers."""
     def numbers(texts: Sequence[str]) -> list[Any]:
+        """Return texts such as "3/7" as exact numbers."""
         return [QQ.from_sympy(sp.Rational(text)) for text in texts]
 
     return [BodyFrameTop(numbers(a), numbers(b), numbers(c), numbers([d])[0])

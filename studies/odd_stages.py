@@ -112,7 +112,8 @@ def turning_time() -> float:
 
 def _potential_rate(t: float) -> float:
     """Return V̇ = mgl Γ̇₃ of the fast top at time t in s, by 4-stage Gauss-Lobatto in 72 steps."""
-    top = top_along(run("G-L", 4, t / 72, 72, mean_inertia(fast_top().inertia)))
+    gamma = mean_inertia(fast_top().inertia)
+    top = top_along(run("G-L", 4, dt=t / 72, steps=72, parameter=gamma))
     return float(top.mgl * top.rates()[1][2][-1])
 
 
@@ -141,7 +142,8 @@ def law_growth(s: int) -> tuple[Law, Law]:
     First at half the time of the turning point, then at the turning point. The exact motion is
     4-stage Gauss-Lobatto in 72 steps, whose error is round-off.
     """
-    motion = run("G-L", 4, turning_time() / 72, 72, mean_inertia(fast_top().inertia))
+    gamma = mean_inertia(fast_top().inertia)
+    motion = run("G-L", 4, dt=turning_time() / 72, steps=72, parameter=gamma)
     law = energy_law(s, top_along(motion, [0, 36, 72]))
     terms = (law.A, law.B, law.C, law.X, law.Y)
     middle, peak = (Law(*(term[k] - term[0] for term in terms)) for k in (1, 2))

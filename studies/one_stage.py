@@ -23,9 +23,10 @@ def study(engine: Engine) -> Finding:
     """Return the finding: order, iterations and long-time energy of 1-G-L-α, four α of Table 8."""
     mean, harmonic = (mean_inertia(fast_top().inertia, rule) for rule in ("m", "h"))
     alphas = {"γ_m": mean, "γ_h": harmonic, "100γ_m": 100 * mean, "0.01γ_m": 0.01 * mean}
-    exact = run("G-L", 4, DURATION / 320, 320, mean)
-    runs = {name: [run("G-L", 1, DURATION / n, n, a, rep="alpha") for n in STEPS]
-            for name, a in alphas.items()}
+    exact = run("G-L", 4, dt=DURATION / 320, steps=320, parameter=mean)
+    runs = {name: [run("G-L", 1, dt=DURATION / n, steps=n, parameter=alpha, rep="alpha")
+                   for n in STEPS]
+            for name, alpha in alphas.items()}
     long_run = run("G-L", 1, LONG_DT, LONG_STEPS, mean, rep="alpha")
     claims = [*(order_claim(name, runs_of_alpha, exact) for name, runs_of_alpha in runs.items()),
               iterations_claim(

@@ -65,9 +65,11 @@ FIGURE_12 = ParameterSweep("EMS", 0.001, quantity="l3")
 FIGURE_13 = (ParameterSweep("1-G-L", 0.001), ParameterSweep("2-G-L", 0.001),
              ParameterSweep("3-G-L", 0.005),
              ParameterSweep("4-G-L", 0.005))
-FIGURE_14 = (ParameterSweep("IMS", 0.001, "alpha"), ParameterSweep("EMS", 0.001, "alpha", "l3"),
-             ParameterSweep("2-G-L", 0.001, "alpha"), ParameterSweep("3-G-L", 0.005, "alpha"),
-             ParameterSweep("4-G-L", 0.01, "alpha"))
+FIGURE_14 = (ParameterSweep("IMS", 0.001, rep="alpha"),
+             ParameterSweep("EMS", 0.001, rep="alpha", quantity="l3"),
+             ParameterSweep("2-G-L", 0.001, rep="alpha"),
+             ParameterSweep("3-G-L", 0.005, rep="alpha"),
+             ParameterSweep("4-G-L", 0.01, rep="alpha"))
 FIGURE_15 = (ParameterSweep("2-LIIIA-B", 0.001), ParameterSweep("3-LIIIA-B", 0.001),
              ParameterSweep("4-LIIIA-B", 0.005),
              ParameterSweep("5-LIIIA-B", 0.004, real="long-double"))
@@ -96,9 +98,9 @@ def figure_13(engine: Engine) -> Figure:
     """Return Fig. 13: periodic energy error of s-G-L-γ over 1/γ, s = 1..4."""
     panels, claims = [], []
     for mark, sweep in zip("abcd", FIGURE_13, strict=True):
-        panel, zero = _inverse_line(engine, sweep, mark)
+        panel, sweep_claims = _inverse_line(engine, sweep, mark)
         panels.append(panel)
-        claims += zero
+        claims += sweep_claims
     return Figure(13, "Periodic energy error of G-L-γ against 1/γ",
                   f"Fast top, {DURATION} s. The paper gives no Δt; the higher orders have a larger "
                   "one, since their error is round-off at smaller steps.", panels,
@@ -127,10 +129,10 @@ def figure_15(engine: Engine) -> Figure:
     """
     panels, claims = [], []
     for mark, sweep in zip("abcd", FIGURE_15, strict=True):
-        draw = _inverse_line if follows_inverse(sweep) else _direct_line
-        panel, zero = draw(engine, sweep, mark)
+        law_panel = _inverse_line if follows_inverse(sweep) else _direct_line
+        panel, sweep_claims = law_panel(engine, sweep, mark)
         panels.append(panel)
-        claims += zero
+        claims += sweep_claims
     return Figure(15, "Periodic energy error of LIIIA-B-γ against 1/γ",
                   f"Fast top, {DURATION} s. Even s: a line in 1/γ. Odd s, called logarithmic in "
                   "the paper: a line in γ, hence a hyperbola here (erratum 24). The higher "

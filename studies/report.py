@@ -193,10 +193,10 @@ def _compare(cell: Cell | None, scientific: bool) -> str:
     """Return ours, the printed number and the verdict's mark, e.g. "2.355e-06 (2.35e-06) ✓"."""
     if cell is None:
         return ""
-    ours = number_text(cell.ours, scientific, 3)
+    ours = number_text(cell.ours, scientific, digits=3)
     if cell.paper is None:
         return f"{ours} {cell.note}".rstrip()
-    return f"{ours} ({number_text(cell.paper, scientific, 2)}) {MARKS[cell.verdict]}"
+    return f"{ours} ({number_text(cell.paper, scientific, digits=2)}) {MARKS[cell.verdict]}"
 
 
 def is_scientific(table: Table) -> bool:
@@ -207,7 +207,10 @@ def is_scientific(table: Table) -> bool:
 
 
 def number_text(value: float | str, scientific: bool, digits: int) -> str:
-    """Return a number as the table's others are written, or the text."""
+    """Return a number as the table's others are written, or the text.
+
+    ``digits`` are decimals of a scientific number; others have four digits.
+    """
     return f"{value:.{digits}e}" if scientific and isinstance(value, float) else shown(value)
 
 

@@ -20,8 +20,8 @@ from .verdict import same_digits
 __all__ = ["largest_count", "table_8"]
 
 #: Printed: ε_r = 1e-20, iter_max = 50. No double reaches it; read as ‖r‖² < 1e-20.
-_MEAN = Rule("state", "r", 1e-10, 50, plain=False)
-_SPARK = Rule("previous", "r", 1e-10, 50, plain=False)
+_MEAN = Rule("state", "r", tolerance=1e-10, most=50, plain=False)
+_SPARK = Rule("previous", "r", tolerance=1e-10, most=50, plain=False)
 _STEPS = 160
 _INEXACT = ", inexact"
 #: Where the search begins and ends, in seconds.
@@ -130,7 +130,8 @@ def largest_count(
     while high <= last and seems(high):
         low, high = high, 2 * high
     high = min(high, last + 1)
-    # from here on, low is the candidate and high a count that fails
+    # from here on, low is the candidate and high a count that fails, or counts as failing beyond
+    # ``last``
     while not converges(low):
         low, high = low // 2, low
         if low < first:
@@ -218,6 +219,7 @@ def _inexact_explains(cells: list[Cell]) -> Claim:
                   if isinstance(c.paper, float) and c.column not in ("IMS", "EMS")
                   and c.column.endswith(_INEXACT) == inexact]
         near_counts.append(sum(abs(ratio - 1) <= 0.2 for ratio in ratios))
+    # both Jacobians have the same number of cells: that of the last ``ratios``
     exact_count, inexact_count = near_counts
     return Claim(
         "The inexact Jacobian explains most printed limits of the SPARK methods within 20%",

@@ -60,7 +60,7 @@ def compare_value(
         Why the cell differs, if it does and we know; the note of a cell that was not printed.
     """
     if printed is None:
-        return Cell(row, column, None, ours, "not printed", reason)
+        return Cell(row, column, paper=None, ours=ours, verdict="not printed", note=reason)
     verdict, note = _verdict(ours, printed, floor, misprint, reason)
     return Cell(row, column, float(printed), ours, verdict, note)
 
