@@ -218,7 +218,7 @@ class Fitting:
         # every = gcd of the samples' steps: the fewest stored rows that include all samples.
         sample_steps = self.sample_steps[: self.samples] * factor
         last_step = int(sample_steps[-1])
-        every = max(1, int(np.gcd.reduce(sample_steps)))
+        every = max(1, int(np.gcd.reduce(sample_steps)))  # 0 of a single sample, at the start
         inputs = self.run.inputs
         if halvings and inputs is not None:
             inputs = inputs.refine(factor)  # each row is held for as many of the shorter steps
@@ -601,7 +601,10 @@ def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:
 
 
 def _free_names(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str]) -> list[str]:
-    """Return the names that are fitted: ``free``, or all but γ and α, without ``fixed``."""
+    """Return the names that are fitted: ``free``, or all but γ and α, without ``fixed``.
+
+    Inputs are never fitted. Raises InputError for unknown names, a name in both, and no name.
+    """
     parameter_names = [name for name in step.parameter_domains
                        if name not in step.binding.input_names]
     allowed = [*parameter_names, "start"]

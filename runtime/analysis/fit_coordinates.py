@@ -100,6 +100,7 @@ class Coordinates:
         #: Whether each free parameter is above 0; its relative changes are those of its logarithm.
         self.positive = np.array([domains.get(name) == "positive" for name in free_names],
                                  dtype=bool)
+        #: Index and name of the parameters that move by themselves, and whether each is positive.
         self._single = [(i, name, bool(self.positive[i])) for i, name in enumerate(free_names)
                         if name not in inertia_names]
 

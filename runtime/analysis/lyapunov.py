@@ -224,7 +224,7 @@ class Benettin:
         """Begin with the first ``count`` directions of an isotropic flag at the start."""
         self.stepper, self.run, self.binding = stepper, run, stepper._derivative_binding()
         self.with_covariant, self._stored_run = with_covariant, self.binding.begin(run)
-        self.frame = self._frame(0, run.q, run.p)
+        self.frame = self._frame(step=0, q=run.q, p=run.p)
         self.unit = isotropic_flag(self.frame.J)[:, :count]
         self.full = count == len(self.frame.J)
         self.V = self._directions()
@@ -266,7 +266,8 @@ class Benettin:
                                                    self.V.shape[1]), derivative_module.new(0)
         status = self.binding.integrate_tangent(
             self.run, self._stored_run.parameters, steps, no_change,
-            steps.first + steps.count + 1, no_rows, no_rows, self.V)
+            every=steps.first + steps.count + 1, rows=no_rows, multipliers=no_rows,
+            tangents=self.V)
         if status:
             raise singular(steps.first, status)
 

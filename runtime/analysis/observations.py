@@ -107,7 +107,7 @@ class Observation:
                 raise InputError(f"data[{row}] = {shown(attitudes[row].tolist())} is no unit "
                                  f"quaternion: its length is {norms[row]:.6g}. Scale the rows to "
                                  "length 1.")
-            attitudes /= norms[:, None]
+            attitudes /= norms[:, None]  # a view: in ``measurements`` too
         return measurements
 
     def residuals(
@@ -118,7 +118,7 @@ class Observation:
         The equations are in the module docstring.
         """
         if self.function is not None:
-            return self._of_function(self.function, data, q, p)
+            return self._residuals_of_function(self.function, data, q, p)
         count = sum(1 if isinstance(part, int) else 3 for part in self.parts)
         residuals = np.zeros((len(data), count))
         by_state = np.zeros((len(data), count, 2 * self.n))
@@ -154,7 +154,7 @@ class Observation:
             yield (part, slice(data_end, data_end := data_end + data_count),
                    slice(residual_end, residual_end := residual_end + residual_count))
 
-    def _of_function(
+    def _residuals_of_function(
         self, function: Observe, data: Array, q: Array, p: Array
     ) -> Residuals:
         """Return the residuals of a user's function; InputError for arrays of other shapes."""
@@ -181,7 +181,7 @@ class Observation:
                 raise InputError(f"observe returned {label} that is not finite, at the state "
                                  f"q = {shown(q[row].tolist())}, p = {shown(p[row].tolist())}; "
                                  "return finite numbers for every state.")
-        return Residuals(predictions - data, by_q, by_p, {})
+        return Residuals(predictions - data, by_q, by_p, by_parameters={})
 
 
 def _rotation_between(d: Array, q: Array) -> tuple[Array, Array]:

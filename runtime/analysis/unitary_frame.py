@@ -158,6 +158,7 @@ def _inverse_mass(
     p_scale = np.float64(np.abs(p.astype(float)).max(initial=0.0))
     with np.errstate(all="ignore"):  # numbers beyond the doubles are infinite, and refused later
         p_scale = p_scale if p_scale**2 else np.float64(1.0)  # the differences divide by its square
+        # ``unit`` is |H|/s²: the round-off of the differences is a part of it
         first, unit = _second_differences(binding, parameters, t, q, p, p_scale)
         inverse_mass = first
         for _ in range(_MOST_SCALES):

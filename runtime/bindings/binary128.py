@@ -174,6 +174,6 @@ def as_quads(name: str, value: Any, shape: tuple[int, ...]) -> Array:
             raise InputError(f"{name} = {array} is " + (
                 "too large for float128; give smaller numbers." if finite else
                 "not finite; give finite numbers."))
-        if abs(number) >= _CONTEXT.ldexp(1, _BIAS + 1):
+        if abs(number) >= _CONTEXT.ldexp(1, _BIAS + 1):  # exponents of mpf have no bound
             raise InputError(f"{name} = {array} is too large for float128; give smaller numbers.")
     return converted

@@ -151,7 +151,7 @@ class QuadBinding(Binding):
 
     def report(self) -> RunRecord:
         """Return an empty running record."""
-        return cast(RunRecord, self.reports(1)[0])
+        return cast(RunRecord, self.reports(count=1)[0])
 
     def reports(self, count: int) -> Any:
         """Return empty running records."""
@@ -163,7 +163,7 @@ class QuadBinding(Binding):
         block = _Block(self.ffi, f"{self.name}_report")
         report = self.ffi.cast("char *", self.function("report_of")(work))
         block.write(0, bytes(self.ffi.buffer(report, block.size)))
-        return _Record(block, 0)
+        return _Record(block, index=0)
 
     def copy_of(self, report: RunRecord) -> RunRecord:
         """Return the running record itself: it owns its memory."""

@@ -115,7 +115,7 @@ class Binding(Compiled):
         self, parameters: ParameterStruct, t: Array, q: Array, p: Array, columns: Array,
         levels: Array, last_values: Array,
     ) -> tuple[int, int] | None:
-        """Return the first and the last of the rows behind which a state is near a level, or None.
+        """Return the first and the last row that follows a state near a level, or None.
 
         ``columns`` are the observed columns of (q, p, quantities), ``levels`` their levels.
         ``last_values`` has their values at the two states before, NaN at first; the values of the

@@ -444,8 +444,8 @@ class Compiled:
         structs = self.ffi.from_buffer(f"{self.name}_parameters[]", parameters)
         q_out, p_out = (self.ffi.NULL, self.ffi.NULL) if out is None else map(self.pointer, out)
         self.function("integrate_many")(
-            count, structs, options, *self.input_arguments(None), self.pointer(dt), steps, every,
-            self.pointer(q), self.pointer(p), q_out, p_out,
+            count, structs, options, *self.input_arguments(inputs=None), self.pointer(dt), steps,
+            every, self.pointer(q), self.pointer(p), q_out, p_out,
             self.ffi.from_buffer(f"{self.name}_report[]", reports, require_writable=True),
             self.ffi.from_buffer("int[]", status, require_writable=True), *memory)
         return reports, status

@@ -155,7 +155,7 @@ def as_inputs(
     else:
         array = _table(as_numbers("inputs", inputs), len(names), rows, runs)
     return InputRows(names, binding.array("inputs", array, array.shape),
-                  0 if array.shape[1] == 1 else hold)
+                     hold=0 if array.shape[1] == 1 else hold)  # 0: one row is held throughout
 
 
 def _check_names(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[str]:

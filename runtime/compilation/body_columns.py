@@ -197,6 +197,7 @@ def joints_of(manifest: Manifest) -> dict[str, JointAt]:
         path = f"system.joints.{name}"
         if not {*joint.bodies} <= {"", *system.bodies}:
             raise UnfitError("has other bodies", path)
+        # a vector that the joint does not have is empty
         vectors = {key: _vector(system, path, getattr(joint, key), 0, length)
                    for key, length in _VECTORS.items()}
         # a force that is not known leaves the force of the whole joint unknown
@@ -272,6 +273,7 @@ def joint_named(manifest: Manifest, name: Any) -> tuple[str, JointAt]:
     Raises InputError where there is no joint, or several and none is named, and for a connection of
     a point mass or a moving point.
     """
+    # a spring has no constraints, and so no multipliers
     joints = {key: layout for key, layout in joints_of(manifest).items() if layout.constraints}
     if isinstance(name, str) and name not in {*joints, *manifest.system.bodies}:
         multipliers = [constraint for constraint in manifest.system.constraint_names

@@ -233,14 +233,14 @@ def compile_module(
     wrapper_object = _start([*compiler.command, *WRAPPER_FLAGS, f"-I{include}", "-I.", "-c",
                              wrapper.name, "-o", "wrapper.o"], folder)
     running = [*objects, wrapper_object]
-    _end(running)
+    _wait_for(running)
     # gcc may have compiled a permutation wrongly, which shows in the object alone (object_files)
     if compiler.is_gcc:
         _replace_permutations([command for command, _ in running], folder)
     object_names = ["wrapper.o", *(command[-1] for command, _ in objects)]
     target = folder / (module_name(name) + extension_suffix())
     link = [*compiler.command, *compiler.link_flags, *object_names, "-lm", "-o", target.name]
-    _end([_start(link, folder)])
+    _wait_for([_start(link, folder)])
     if not target.is_file():
         raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
                             f"{shlex.join(link)}. {_CURE}", command=link)
@@ -259,8 +259,8 @@ def _start_objects(
     """
     source = files[f"{name}.c"]
     extended = _optional_type(read_declarations(files[f"{name}.h"]))
-    compile_ = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
-                *(EXTENDED_FLAGS if extended else STRICT_FLAGS)]
+    compile_command = [*compiler.command, *compiler.flags, *call_stack.FLAGS,
+                       *(EXTENDED_FLAGS if extended else STRICT_FLAGS)]
     running, checks, kernels = list[_Running](), list[CheckFunction](), kernels_of(source)
     for object_file in objects_of(name, files, module_kind, as_one=is_whole(), apart=newton_apart):
         object_folder = folder / object_file.name
@@ -276,8 +276,8 @@ def _start_objects(
         on_duals = compiler.is_gcc and "typedef _Complex" in source
         options = [*object_file.flags, *compiler.lower_flags.get(object_file.level, ()),
                    *more_flags, *(DUAL_FLAGS if on_duals else ())]
-        running.append(_start([*compile_, *options, "-c", f"{object_file.name}/{name}.c", "-o",
-                               f"{object_file.name}.o"], folder))
+        running.append(_start([*compile_command, *options, "-c", f"{object_file.name}/{name}.c",
+                               "-o", f"{object_file.name}.o"], folder))
     return running, checks
 
 
@@ -289,7 +289,7 @@ def _replace_permutations(commands: Sequence[list[str]], folder: Path) -> None:
     for flags in WITHOUT_PERMUTATIONS:
         suspects = [command for command in commands
                     if has_permutation((folder / command[-1]).read_bytes())]
-        _end([_start([*command[:-2], *flags, *command[-2:]], folder) for command in suspects])
+        _wait_for([_start([*command[:-2], *flags, *command[-2:]], folder) for command in suspects])
 
 
 def _write_wrapper(
@@ -368,7 +368,7 @@ def _refuse_without_quad(compiler: Compiler, folder: Path) -> None:
     command = [*compiler.command, *EXTENDED_FLAGS, "-fPIC", *compiler.link_flags, "binary128.c",
                "-lm", "-o", "binary128.out"]
     try:
-        _end([_start(command, folder)])
+        _wait_for([_start(command, folder)])
     except CompilerError as error:
         raise CompilerError(
             f"The compiler {shlex.join(compiler.command)!r} has no float128 (_Float128 and "
@@ -403,7 +403,7 @@ def exit_reason(code: int) -> str:
     return f"failed with exit code {code}" if code > 0 else f"was ended by signal {-code}"
 
 
-def _end(running: list[_Running]) -> None:
+def _wait_for(running: list[_Running]) -> None:
     """Wait for commands that run side by side; raise CompilerError for the first that failed.
 
     All are waited for, so that none writes into a folder that is removed.

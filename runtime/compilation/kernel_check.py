@@ -242,7 +242,7 @@ def differences(
     module: Any, functions: Iterable[CheckFunction], real: Real, points: int = POINTS
 ) -> KernelComparison:
     """Compare the kernels of a module with their statements at random points, a multiple of 16."""
-    comparison = KernelComparison([], {}, {})
+    comparison = KernelComparison(mismatches=[], compared={}, unchecked={})
     mismatches, compared, unchecked = comparison
     working, wide = arithmetic(real, wide=False), arithmetic(real, wide=True)
     for function in functions:

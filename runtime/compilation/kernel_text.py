@@ -120,7 +120,8 @@ def kernels_of(source: str) -> list[KernelText]:
     outputs: dict[str, tuple[int, ...]] = dict.fromkeys(
         re.findall(r"^ *c->(\w+(?:\[\d+\])?) =", body, re.MULTILINE), ())
     names: dict[str, tuple[int, ...]] = dict.fromkeys(re.findall(r"par->(\w+)", body), ())
-    preparation = KernelText("prepare", "void", "constants", names, outputs, (), body)
+    preparation = KernelText("prepare", "void", "constants", inputs=names, outputs=outputs,
+                             order=(), body=body)
     return [preparation, *kernels] if outputs else kernels
 
 
@@ -239,7 +240,7 @@ def _expression(text: str) -> Expression:
             stack.append("(")
             counts.append(1)
         elif sign in (")", ","):
-            release(0)
+            release(binding=0)  # all of them, down to a parenthesis
             if not counts:
                 raise UnreadableError(text)
             if sign == ",":
@@ -257,7 +258,7 @@ def _expression(text: str) -> Expression:
         # a name followed by "(" is a function, whose operand ends at its ")"
         operand = bool(token["number"]) or sign == ")" or bool(
             token["name"] and text[position - 1] != "(")
-    release(0)
+    release(binding=0)
     if stack:
         raise UnreadableError(text)
     return output

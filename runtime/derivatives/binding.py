@@ -335,6 +335,7 @@ class QuadDerivativeBinding(DerivativeBinding):
                 return status
             binding.image(kept_state.work)[:] = primal.image(state.work)
             binding.image(kept_state.record)[:] = primal.image(state.record)
+            # in a co-moving frame the kept states are of the frame
             if hasattr(binding.lib, f"{PREFIX}{binding.name}_frame_state"):
                 binding.function("frame_state")(kept_state.work, state.q, state.p)
             q[j + 1], p[j + 1] = state.q, state.p

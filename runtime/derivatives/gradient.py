@@ -430,7 +430,8 @@ class _AdjointRun:
                     w = _cotangent_in_frame(self.frame, steps, last_step, w_in_space, self.z_bar)
                 w = self._take(steps, w)
         if w is None:  # a run of no steps
-            w = self.cotangents.rows[0] + self._cotangent_of_points(0, self.run.q, self.run.p)
+            w = self.cotangents.rows[0] + self._cotangent_of_points(
+                step=0, q=self.run.q, p=self.run.p)
         self.z_bar[: len(w)] = w
         return w
 

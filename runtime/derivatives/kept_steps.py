@@ -162,7 +162,7 @@ class SingleStep:
         status, end_directions = self._binding.tangent(
             self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz), forces)
         if status:
-            raise singular(0, status)
+            raise singular(step=0, status=status)
         if self._frame.moves:
             end_directions = (self._frame.matrix(1) @ end_directions
                               + self._frame.own_derivatives(1, self._in_frame) @ dz)
@@ -187,7 +187,7 @@ class SingleStep:
             self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w),
             multipliers)
         if status:
-            raise singular(0, status)
+            raise singular(step=0, status=status)
         if self._frame.moves:
             z_bar += self._frame.own_derivatives(1, self._in_frame).T @ end_cotangent
         return z_bar

@@ -459,7 +459,8 @@ def step_slope(
     second, n = stepper._second_binding(), stepper.n
     binding = second.own
     parameters = binding.parameters(run.parameters, run.t0)
-    steps = KeptSteps(0, np.stack([run.q, end[:n]]), np.stack([run.p, end[n:]]), unknowns[None])
+    steps = KeptSteps(first=0, q=np.stack([run.q, end[:n]]), p=np.stack([run.p, end[n:]]),
+                      x=unknowns[None])
     # the state before the step is stored, and nothing depends on it but through the step
     zero_row = binding.new(1, 2 * n)
     adjoint = CotangentSlopes.at_end(second, w, w_slope=binding.new(2 * n), steps=1)
@@ -467,7 +468,7 @@ def step_slope(
         run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz,
         rows=(zero_row, zero_row), every=1, cotangents=adjoint)
     if status:
-        raise singular(0, status)
+        raise singular(step=0, status=status)
     z_bar, z_bar_slope = adjoint.z_bar
     z_bar[: 2 * n], z_bar_slope[: 2 * n] = adjoint.w
     return pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar, z_bar_slope)

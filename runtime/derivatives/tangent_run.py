@@ -259,7 +259,7 @@ class _TangentRun:
         for i in points_of_step.tolist():
             try:
                 tangent, time = tangent_at(self.stepper, self.run, self.points[i], z, directions,
-                                           self.width > 0)
+                                           multipliers=self.width > 0)
             except InputError as error:
                 self.point_tangents[i] = error
                 continue

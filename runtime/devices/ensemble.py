@@ -110,10 +110,11 @@ def device_for(device: DeviceName | None, q: Any, p: Any) -> Device | None:
 def refuse_on_device(stepper: Stepper, solver: str, **absent: Any) -> None:
     """Refuse features without an implementation on a card.
 
-    Raises InputError with the refused argument and the cure.
+    ``absent`` are arguments of the call that a card does not know, name → value. Raises InputError
+    with the refused argument and the cure.
     """
     manifest, n = stepper.manifest, stepper.n
-    # an argument is absent if it is None or an empty sequence, such as no events
+    # an argument is not given if it is None or an empty sequence, such as no events
     arguments = {name: argument is not None and not (isinstance(argument, tuple | list)
                                                      and not argument)
              and name for name, argument in absent.items()}

@@ -89,10 +89,11 @@ class Levels:
     def near(
         self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array, last: Array
     ) -> tuple[int, int] | None:
-        """Return the first and last row whose state is near a level, |x − level| ≤ change of x.
+        """Return the first and last row that follows a state near a level.
 
-        None if no state is near a level. ``last`` has the values at the two states before the rows,
-        at first ``no_past``; the values of the last two rows replace them.
+        A state is near if |x − level| ≤ change of x; None if no state is. ``last`` has the values
+        at the two states before the rows, at first ``no_past``; the values of the last two rows
+        replace them.
         """
         return self.binding.near(parameters, self._times(t), q, p, self.columns_in_c,
                                  self.levels_in_c, last)
@@ -200,6 +201,7 @@ class EventDetector:
     def __init__(self, levels: Levels, parameters: ParameterStruct, t0: Any, dt: Any) -> None:
         """Begin at the start of a run, of which no state has been examined."""
         self._levels, self._parameters, self._t0, self._dt = levels, parameters, t0, dt
+        #: The last states that were examined, up to ``TAIL`` rows of q and of p.
         self._tail: tuple[Array, Array] | None = None
         #: Steps before the last state that was examined.
         self._last_step = 0
@@ -278,7 +280,7 @@ class EventDetector:
         if len(differences) < 2:
             return
         self._bracket_crossings(first_step, first_row, q, p, differences)
-        if self.ends_in is not None:  # the run ends in this step
+        if self.ends_in is not None:  # the run ends in this step: rows up to its end remain
             q, p, differences = (array[: self.ends_in - first_step + 2]
                                  for array in (q, p, differences))
             self._last_step, self._tail = self.ends_in + 1, (q[-TAIL:], p[-TAIL:])

@@ -173,6 +173,7 @@ class ImpactObserver:
             return binding.ffi.cast(f"{binding.name}_{kind} *", address)
 
         count = binding.ffi.new("long *")
+        # rows as ``take_crossings`` reads them
         places = np.zeros((_CAPACITY + 1, 2), np.dtype("l"))
         hits = binding.new(_CAPACITY, 4 + 3 * binding.n)
         status = int(binding.function("integrate_impacts")(
@@ -254,7 +255,8 @@ def refuse_unusable(
         large=binding.n > LARGEST and f"{binding.n} coordinates",
         energy=stepper.manifest.scheme.exact_energy and "energy=True",
         float128=stepper.manifest.real == "float128" and "real='float128'", **call_features)
-    # an impact changes momenta at one q and t: a gap that depends on them would jump itself
+    # an impact changes momenta at one q and t: a gap that depends on them would jump itself, as
+    # one of inputs would between two steps
     moving_names = {*system.momenta, *system.velocity_names, *binding.input_names}
     for impact in with_restitutions(impacts, run.parameters):
         if impact.quantity not in system.quantities:

@@ -72,6 +72,7 @@ def joined_with_part(
 
     The last row of the whole steps is left out where ``every`` or ``t_eval`` does not store it.
     """
+    # the state after whole steps, from which the grid of steps goes on
     last_elapsed, grid = trajectory.elapsed[-1], trajectory[len(trajectory) - 1]
     if ends_within(events, partial_run, run.dt):
         times = partial_run.t[-1:], last_elapsed + partial_run.elapsed[-1:]

@@ -141,12 +141,12 @@ class _Work:
         ``share`` and ``indices`` have an entry for each state. Shares count from the start of the
         step, or from its end if ``end`` has the states (q, p) there.
         """
-        owner, start = self.owner[indices], self.brackets
-        q, p = (start.q[indices], start.p[indices]) if end is None else end
+        owner, brackets = self.owner[indices], self.brackets
+        q, p = (brackets.q[indices], brackets.p[indices]) if end is None else end
         t, time_in_step = self.t(indices), 0 * share
         dt = share * self.runs.dt[owner]
         columns = {name: column[owner] for name, column in self.runs.parameters.items()}
-        inputs_of_runs, step = self.runs.inputs, start.step[indices]
+        inputs_of_runs, step = self.runs.inputs, brackets.step[indices]
         if end is not None:
             time_in_step = time_in_step + self.runs.dt[owner]
             # a positive share leads into the next step, with its inputs
@@ -160,9 +160,9 @@ class _Work:
 
         A slope for each of the ``indices`` of brackets; ``end`` has the states (q, p) on the level,
         shapes (indices, n), by default those at the starts of the steps. ``ahead`` is 1 just after
-        the state, −1 just before it. The limit is an estimate: of shares
-        from 2⁻⁵ to 2⁻⁸⁰ the smallest three are taken over which the value falls like a power of the
-        share, of order 1 to 3. Round-off does not fall.
+        the state, −1 just before it. The limit is an estimate: of shares from 2⁻⁵ to 2⁻⁸⁰ the
+        smallest three are taken over which the value falls like a power of the share, of order 1 to
+        3. Round-off does not fall.
         """
         no_time = 0 * self.tolerance(indices)
         event_values = np.column_stack([self.states(no_time + ahead * share, indices, end).height
@@ -489,11 +489,12 @@ def _next_place(
     """Return the place that each search for a minimum examines next, from x₀ < x₁ < x₂.
 
     ``to_wider_end`` leads from x₁ to the end of the wider part. The parabola through the three
-    points has its minimum, if b > 0, at
+    points, with the ``slope`` d and the ``bend`` b, has its minimum, if b > 0, at
 
         x = (x₀ + x₁)/2 − d (x₂ − x₀)/(2b),  d = (y₁ − y₀)/(x₁ − x₀),  b = (y₂ − y₁)/(x₂ − x₁) − d
 
-    It is taken where y₁ is the lowest (``inside``), unless it lies within ``least_distance`` of x₁.
+    It is taken where y₁ is the lowest (``inside``), unless it lies within ``least_distance`` of x₁:
+    then a place beside x₁ is. Where y₁ is not the lowest, the place is between 0 and x₁.
     """
     (x0, x1, x2), (y0, y1, y2) = x, y
     slope = (y1 - y0) / (x1 - x0)

@@ -130,16 +130,17 @@ def with_row(
     ``times`` are the time of that row and its time since the start, shape (1,) each, in scaled time
     both τ.
     """
-    binding, states, steps = stepper.binding, slice(row_count), row_count - 1
+    # no step ends at the start: multipliers and iterations have one row less
+    binding, states, ends = stepper.binding, slice(row_count), slice(row_count - 1)
     (t, elapsed), (q, p) = times, full_states(trajectory)
     times_of_states = trajectory.tau if binding.clocked else trajectory.t
-    flat = flat_multipliers(trajectory)[:steps]
+    flat = flat_multipliers(trajectory)[ends]
     return trajectory.of_states(States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
         np.concatenate([times_of_states[states], t]), np.concatenate([q[states], row.q]),
         np.concatenate([p[states], row.p]),
         np.concatenate([flat, row.multipliers]).astype(binding.dtype),
-        np.concatenate([trajectory.iterations[:steps], row.iterations]),
+        np.concatenate([trajectory.iterations[ends], row.iterations]),
         np.concatenate([trajectory.work[states], row.work]),
         np.concatenate([trajectory.elapsed[states], elapsed])))
 

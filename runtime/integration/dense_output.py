@@ -62,7 +62,7 @@ def between(
     threads = threads_of(workers)
     with catch_ctrl_c() as interrupts:
         states = _states_at(stepper, trajectory, times, lambda ensemble: fill_ensemble(
-            ensemble, threads, lambda: interrupts.is_requested))
+            ensemble, threads, stop=lambda: interrupts.is_requested))
     if interrupts.is_requested:
         raise Stopped("Stopped between the steps of a run that is complete; it is in .trajectory.",
                       interrupts.signal, trajectory=trajectory)
@@ -225,7 +225,7 @@ def stored_steps_at(
     time_span = stepper.binding.times(0 * run.t0, run.dt, np.array([0, run.steps]))
     time_span[1] += remainder
     places = places_of(stepper, run.t0, time_span, run.dt, _times(stepper, times))
-    # row 1 of ``ends`` is the end of the run; a time there counts no steps from the start
+    # row 1 of ``time_span`` is the end of the run; a time there counts no steps from the start
     stored_steps = np.unique(np.append(places.steps[places.rows == 0], run.steps))
     return stored_steps[stored_steps > 0]
 
@@ -292,7 +292,7 @@ def run_together(
     of ``parameters``; ``fill`` integrates an ensemble in place. Raises InputError if a step of one
     of them has no solution, though the steps of the run that they belong to have.
     """
-    # the arguments that all runs have in common come from the first one
+    # the arguments that all runs have in common come from the first one; the solver is the default
     number = stepper.binding.number_type
     parameters_of_first = {name: column[0] for name, column in parameters.items()}
     first_run = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
@@ -351,16 +351,16 @@ def places_of(stepper: Stepper, t0: Any, stored_times: Array, dt: Any, t: Array)
     ``stored_times`` are the times of stored rows since the start t0, which keep their digits at
     large t. A time within rounding of a row, or of the end of a step, is there.
     """
-    ahead, t = 1 if dt > 0 else -1, t - t0
+    ahead, elapsed = 1 if dt > 0 else -1, t - t0
     rounding = _rounding_of_times(stepper, t0, stored_times[-1])
-    is_outside = ((ahead * (t - stored_times[0]) < -rounding)
-                  | (ahead * (t - stored_times[-1]) > rounding))
+    is_outside = ((ahead * (elapsed - stored_times[0]) < -rounding)
+                  | (ahead * (elapsed - stored_times[-1]) > rounding))
     if is_outside.any():
         raise InputError(
-            f"The time {float(t0 + t[is_outside][0])} is outside of the run, which goes from "
+            f"The time {float(t0 + elapsed[is_outside][0])} is outside of the run, which goes from "
             f"{float(t0)} to {float(t0 + stored_times[-1])} s; ask for times in between.")
-    rows = np.searchsorted(ahead * stored_times, ahead * t + rounding, side="right") - 1
-    return Places(rows, *_whole_steps(stepper, stored_times[rows], dt, t, rounding))
+    rows = np.searchsorted(ahead * stored_times, ahead * elapsed + rounding, side="right") - 1
+    return Places(rows, *_whole_steps(stepper, stored_times[rows], dt, elapsed, rounding))
 
 
 def _rounding_of_times(stepper: Stepper, t0: Any, elapsed: Any) -> Any:

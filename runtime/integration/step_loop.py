@@ -103,8 +103,9 @@ def integrate(
         After Ctrl-C, with everything computed until then.
     """
     with catch_ctrl_c() if run.steps > 1 else _WITHOUT_INTERRUPTS as interrupts:
-        trajectory, status, state = march(binding, manifest, run, lambda: interrupts.is_requested,
-                                          progress, observer, constants, pace)
+        trajectory, status, state = march(
+            binding, manifest, run, stop=lambda: interrupts.is_requested, progress=progress,
+            observer=observer, constants=constants, pace=pace)
     return require_end(binding, manifest, run, trajectory, status, state, interrupts)
 
 
@@ -155,7 +156,8 @@ def march(
     if (observer is None and progress is None and run.stored_steps is None
             and 0 < run.steps <= pace.most and not run.steps % run.every
             and binding.dtype is not object and not stop()):
-        # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds
+        # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds; a longer
+        # one is timed, for the first chunk of the next call
         pace.begin(run.steps if run.steps <= FIRST_STEPS else None)
         status, state, read_rows = binding.integrate_short(
             constants, run.q, run.p, run.steps, run.every)

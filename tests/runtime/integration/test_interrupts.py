@@ -75,7 +75,7 @@ def test_a_search_for_gamma_has_no_steps_of_the_run(gl3, monkeypatch):
 def test_a_run_whose_states_between_steps_were_asked_for_is_complete(gl3, monkeypatch):
     run, fill = integrate(gl3, **START, steps=20), dense_output.fill_ensemble
     monkeypatch.setattr(dense_output, "fill_ensemble",
-                        lambda *arguments: (fill(*arguments), interrupt())[0])
+                        lambda *arguments, **named: (fill(*arguments, **named), interrupt())[0])
     with pytest.raises(gs.errors.Stopped, match="complete") as error:
         run.at(run.t[:-1] + 1e-4)
     assert error.value.trajectory is run
