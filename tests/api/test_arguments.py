@@ -151,7 +151,7 @@ def test_exception_of_progress_is_passed_on(gl3):
 
 
 def test_arrays_are_converted_by_value(gl3):
-    """The same numbers in any dress give the same bits; the caller's array is not written to."""
+    """The same numbers in any form have the same bits; the caller's array stays unchanged."""
     wide = np.zeros((4, 6))
     wide[:, 3] = TOP.q0
     backwards = TOP.q0[::-1].copy()

@@ -60,7 +60,7 @@ def test_file_in_the_way_is_replaced_whole(saved):
 
 
 def test_damaged_files_are_refused(saved, tmp_path):
-    """Cut off anywhere, or with bytes changed: InputError, or the same numbers."""
+    """A file that is cut off or changed is an InputError, or has the same numbers."""
     trajectory, path = saved
     good = path.read_bytes()
     rng = np.random.default_rng(5)
@@ -167,7 +167,7 @@ def test_a_missing_folder_is_named(tmp_path):
 
 
 def test_messages_say_the_way(gyrospark):
-    """Rows of starts, a parameter of 0, an example from elsewhere, a mass of a named model."""
+    """Messages name the remedy, such as a name of the catalogue or another argument."""
     step = systems.stepper("heavy_top")
     for rows in (np.tile(TOP.q0, (3, 1)), [TOP.q0.tolist()] * 3):
         with pytest.raises(gs.InputError, match="integrate_ensemble"):

@@ -249,7 +249,7 @@ def test_a_card_has_the_numbers_of_its_object(kind, shown):
 
 
 def test_every_result_has_a_card():
-    """Classes whose objects calls return, and builders."""
+    """Classes of results and of builders have a card."""
     builders = (gs.Ensemble, gs.Model, gs.Multibody, gs.Simulation, gs.Start, gs.Stepper, gs.System,
                 gs.Trajectory)
     for cls in (*map(result_class, RESULT_CLASSES), *builders):

@@ -181,7 +181,7 @@ def test_rotations_are_those_of_other_code():
 
 
 def test_peers_begin_where_we_do():
-    """Energy and Euler's equations against the stepper's own H and against Ω' of a short step."""
+    """Energy and Euler's equations agree with the stepper's own H and with Ω' of a short step."""
     top = tops.tops()[0]
     state, step = tops.state_of(top), gs.stepper("G-L", stages=2, rep="gamma")
     H = step.energy(top.q, top.p, parameters=tops.parameters())
@@ -206,7 +206,7 @@ def test_errors_are_those_at_the_end():
 
 
 def test_a_dear_entry_is_not_run_to_its_end(monkeypatch):
-    """A hundredth of it takes a second."""
+    """A hundredth of the entry takes a second, so that it is refused."""
     ends = []
 
     def dear(t_end):

@@ -207,7 +207,7 @@ def test_a_start_within_round_off_is_not_held_against_the_scheme():
 
 
 def test_a_tableau_that_is_not_symplectic_fails(tmp_path):
-    """The certificate can fail: a tableau off by 1e-4 in one condition."""
+    """A certificate fails if a tableau is off by 1e-4 in one condition."""
     path = bent_tableau(tmp_path, **BENT)
     with pytest.raises(gs.errors.TableauError):
         gs.certify(TOP, tableau=path)
@@ -305,7 +305,7 @@ def test_what_is_said_of_the_slopes(monkeypatch, seen, found):
 
 
 def test_round_off_of_a_run():
-    """Σ_i |∂g/∂q_i| r_i and Σ_i |∂f/∂q_i| r_i + |∂f/∂p_i| s_i of |q|² − 1 and qᵀp, over the run."""
+    """The bounds are Σ |∂g/∂q_i| r_i and Σ |∂f/∂q_i| r_i + |∂f/∂p_i| s_i, largest over the run."""
     step = gs.stepper("G-L", 2)
     run = step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=300, parameters=PARAMETERS)
     rounded = RoundOff(heavy_top("gamma"), run, PARAMETERS, step)
@@ -466,7 +466,7 @@ def test_no_loop_invariant_is_claimed():
 
 
 def test_momentum_maps_that_reactions_leave_alone():
-    """Momenta of a particle along and across a row."""
+    """Momenta of a particle across a row of constraints stay, momenta along it do not."""
     q, p, v = (sp.symbols(f"{c}0:4", real=True) for c in "qpv")
     k = sp.Symbol("k", real=True)
     system = gs.System(q, p, (k,), sum(e**2 for e in p) / 2, velocities=v, name="edge",

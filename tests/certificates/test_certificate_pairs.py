@@ -178,7 +178,7 @@ def test_nearly_symmetric_tops() -> None:
 
 @pytest.mark.parametrize("size", [1e-6, 1e-15])
 def test_tilted_potentials(size: float) -> None:
-    """Gravity along (size, 0, 1) keeps the angular momentum about just that, for any size."""
+    """Gravity along (size, 0, 1) conserves the angular momentum about this axis, for any size."""
     q = sp.symbols("q0:4", real=True)
     R = rotation_matrix(q)
     system = body_system("tilted", "gamma", mgl * (R[2, 2] + tilt * R[0, 2]), (mgl, tilt))
@@ -257,7 +257,7 @@ def test_a_tableau_spoilt_in_its_constraints(read: Callable[..., Any], size: flo
 
 @pytest.mark.parametrize("size", SIZES)
 def test_a_partitioned_tableau_is_still_symplectic(read: Callable[..., Any], size: float) -> None:
-    """a_11 up and â_11 down: bilinear invariants stay, quadratic ones do not."""
+    """With a_11 up and â_11 down, bilinear invariants stay and quadratic ones do not."""
     table = spoilt(size, ("A", 0, 0))
     table["A_hat"] = spoilt(size, ("A_hat", 0, 0), sign=-1)["A_hat"]
     wrong = guarantees(read(table))

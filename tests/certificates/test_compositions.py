@@ -97,7 +97,7 @@ def test_numbers_are_symmetric_and_consistent(name):
 
 
 def test_only_force_gradients_go_forward_beyond_order_two():
-    """Sheng 1989, Suzuki 1991: without them, an order above 2 takes a negative time."""
+    """Without them, an order above 2 takes a negative time (Sheng 1989, Suzuki 1991)."""
     forward = {name for name, entry in COMPOSITIONS.items() if entry.forward}
     assert forward == {"Strang", "G4", "SABAG6"}
 
@@ -111,7 +111,7 @@ def test_closed_forms(name):
 
 
 def test_nodes_of_sabag_are_gaussian():
-    """T at Gauss nodes, Gauss weights for V, and c of least norm."""
+    """T has Gauss nodes, V has Gauss weights, and c has the least norm."""
     sabag, (x, w) = COMPOSITIONS["SABAG6"], np.polynomial.legendre.leggauss(6)
     assert np.allclose(np.cumsum([float(a) for a in sabag.drifts])[:-1], (x + 1) / 2, atol=1e-15)
     assert np.allclose([float(b) for b in sabag.kicks], w / 2, atol=1e-15)
@@ -124,7 +124,7 @@ def test_nodes_of_sabag_are_gaussian():
 
 
 def test_lyndon_words_are_counted_by_their_formula():
-    """Witt's formula for free Lie algebras of two generators."""
+    """Witt's formula counts them, for free Lie algebras of two generators."""
     counts = [sum(len(w) == n and is_lyndon(w) for w in words_up_to("AB", 9)) for n in range(10)]
     assert counts == [0, 2, 1, 2, 3, 6, 9, 18, 30, 56]
     assert [len(lyndon_words("13579", order - 1)) for order in (4, 6, 8, 10)] == [2, 4, 8, 16]
@@ -150,7 +150,7 @@ def test_every_word_follows_from_lyndon_words():
 
 
 def test_conditions_agree_with_composed_maps():
-    """The same coefficients from matrices: A and B nilpotent, products by NumPy, eleven letters."""
+    """Matrices have the same coefficients: A and B nilpotent, products by NumPy, eleven letters."""
     entry = COMPOSITIONS["G4"]
     for word in ("AAB", "ABB", "AABAB"):
         size = len(word) + 1
@@ -235,7 +235,7 @@ def test_measured_order_with_one_kick(name):
 
 
 def test_error_constant_of_strang():
-    """h³ of T(h/2) K(h) T(h/2): [A, [A, B]]/24 + [B, [A, B]]/12, by hand."""
+    """T(h/2) K(h) T(h/2) has h³ ([A, [A, B]]/24 + [B, [A, B]]/12), by hand."""
     e = {"AAB": 1, "ABA": -2, "BAA": 1}, {"BAB": 2, "BBA": -1, "ABB": -1}
     exact = sum((e[0].get(w, 0) / 24 + e[1].get(w, 0) / 12) ** 2 for w in {*e[0], *e[1]}) ** 0.5
     assert error_constant(COMPOSITIONS["Strang"]) == pytest.approx(exact, rel=1e-14)

@@ -49,7 +49,7 @@ def test_any_band_limited_curve(seed, modes, n):
 
 @pytest.mark.parametrize("error", [1e-13, 1e-9])
 def test_a_map_that_is_nearly_canonical_is_seen(error):
-    """q → (1 + ε) q changes the area by ε; a shear by nothing."""
+    """q → (1 + ε) q changes the area by ε; a shear does not change it."""
     s = 2 * np.pi * np.arange(64)[:, None] / 64
     q, p = np.exp(np.cos(s)), np.sin(s + 0.3)
     value, size, _ = loop_integral(q, p)
@@ -78,7 +78,7 @@ def test_loop_lies_on_the_constraints():
 
 @pytest.mark.parametrize(("scheme", "stages", "kept"), [("G-L", 2, True), ("EMS", None, False)])
 def test_drift_of_schemes(scheme, stages, kept):
-    """1e-13 of ∮|p dq| over 400 steps for SPARK; EMS and IMS stray by a million times that."""
+    """SPARK drifts by 1e-13 of ∮|p dq| in 400 steps; EMS and IMS by a million times as much."""
     loop = loop_drift(gs.stepper(scheme, stages), TOP.q0, TOP.p0, SIZES, dt=1e-3, steps=400,
                       parameters=PARAMETERS)
     assert loop.is_resolved

@@ -47,7 +47,7 @@ def maps_of(problem):
 
 
 def test_heavy_top():
-    """About the vertical whatever the parameters are, about the figure axis if I1 = I2."""
+    """There is a map about the vertical for any parameters, about the figure axis if I1 = I2."""
     vertical, figure = maps_of(gs.problems.fast_top())
     assert (vertical.name, figure.name) == (SPACE[2], BODY[2])
     assert vertical.any_parameters
@@ -124,7 +124,7 @@ STATE = [0, 0, 0, 1.2, 0.3, -0.2], [0.1, 0.2, 0.3, 0.3, -0.2, 0.1]
 
 
 def test_two_masses_with_a_spring():
-    """Six maps of space for any masses; the inner angular momentum, which weighs with m1 and m2."""
+    """Six maps of space hold for any masses; the inner angular momentum depends on m1 and m2."""
     maps = momentum_maps(spring(), SPRING, *STATE)
     assert sorted(J.name for J in maps if J.any_parameters) == [*SPACE, *LINEAR]
     inner = [J for J in maps if not J.any_parameters]
@@ -140,7 +140,7 @@ def test_two_masses_with_a_spring():
 
 @pytest.mark.parametrize("count", [1, pytest.param(7, marks=pytest.mark.slow)])
 def test_chain_of_points(count):
-    """Rods from the origin: about the vertical, also beyond the full search (21 coordinates)."""
+    """Rods from the origin have the vertical map, also beyond the full search (21 coordinates)."""
     q, p = points(count)
     ends = [(0, 0, 0), *(q[i : i + 3] for i in range(0, 3 * count, 3))]
     rods = [square(a - b for a, b in zip(*pair, strict=True)) - length**2
@@ -157,7 +157,7 @@ def test_chain_of_points(count):
 
 
 def test_another_centre():
-    """Attraction by a fixed point: about that point, whose place is a parameter."""
+    """Attraction by a fixed point has a map about that point, whose place is a parameter."""
     x, y, a, b, c = sp.symbols("x y a b c", real=True)
     system = gs.System((x, y), (a, b), (c,),
                        (a**2 + b**2) / 2 - 1 / sp.sqrt((x - c) ** 2 + (y - 1) ** 2), name="kepler")
@@ -211,7 +211,7 @@ def plane(H, values, **more):
 
 @pytest.mark.parametrize("size", [1e-6, 1e-11])
 def test_near_symmetries_are_reported(size):
-    """A figure axis with I₂ = I₁ (1 + size): its distance from a symmetry, without a proof."""
+    """For I₂ = I₁ (1 + size) the figure axis has its distance from a symmetry, and no proof."""
     top = gs.problems.fast_top()
     parameters = top.parameters | {"I2": top.parameters["I1"] * (1 + size), "gamma": 0.0015}
     vertical, *near_maps = momentum_maps(heavy_top("gamma"), parameters, top.q0, top.p0)
@@ -242,7 +242,7 @@ def test_parameters_are_the_doubles_that_they_are():
 
 
 def test_directions_that_are_no_fractions_are_not_proved():
-    """Gravity at an angle of 0.3: about (sin 0.3, 0, cos 0.3), to the last digit of doubles."""
+    """Gravity at an angle of 0.3 has a map about (sin 0.3, 0, cos 0.3), up to last digits."""
     (x, y, z), p = points(1)
     angle = sp.Symbol("angle", real=True)
     H = square(p) / (2 * m1) + z * sp.cos(angle) + x * sp.sin(angle)
@@ -303,7 +303,7 @@ def test_what_vanishes_on_the_constraints_is_dropped():
 
 
 def test_cyclic_coordinate():
-    """A spherical pendulum in angles: p_phi, although nothing here is a Cartesian coordinate."""
+    """A spherical pendulum in angles has p_phi, although no coordinate is Cartesian."""
     theta, phi, a, b = sp.symbols("theta phi a b", real=True)
     H = (a**2 + b**2 / sp.sin(theta) ** 2) / (2 * m1) + m1 * g * sp.cos(theta)
     system = gs.System((theta, phi), (a, b), (m1, g), H, name="angles")

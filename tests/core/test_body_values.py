@@ -43,7 +43,7 @@ TENSOR = (TENSOR + TENSOR.T) / 2
     (1e-300, 1e-300, 2e-300), (1e300, 1e300, 1e300),
 ])
 def test_moments_of_bodies_are_taken_in_silence(inertia):
-    """Equality is a flat body; the sum may be off by its rounding."""
+    """Equality means a flat body; the sum may be off by its rounding."""
     assert as_inertia(inertia) == tuple(float(x) for x in inertia)
 
 
@@ -186,7 +186,7 @@ def test_momentum_and_angular_velocity_of_a_tensor():
 
 
 def test_a_builder_takes_a_tensor():
-    """T is ½ Ω·JΩ, whatever the attitude."""
+    """T equals ½ Ω·JΩ for any attitude."""
     omega = np.array([3.0, -2.0, 10.0])
     build = gs.Multibody("free_tensor", gravity=(0, 0, 0))
     build.top("a", mass=1, inertia=TENSOR, centre=(0, 0, 0), rotation=TILT.inv(),
@@ -306,7 +306,7 @@ def test_a_rotation_matrix_is_taken_where_a_rotation_is():
     [[1, 0, 0, 0], [0.6, 0, 0, 0.8]], [[1, 0, 0, 0], [0, 0, 0, 1]],
 ])
 def test_attitudes_that_are_meant_so_are_taken_in_silence(q):
-    """Rounded to the digits they are written with, or a type's own."""
+    """They are rounded to their written digits, or in their own type."""
     assert np.allclose(np.linalg.norm(unit_quaternions(q), axis=-1), 1, rtol=0, atol=2 * EPS)
 
 

@@ -44,7 +44,7 @@ def test_numbers_of_any_kind(value, number):
 
 @pytest.mark.parametrize("value", [sp.pi / 9, sp.sqrt(2), -sp.E**3, mp.pi, mp.phi], ids=str)
 def test_constants_have_more_digits_than_any_type(value):
-    """Constants of mpmath, too, whose precision does not depend on its setting."""
+    """This holds for constants of mpmath, too, at any setting of its precision."""
     with mp.workdps(70):
         expected = mp.mpf(value) if not isinstance(value, sp.Expr) else mp.mpf(sp.N(value, 70))
     fraction = exact(value)

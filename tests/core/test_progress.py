@@ -135,7 +135,7 @@ def test_false_is_silence_in_a_notebook_and_bits_are_the_same(notebook, gl3):
 @pytest.mark.parametrize(("seconds", "total", "left"), [
     (100.0, 100, ["0:13:20"]), (0.5, 100, []), (100.0, 2**60, [])])
 def test_the_time_left_is_of_the_speed_so_far(seconds, total, left, fresh, monkeypatch, caplog):
-    """80 steps as fast as 10 before; none for the last seconds, nor where the end is open."""
+    """80 steps are as fast as 10 before; the last seconds and an open end have no estimate."""
     clock = [0.0]
     monkeypatch.setattr(progress, "time", types.SimpleNamespace(perf_counter=lambda: clock[-1]))
     monkeypatch.setattr(progress, "_NEXT_LINE", 0.0)
@@ -149,7 +149,7 @@ def test_the_time_left_is_of_the_speed_so_far(seconds, total, left, fresh, monke
 
 
 def test_stages_of_what_has_no_steps_are_counted(tmp_path):
-    """Derivation and compilation, a certificate and an artefact."""
+    """Derivation and compilation, a certificate and an artefact count their stages."""
     top, reports = gs.problems.fast_top(), []
 
     def report(done, total):

@@ -96,7 +96,7 @@ def test_arguments_are_checked():
 
 
 def test_complex_steps_agree_with_derived_formulas():
-    """g_q and W by complex steps, against the system's own symbolic derivatives."""
+    """g_q and W by complex steps agree with the system's own symbolic derivatives."""
     model = gs.models.double_pendulum()
     numeric, system = NumericSystem(model.system, model.parameters), model.system
     values = dict(zip((*system.q, *system.p), (*model.q0, *model.p0), strict=True))

@@ -188,7 +188,7 @@ def test_the_command_line_says_it_in_a_line_and_keeps_json(gyrospark, tmp_path):
 
 
 def test_warnings_that_a_user_makes_errors_stay_lines(gyrospark, monkeypatch):
-    """The command line's own filter comes first, and goes with it."""
+    """The command line's own filter precedes the user's, and is removed at the end."""
     showwarning = warnings.showwarning
     with warnings.catch_warnings():
         warnings.simplefilter("error")

@@ -75,7 +75,7 @@ def test_the_quick_pages_are_there():
 
 
 def test_no_figure_is_shown_twice():
-    """pyplot shows its figures at the end of a cell; one that is the last value comes again."""
+    """pyplot shows a figure at the end of a cell; as the last value it would come again."""
     for path in PAGES:
         for cell in cells(path):
             last = cell.rstrip().splitlines()[-1]
@@ -264,7 +264,7 @@ SHORT = ["-b", "dummy", "-D", "root_doc=reference/index",
 
 @pytest.mark.slow  # Sphinx reads all docstrings for ten seconds
 def test_the_reference_is_built_without_a_warning(tmp_path):
-    """Every public docstring and the commands' help, as the site reads them, a line for a page."""
+    """The site reads all public docstrings and commands' help, and prints a line a page."""
     process = built(tmp_path, *SHORT)
     assert process.returncode == 0, process.stderr
     assert all(f"] {page} (" in process.stdout for page in REFERENCE)
@@ -306,7 +306,7 @@ def test_every_link_of_the_site_leads_somewhere(site):
 
 @pytest.mark.slow
 def test_what_the_site_makes_of_its_pages(site):
-    """Signs, pictures of the gallery, uses of names and commands, names for landmarks."""
+    """Pages have signs, pictures of the gallery, uses of names and commands, and landmarks."""
     def read(name: str) -> str:
         return (site / f"{name}.html").read_text(encoding="utf-8")
 

@@ -98,7 +98,7 @@ def test_standalone_files_contain_what_they_need():
 
 
 def test_the_command_of_the_documents_builds_a_short_file(tmp_path):
-    """cc -I "$(gyrospark include)" -c x.c, by a shell."""
+    """A shell runs cc -I "$(gyrospark include)" -c x.c."""
     (tmp_path / "x.c").write_text(text_of(NAME), encoding="utf-8")
     shutil.copy(ROOT / "generated" / f"{NAME}.h", tmp_path)
     include = " ".join(map(str, gyrospark_command("include")))

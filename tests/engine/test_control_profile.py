@@ -141,7 +141,7 @@ def check_another_system(control, full, parameters, q0, p0):
     ("EMS", None, "two_rods"), *(pytest.param(*given, marks=pytest.mark.slow) for given in (
         ("G-L", 2, "two_rods"), ("EMS", None, "dragged_pendulum")))])
 def test_steps_and_derivatives_of_other_systems(scheme, stages, name, tmp_path):
-    """Constraints of two rods, where W varies; forces and time."""
+    """Two rods have constraints with a W that varies; the dragged pendulum has forces and time."""
     case, full = systems.case(name), systems.differentiable(name, scheme, stages)
     source = generate(Spec(scheme, stages).with_profile("control"), system=case.system,
                       derivatives=True).source
@@ -160,7 +160,7 @@ def large(tmp_path_factory):
 
 
 def test_sizes_are_those_promised(small, large):
-    """Lines and memory of 2-G-L in float, and memory of 3-G-L in double."""
+    """The lines and memory of 2-G-L in float, and the memory of 3-G-L in double, are bounded."""
     assert made(SMALL).source.count("\n") <= 900
     assert small.work_size() <= 2048
     assert large.work_size() <= 4096
@@ -208,7 +208,7 @@ def test_tolerance_saves_sweeps(small):
 
 
 def test_a_step_that_fails_leaves_the_state(small):
-    """Sweeps diverge at so long a step; the next call with a state it can do goes on."""
+    """Sweeps diverge at so long a step; the next call from a possible state goes on."""
     small.begin(PARAMETERS, TOP.q0, TOP.p0, 1.0, max_iterations=20)
     q, p = small.q.copy(), small.p.copy()
     assert small.step() == DIVERGED
@@ -270,7 +270,7 @@ def test_memory_of_zeros_is_no_trajectory(name, request):
 
 
 def test_starts_from_an_attitude_and_an_angular_velocity(small):
-    """p = 2 L(q)^T J Omega of the axis e3, and of any quaternion that is no unit one."""
+    """p equals 2 L(q)^T J Omega for the axis e3, and for a quaternion of any length."""
     omega = [0.1, -0.2, 30.0]
     status, q, p = small.started(PARAMETERS, [2.0, 1.0, 0.0, 0.5], omega)
     assert status == OK
@@ -306,7 +306,7 @@ def test_quaternions_of_any_accepted_length_are_normalised(small, large):
 
 
 def test_a_start_without_momenta_is_singular(tmp_path):
-    """H = (x y)^2/2: the velocity is x^2 y, and none at x = 0 but by chance."""
+    """For H = (x y)^2/2 the velocity is x^2 y, and at x = 0 no momentum has a velocity but 0."""
     x, y = sp.symbols("x y", real=True)
     system = gs.System((x,), (y,), (), (x * y) ** 2 / 2, name="needle")
     control = Control(generate(Spec("IMS").with_profile("control"), system=system).source, tmp_path)
@@ -341,7 +341,7 @@ def test_an_impulse_and_other_parameters_between_steps(small):
 
 
 def test_time_is_rounded_once(small):
-    """start + n h against exact fractions, up to 2^53 steps: 285,000 years at 1 kHz."""
+    """start + n h agrees with exact fractions, up to 2^53 steps: 285,000 years at 1 kHz."""
     steps = small.ffi.cast("int64_t *", small.begin(PARAMETERS, TOP.q0, TOP.p0, 1e-3).memory)
     h, worst = Fraction(float(np.float32(1e-3))), 0
     for n in (1, 2**24 + 1, 2**31 + 7, 5 * 10**12 + 3, 2**53 - 1, 2**53):
@@ -355,14 +355,14 @@ def test_time_is_rounded_once(small):
 
 
 def test_python_says_that_it_needs_the_full_profile():
-    """Runs, ensembles and all else: files of profile control make no stepper."""
+    """Files of profile control make no stepper for runs, ensembles and all else."""
     source = made(SMALL)
     with pytest.raises(InputError, match=r"'control'.*--profile full"):
         Stepper(source.name, source.files())
 
 
 def test_a_point_at_rest_at_the_origin_starts(tmp_path):
-    """x'' = u from x = x' = 0, where neither position nor velocity has a scale."""
+    """x'' = u starts from x = x' = 0, where neither position nor velocity has a scale."""
     x, y, u = sp.symbols("x y u", real=True)
     cart = gs.System((x,), (y,), (u,), y**2 / 2, name="cart", forces=(u,), inputs=(u,))
     control = Control(generate(Spec("EMS").with_profile("control"), system=cart).source, tmp_path)
@@ -398,7 +398,7 @@ def test_example_of_a_control_loop(gyrospark, tmp_path):
 
 @pytest.mark.slow  # a bus with a wheel is derived for two seconds
 def test_a_body_with_the_momentum_of_a_wheel_turns_as_with_the_wheel(tmp_path):
-    """The gyrostat of the examples beside a wheel on a bearing, whose motor accelerates it."""
+    """The gyrostat of the examples turns like a bus with a wheel that a motor accelerates."""
     spin, rate, torque, dt = (0.02, -0.03, 0.05), 40.0, 0.1, 0.01
     build = gs.Multibody("wheel_on_bus", gravity=(0, 0, 0))
     bus = build.body("bus", mass=50, inertia=(12, 10, 3), quaternion=(0.8, 0.6, 0, 0),
@@ -456,7 +456,7 @@ def here(source, folder):
 
 
 def test_same_bits_on_a_cortex_m4(tmp_path):
-    """2-G-L in float, at -Os, on the emulated processor; text, memory and instructions of a step.
+    """2-G-L in float, at -Os, runs on the emulated processor in little text, memory and time.
 
     Instructions are counted by the processor's own timer, on a clock that QEMU drives by them.
     """

@@ -158,7 +158,7 @@ def linear(tmp_path_factory):
 
 
 def test_angles_lose_no_digit_in_any_run(linear):
-    """cos and sin of ½ k Δt ω, up to 10^9 steps and 10^9 rad, against 60 digits."""
+    """cos and sin of ½ k Δt ω, up to 10^9 steps and 10^9 rad, agree with 60 digits."""
     ffi, lib = linear
     out, draw, worst = ffi.new("double[2]"), np.random.default_rng(7), 0.0
     cases = [(10**9, 1e-3, 125.7), (10**9, -1e-3, 2e3), (1, 1e-3, 75.4), (10**9, 0.1, 0.0),
@@ -245,7 +245,7 @@ def test_elimination_without_zeros_has_the_known_solution(linear, function):
     (False, (2.0, 3.0, 4.0, 1.0, -2.0)), (True, (2.0, -3.0, 4.0, 1.0, -2.0)),
     (True, (1e-9, 1e-9, 1.0, 1.0, 1.0))])  # of which L D Lᵀ divides by 1e-9
 def test_velocities_from_momenta(linear, indefinite, entries):
-    """M v = p - b, by L D Lᵀ of a definite matrix or Q R of any."""
+    """M v = p - b is solved by L D Lᵀ for a definite matrix, by Q R for any."""
     ffi, lib = linear
     M = np.diag(entries[:3])
     M[[1, 2], [0, 1]] = M[[0, 1], [1, 2]] = entries[3:]
@@ -314,7 +314,7 @@ def test_each_lane_has_its_own_factors(toy):
 
 
 def test_sums_of_products_have_twice_the_digits(toy):
-    """1e8·1e8 + 1 - 1e8·1e8, and products of random factors, against exact sums."""
+    """1e8·1e8 + 1 - 1e8·1e8, and products of random factors, agree with exact sums."""
     for factors in (np.array([[1e8, 1e8, 1], [1, 1, 1], [-1e8, 1e8, 1]]),
                     np.random.default_rng(1).normal(size=(40, 3))):
         sums = np.zeros(2)
@@ -412,7 +412,7 @@ def predictions(toy, values):
 
 
 def test_polynomials_are_continued_exactly(toy):
-    """The order rises with the steps: three series, cubic and lower."""
+    """The order rises with the steps: three series, cubic and lower, are exact in the end."""
     k = np.arange(16.0)
     values = np.stack([2 + k, 1 - k**2, k**3 / 8], axis=1)
     predicted = predictions(toy, values)
@@ -420,7 +420,7 @@ def test_polynomials_are_continued_exactly(toy):
 
 
 def test_sums_of_exponentials_obey_the_fitted_recurrence(toy):
-    """Spinning and damped motions with a recurrence for each series."""
+    """Spinning and damped motions have a recurrence for each series."""
     k = np.arange(120.0)
     values = np.stack([np.cos(0.7 * k) + 0.5 * np.sin(1.3 * k), np.exp(-0.01 * k) * np.cos(0.4*k),
                        1 + np.cos(0.2 * k + 1)], axis=1)
@@ -445,7 +445,7 @@ def test_least_squares(toy, extra):
 
 
 def test_the_ridge_of_least_squares(toy):
-    """|A x - b|² + r² |x|², also where A has no full rank."""
+    """|A x - b|² + r² |x|² is minimal, also where A does not have full rank."""
     A = np.array([[1.0, 2.0], [2.0, 4.0], [3.0, 6.0]])
     b, x, ridge = np.array([[1.0], [2.5], [2.0]]), np.zeros((2, 1)), 0.5
     assert toy.lib.toy_least_squares(2, 1, 3, *toy.pointers(A, b), ridge,
@@ -493,7 +493,7 @@ def test_readme_lists_every_header():
 
 
 def test_readme_names_what_exists():
-    """Names of C and of files; those of the generated part are in the toy or in a template."""
+    """Names of C and of files exist; those of the generated part, in the toy or in a template."""
     text = (FOLDER / "README.md").read_text(encoding="utf-8")
     sources = [*HEADERS, *TOY.iterdir(), *(FOLDER.parent / "templates").iterdir()]
     words = set(re.findall(r"\w+", "".join(

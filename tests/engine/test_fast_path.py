@@ -46,7 +46,7 @@ def test_the_schur_matrix_of_a_body_is_one_over_its_parameter(name):
 
 @pytest.mark.parametrize("name", BODIES)
 def test_identities_hold_at_states_on_the_constraint(name):
-    """The same from numbers: G H_pp Gᵀ, H_pp Gᵀ = c Gᵀ, and what a force does not change."""
+    """Numbers confirm G H_pp Gᵀ, H_pp Gᵀ = c Gᵀ, and that a force leaves them alone."""
     system = BODIES[name]
     fast = FastSystem(system)
     values = {x: sp.Rational(k + 2, 7) for k, x in enumerate(system.parameters)}
@@ -96,7 +96,7 @@ def test_folds_take_powers_of_two_into_constants():
 @pytest.mark.parametrize("real", ["float", "double", "long-double"])
 @pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)
 def test_rounded_coefficients_are_symplectic_and_symmetric_exactly(tableau, real):
-    """μ̂_ij = 1 − μ_ji, ν̃_ij = 1 − ν_ji and reversal, in rational arithmetic on rounded numbers."""
+    """Rounded numbers have μ̂_ij = 1 − μ_ji, ν̃_ij = 1 − ν_ji and reversal as exact fractions."""
     fast, kind = FastTableau(tableau), REALS[real]
     assert fast.refusal is None
     assert fast.is_symplectic(kind)
@@ -130,8 +130,7 @@ def whole(half, rows, columns):
 @pytest.mark.parametrize("real", ["float", "double", "float128"])
 @pytest.mark.parametrize(("scheme", "s"), [("G-L", 7), ("G-L", 8), ("LIIIA-B", 8)])
 def test_halves_of_symmetric_tables_are_symplectic_and_symmetric_exactly(scheme, s, real):
-    """The tables that products of lanes represent are symplectic and symmetric in rational
-    arithmetic."""
+    """Tables that products of lanes represent are so in rational arithmetic."""
     kind = REALS[real]
     tableau = gs.tableau(scheme, s)
     fast, p = FastTableau(tableau), tableau.p
@@ -161,7 +160,7 @@ def test_tables_are_halved_where_that_is_less_work_and_time_can_be_reversed():
 
 @pytest.mark.parametrize("tableau", FAMILIES, ids=lambda t: t.name)
 def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau):
-    """A polynomial of degree s − 1 sampled at the stages is continued to those of the next step."""
+    """A polynomial of degree s − 1 is continued from the stages to the stages of the next step."""
     centres, s = FastTableau(tableau).centres, tableau.s
     table = FastTableau(tableau).tables(REALS["long-double"])["onward"]
     for degree in range(s):
@@ -176,7 +175,7 @@ def test_stages_continued_by_their_polynomial_are_exact_for_polynomials(tableau)
 @pytest.mark.filterwarnings("ignore:The linearised motion")
 @pytest.mark.parametrize("name", OTHERS)
 def test_auto_does_every_step_that_newton_can_do(name):
-    """Steps so large that sweeps fail at times: Newton takes those, from its own start."""
+    """Where sweeps fail in large steps, Newton takes the step, from its own start."""
     step, q, p, parameters = another(name)
     for dt in np.geomspace(0.02, 0.2, 8).tolist():
         run = {"dt": dt, "steps": 40, "parameters": parameters}

@@ -183,7 +183,7 @@ def test_turning_back_costs_no_digit_after_a_million_seconds():
 
 @pytest.mark.slow  # a stepper of one system
 def test_what_moves_by_less_than_rounding_moves():
-    """A circle stands still in its frame, for good; not if another coordinate moves at all."""
+    """A circle stands still in its frame, unless another coordinate moves at all."""
     system = gs.System((X, Y, Z), (PX, PY, PZ), (), (PX**2 + PY**2 + PZ**2) / 2
                        - 1 / sp.sqrt(X**2 + Y**2), name="lift")
     step = gs.stepper("G-L", 2, system=system, frame="symmetries")

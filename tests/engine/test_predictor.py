@@ -92,7 +92,7 @@ def test_prediction_saves_iterations():
 
 
 def test_polynomials_serve_on_where_no_recurrence_does():
-    """A slow top at long steps, whose harmonics are too many for a recurrence: 13.9 with it."""
+    """The harmonics of a slow top at long steps are too many for a recurrence, with 13.9 sweeps."""
     run = gs.stepper("G-L", 8, "gamma").integrate(
         TOP.q0, TOP.p0 / 20, dt=0.04, steps=500, parameters=PARAMETERS)
     assert run.iterations[150:].mean() < 13.2  # 12.7

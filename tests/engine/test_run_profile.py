@@ -122,7 +122,7 @@ AUTO, NEWTON, FIXED_POINT = 0, 1, 2
 
 @every_model
 def test_newton_is_that_of_the_full_stepper(name, programs):
-    """Rows, iterations, work and records, to the bit."""
+    """Rows, iterations, work and records agree to the bit."""
     run_program, full = programs(name, "run"), programs(name, "full")
     status, of_run = run_program.run(name, NEWTON)
     assert (status, of_run) == full.run(name, NEWTON)

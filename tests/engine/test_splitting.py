@@ -300,7 +300,7 @@ def test_profile_control_takes_the_steps_of_the_full_profile(parameters, control
 
 
 def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
-    """Runs at once and in pieces; asymmetric, with drag and its work."""
+    """Runs at once and in pieces agree, for an asymmetric body with drag and its work."""
     step, start, values = with_drag(turntable)
     program = Program(generate(Spec.from_arguments("splitting", order=4).with_profile("run"),
                                model=turntable, system=turntable.system).source, tmp_path)

@@ -178,7 +178,7 @@ def everything(torque: float = 0.0) -> gs.Model:
 @pytest.mark.slow  # derives and compiles two orders of derivatives of a system with all features
 @pytest.mark.parametrize(("torque", "even"), [(0.0, False), (0.3, False), (0.3, True)])
 def test_forces_points_inputs_and_time(torque, even):
-    """Tangents by differences; adjoints and Hessians by tangents and each other."""
+    """Tangents agree with differences, adjoints and Hessians with tangents and each other."""
     model, h, rng = everything(torque), 0.05, np.random.default_rng(3)
     step = gs.stepper("splitting", order=2 if torque else 4, system=model.system)
     n, parameters = step.n, [x for x in model.parameters if x != "u"]
@@ -241,7 +241,7 @@ def test_forces_points_inputs_and_time(torque, even):
 
 
 def test_analyses_of_runs():
-    """A pendulum's period and Floquet multipliers, and exponents that cancel in pairs."""
+    """A pendulum's period and Floquet multipliers are exact; exponents cancel in pairs."""
     q = np.array([np.cos((np.pi - 0.6) / 2), np.sin((np.pi - 0.6) / 2), 0, 0])
     small = 2 * np.pi * np.sqrt(ASYMMETRIC["I1"] / ASYMMETRIC["mgl"])
     orbit = gs.periodic_orbit(splitting(), q, np.zeros(4), dt=1.02 * small / 60, steps=60,

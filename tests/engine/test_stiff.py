@@ -94,7 +94,7 @@ def test_steps_that_have_a_root_are_done(scheme, solver):
 @every_scheme
 @pytest.mark.parametrize("k", [1e4, 1e7])
 def test_a_step_is_the_root_that_fifty_digits_find(scheme, k):
-    """Right to the rounding of the force, whichever solver did it."""
+    """Each solver has the root up to the rounding of the force."""
     step = stepper(scheme)
     for angle in (0.1, 3.0):
         run = run_of(k, angle) | {"steps": 7}
@@ -109,7 +109,7 @@ def test_a_step_is_the_root_that_fifty_digits_find(scheme, k):
 
 
 def test_a_fast_mode_at_rest_is_no_loss():
-    """A hundred rad of the spring a step: it is not excited, and its own step is not asked for."""
+    """The spring, at a hundred rad a step, is not excited, and its own step is not required."""
     run = stepper(("EMS", None)).integrate(*start(1e8), **run_of(1e8, 100.0) | {"steps": 5})
     assert run.report.newton_steps
 

@@ -46,7 +46,7 @@ def test_corpus_belongs_to_entrances():
     pytest.param(name, marks=[pytest.mark.slow] * (name == "checkpoint"))  # compiled for this
     for name in ENTRANCES])
 def test_seeded_inputs(name):
-    """The same inputs in every run, as many of them as there is time for; both kinds of end."""
+    """The same inputs come in every run, as many as time allows, until both kinds of end occur."""
     try_one(name, b"")  # what is compiled and imported first is not counted
     end, outcomes = time.perf_counter() + SECONDS, set()
     for number in range(20_000):

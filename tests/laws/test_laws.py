@@ -50,7 +50,7 @@ def test_constraints_hold_to_round_off(name, scheme, stages):
 
 @pytest.mark.parametrize("name", EMS)
 def test_energy_changes_by_the_work_of_forces_and_drives(name):
-    """|H − H₀ − W| of the discrete gradient is round-off; W has what the report says."""
+    """|H − H₀ − W| of the discrete gradient is round-off; W agrees with the report."""
     step = stepper(name, "EMS")
     trajectory = run(name, step, 100)
     size = np.abs(trajectory.energies).max() + np.abs(trajectory.work).max()
@@ -114,7 +114,7 @@ def test_the_closed_form_is_approached_with_the_order(name, scheme, stages):
 
 @pytest.mark.parametrize(("name", "scheme", "stages"), PAIRS)
 def test_symmetric_steps_turn_back(name, scheme, stages):
-    """Forward and back again: the start, to the round-off that 40 steps amplify."""
+    """A run forward and back ends at its start, to the round-off that 40 steps amplify."""
     step, entry = stepper(name, scheme, stages), case(name)
     forward = run(name, step, 20)
     reversed_run = step.integrate(forward[-1], steps=20, parameters=entry.parameters,
@@ -148,7 +148,7 @@ def test_turned_momenta_lead_back_in_scaled_time(name, stages):
 
 @pytest.mark.parametrize("name", CONSERVATIVE)
 def test_gauss_lobatto_is_symplectic_on_the_constraints(name):
-    """MᵀJM = J on T(T*Q), with M from exact tangents."""
+    """MᵀJM = J holds on T(T*Q), with M from exact tangents."""
     step, entry = differentiable(name), case(name)
     q, p = start(name, step)
     trajectory = step.integrate(gs.Start(q, p, t=entry.t0), dt=entry.dt, steps=3,

@@ -344,7 +344,7 @@ def test_generate_writes_the_files_of_the_stepper(name, gyrospark, tmp_path):
 
 @pytest.mark.parametrize("name", ["driven_pendulum", "bead", "heavy_top_in_frame"])
 def test_tangents_are_differences_of_runs(name):
-    """Central differences with Richardson's step, along the tangents of the start."""
+    """Central differences, extrapolated as by Richardson, agree along the tangents of the start."""
     step, entry = differentiable(name), case(name)
     q, p = start(name, step)
     trajectory = step.integrate(gs.Start(q, p, t=entry.t0), steps=5,

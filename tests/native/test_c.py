@@ -56,7 +56,7 @@ def test_no_warning_from_the_optimiser(spec, tmp_path):
 
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_no_warning_from_the_optimiser_with_forces_and_the_widest_vectors(name, tmp_path):
-    """AVX-512 is checked by the compiler where the machine does not have it."""
+    """The compiler checks AVX-512 even on a machine without it."""
     if platform.machine() not in ("x86_64", "AMD64"):
         pytest.skip("AVX-512 is a thing of x86-64")
     command = compiler(name)
@@ -102,7 +102,7 @@ def test_symbols_are_the_documented_functions(name, spec, tmp_path):
     ("c", COMPILERS, STRICT),
     ("cpp", COMPILERS_OF_CPLUSPLUS, ["-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror"])])
 def test_many_steppers_in_one_program(ending, among, flags, name, tmp_path):
-    """Names do not clash: headers of several kinds together, each twice, in C and C++."""
+    """Headers of several kinds, each included twice, do not clash in C and C++."""
     text = ""
     for spec in (Spec("EMS"), Spec("G-L", 2), Spec("IMS"), Spec("IMS", real="long-double")):
         write(files_of(spec), tmp_path)
@@ -116,7 +116,7 @@ def test_many_steppers_in_one_program(ending, among, flags, name, tmp_path):
 
 
 def test_plain_c_example_agrees_with_python(tmp_path):
-    """The three commands of docs/c.md, with nothing but ``cc``; the same end as in Python."""
+    """The three commands of docs/c.md, with nothing but ``cc``, end where Python ends."""
     if shutil.which("cc") is None:
         pytest.skip("cc is not installed")
     spec = Spec("G-L", 3)
@@ -205,7 +205,7 @@ int main(void)
       for pair in ((Spec("EMS"), OTHER), (Spec("G-L", 3), MAIN), (Spec("G-L", 8), OTHER))),
 ], ids=lambda x: getattr(x, "name", x))
 def test_lanes_of_any_width_give_the_same(name, spec, tmp_path):
-    """Plain numbers and the widest vectors of the machine: the same tops to round-off.
+    """Plain numbers and the machine's widest vectors have the same tops to round-off.
 
     With contraction off the width alone differs, and lanes do not share arithmetic: same bits.
     """

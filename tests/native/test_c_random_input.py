@@ -331,7 +331,7 @@ def attempt(command, folder):
 @pytest.mark.parametrize("compiler_name", ["gcc", "clang"])
 @pytest.mark.parametrize("name", NAMES)
 def test_sanitizers_find_nothing_in_random_calls(name, compiler_name, tmp_path):
-    """Scratch memory needs no preparation: other contents before, the same results."""
+    """Scratch memory needs no preparation: with other contents the results are the same."""
     random, count = built(name, SANITIZE, tmp_path, compiler_name), 500 if name == "chain" else 5000
     zeros, ones = (attempt([random, "1", str(count // 10), fill], tmp_path)
                    for fill in ("0", "255"))

@@ -79,7 +79,7 @@ def test_analyzers_find_nothing(written):
 
 
 def test_the_stack_of_a_step_is_bounded(tmp_path):
-    """The deepest path of calls on a Cortex-M4; what gcc cannot bound it does not call static."""
+    """The deepest path of calls on a Cortex-M4 is bounded; gcc calls each part static."""
     source = made(SPECS[0])
     for name, text in source.files().items():
         (tmp_path / name).write_text(text, encoding="utf-8")

@@ -70,7 +70,7 @@ def test_a_linkage_that_fails_falls_out_alone(batch):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_lane_that_newton_finishes_stays_its_own(batch):
-    """Steps too long for 15 sweeps: Newton takes them in that lane, mates keep their bits."""
+    """Newton takes steps too long for 15 sweeps in that lane; its mates have the same bits."""
     step, q, p, dts, parameters = batch
     dts[4] = 0.05
     run = {"steps": 6, "parameters": parameters, "solver": gs.Solver("auto", max_iterations=15)}
@@ -83,9 +83,9 @@ def test_a_lane_that_newton_finishes_stays_its_own(batch):
 
 
 def test_predictions_follow_a_motion_that_changes():
-    """A fit to the first steps of a loop is of no use later: 10.9 sweeps a step by it alone.
+    """A fit to the first steps of a loop is useless later: alone it needs 10.9 sweeps a step.
 
-    Both ways, for the polynomials that take its place are chosen lane by lane.
+    The run is computed both ways, for the polynomials in its place are chosen lane by lane.
     """
     step, case = systems.stepper("four_bar"), systems.case("four_bar")
     run = {"dt": 8e-3, "steps": 400, "every": 400, "parameters": case.parameters}

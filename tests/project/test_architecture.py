@@ -104,7 +104,7 @@ def test_every_package_is_documented():
 
 
 def test_what_is_named_exists():
-    """Files and folders in the text, but for those that a run makes."""
+    """Files and folders in the text exist, except files that a run creates."""
     text = ARCHITECTURE.read_text(encoding="utf-8")
     for name in re.findall(r"`([\w./]+/|[\w/]+\.(?:py|jinja|toml|md|h|c))`", text):
         assert (ROOT / name).exists(), name

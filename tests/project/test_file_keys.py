@@ -69,7 +69,7 @@ def allowed_keys() -> set[str]:
 
 
 def test_keys_of_toml_files():
-    """Model files, and studies."""
+    """Each key of model files and of studies stands in some test."""
     keys = allowed_keys() | study_file._KEYS
     assert len(keys) > 80
     missing = keys - names_before(" ?=") - set(re.findall(r"\[\[?(\w+)[\].]", text()))

@@ -164,7 +164,7 @@ def test_examples_in_help_exist():
 
 
 def test_documents_name_what_exists():
-    """Targets of make, files and headings that links lead to, extras."""
+    """Targets of make, files and headings of links, and extras exist."""
     makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
     targets = set(re.findall(r"^([a-z]+):", makefile, flags=re.MULTILINE))
     for path in documents.DOCUMENTS:

@@ -54,7 +54,7 @@ def test_andrews_and_the_governor_start_as_their_lagrangians_do():
 
 
 def test_a_top_has_a_weight_with_the_moment_of_its_potential():
-    """147.15 R₃₂ about the point, and the moments about it."""
+    """The moment is 147.15 R₃₂ about the point, with the moments of inertia about it."""
     scene = scene_reference(REFERENCES["heavy-top"]).scene
     (top,) = scene.bodies.values()
     moment = -top.mass * scene.gravity[2] * top.centre
@@ -102,7 +102,7 @@ def test_loops_are_closed_by_balls_where_there_are():
 
 @pytest.mark.slow
 def test_andrews_of_bodies_moves_as_its_lagrangian_does():
-    """49 coordinates on hinges by our own steps, against the digits of seven angles."""
+    """Our steps of 49 coordinates on hinges agree with the digits of seven angles."""
     problem = REFERENCES["andrews"]
     start, scene = problem.make().in_type(float), scene_reference(problem)
     build = andrews(start.parameters, start.q0.tolist())

@@ -139,7 +139,7 @@ def test_a_scheme_reaches_the_digits(name):
 
 @pytest.mark.slow  # two steppers
 def test_a_stiff_damper_lingers_with_gauss_and_not_with_radau():
-    """Five steps of λΔt = 163, for which |R|⁵ is 0.29 with 4-G-L and 1.3e-9 with 3-Radau-L."""
+    """In five steps of λΔt = 163, |R|⁵ is 0.29 with 4-G-L and 1.3e-9 with 3-Radau-L."""
     problem = REFERENCES["flyball-governor-stiff"]
     by_scheme = replace(problem, attempts=[
         Attempt("G-L", 4, (5,)), Attempt("Radau-L", 3, (5, 500))])
@@ -164,7 +164,7 @@ def test_loops_by_quadrature(motion, here):
 
 
 def test_a_loop_begins_with_the_rate_it_is_given():
-    """1 µs at θ' = 2 rad/s: P1 is at (cos θ, 0, −sin θ), but for what θ'' adds in t², 1e-6."""
+    """After 1 µs at θ' = 2 rad/s P1 is at (cos θ, 0, −sin θ), up to θ'' t², 1e-6."""
     with mp.workdps(20):
         x, z, *_ = loops.bricard(mp.mpf("1e-6"), "2")["positions"]
     assert float(x) == pytest.approx(1 - 2e-12, rel=0, abs=1e-16)
@@ -210,7 +210,7 @@ def test_bennetts_constraints_stay_independent():
 
 
 def test_what_was_published_is_off():
-    """Andrews' velocities by 5e-8; the car axis by 7e-10 in a velocity."""
+    """Andrews' velocities are off by 5e-8, a velocity of the car axis by 7e-10."""
     deviations = REFERENCES["andrews"].deviations
     assert 4e-8 < max(deviations.values()) == deviations["epsilon'"] < 6e-8
     assert 1e-8 < deviations["gamma'"] < 4e-8
@@ -221,7 +221,7 @@ def test_what_was_published_is_off():
 
 
 def test_a_run_with_wrong_digits_is_a_miss(gyrospark, monkeypatch):
-    """Exit code 1, and a sentence with the name."""
+    """The command ends with exit code 1, and a sentence with the name."""
     problem = REFERENCES["spherical-pendulum"]
     values = dict(problem.truth.values) | {"z": "-0.97469253829"}
     monkeypatch.setattr("gyrospark.references.problem.truth",
@@ -260,7 +260,7 @@ def test_the_command(gyrospark, tmp_path):
 
 
 def test_peers_reach_the_digits_by_themselves():
-    """Equations without multipliers in SciPy; a missing program is left out, with a remark."""
+    """SciPy does so without multipliers; a missing program is left out, with a remark."""
     scene_reference = []
     runs = list(measure_peers(REFERENCES["neumann"], rounds=1, watch=scene_reference.append))
     scipy = [run for run in runs if run.peer == "SciPy"]

@@ -118,7 +118,7 @@ def test_bad_values_are_refused_in_a_sentence(argument, entrance, check):
 
 @pytest.mark.parametrize("argument", ["q", "p"])
 def test_states_of_a_single_trajectory(argument, check):
-    """Rows, and numbers that are not finite; the energy of such states is another matter."""
+    """Rows and numbers that are not finite are refused, but for the energy of such states."""
     for entrance in ("integrate", "start", "step", "record", "residual", "project", "defects"):
         for bad in NO_STATES[len(NO_ARRAYS):]:
             check(entrance, argument, bad, f"^{argument} ")

@@ -33,7 +33,7 @@ def check(step, out, **arguments):
     ("heavy_top", "EMS", "double", "newton"), ("heavy_top", "G-L", "float", "fixed-point"),
     ("heavy_top", "G-L", "float128", "auto"), ("dragged_pendulum", "G-L", "double", "fixed-point")])
 def test_a_stored_run_is_that_of_integrate(name, scheme, real, solver, tmp_path, monkeypatch):
-    """Blocks of 8 rows, of which the last is begun; a last state off the grid; one goes back."""
+    """The last block of 8 rows is begun, the last state off the grid; one run goes backwards."""
     small_blocks(monkeypatch, 8)
     step, case = systems.stepper(name, scheme, real=real), systems.case(name)
     q, p = systems.start(name, step)
@@ -43,7 +43,7 @@ def test_a_stored_run_is_that_of_integrate(name, scheme, real, solver, tmp_path,
 
 @pytest.mark.parametrize(("steps", "every"), [(0, 1), (65, 64), (80, 150), (80, 3)])
 def test_counts(steps, every, gl3, tmp_path, monkeypatch):
-    """Around the steps that compiled code does in one call; nothing, and one row, as well."""
+    """Numbers of steps are near those of one call of compiled code; or none, or one row."""
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 64)
     small_blocks(monkeypatch, 16)
     check(gl3, tmp_path / "run.zarr", **START, steps=steps, every=every)
@@ -111,7 +111,7 @@ def test_every_so_many_states_are_read_chunk_by_chunk(real, tmp_path, monkeypatc
 
 
 def test_rows_of_a_block():
-    """A power of two, of 32 MB at most, and of the run if that is shorter."""
+    """A block has a power of two of rows, 32 MB at most, or the rows of a shorter run."""
     for scheme in (("EMS", None), ("G-L", 2)):
         fields = fields_of(systems.stepper("heavy_top", *scheme).manifest)
         rows = block_rows(fields, 10**9)

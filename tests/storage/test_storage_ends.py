@@ -117,7 +117,7 @@ def test_stopped_says_where(gl3, tmp_path):
 
 
 def test_runs_in_threads(gl3, tmp_path):
-    """Signals are the main thread's; several runs at once are as good as one after another."""
+    """Only the main thread has signals; several runs at once are as good as one after another."""
     stores = [tmp_path / f"{number}.zarr" for number in range(3)]
     errors = []
 

@@ -210,7 +210,7 @@ def test_export_command(gyrospark, tmp_path):
 
 
 def test_euler_angles_from_the_command_line(gyrospark, tmp_path):
-    """The columns of ``save``, to the bit."""
+    """The columns equal the columns of ``save`` to the bit."""
     angles = ("--euler", "ZXZ", "--degrees")
     assert gyrospark(*RUN, "--out", "run.zarr", "--event", "q1=0.25").code == 0
     answer = gyrospark("export", "run.zarr", "stored.csv", *angles)
@@ -243,7 +243,7 @@ def test_export_that_is_refused(gyrospark, tmp_path):
 
 
 def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
-    """Before a step is taken."""
+    """The refusal comes before a step is taken."""
     assert gyrospark(*RUN, "--out", "run.zarr").code == 0
     monkeypatch.setitem(sys.modules, "h5netcdf", None)
     refused(gyrospark(*RUN, "--out", "x.nc"), "h5netcdf>=")
@@ -254,7 +254,7 @@ def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
 
 
 def test_stopped_run_writes_what_it_has(gl3, gyrospark, monkeypatch, tmp_path):
-    """A signal: the file has the states so far; nothing else is left."""
+    """After a signal the file has the states so far, and no other file stays."""
     from gyrospark.core.interrupts import Interrupts
 
     long = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",

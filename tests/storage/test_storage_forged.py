@@ -83,7 +83,7 @@ def test_a_damaged_checkpoint_is_found_by_its_digest():
 
 @pytest.mark.parametrize("offset", [0, 8])
 def test_status_and_iterations_are_checked(offset):
-    """A status names a reason, or an event that there is."""
+    """A status must name a reason, or an event of the run."""
     stored, allowed = case(1), {-1, *range(6), 7} if offset else range(2**31)
     for value in EDGES:
         body = stored.sound[32:].copy()

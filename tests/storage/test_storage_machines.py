@@ -43,9 +43,9 @@ def traced_peak(call):
 @pytest.mark.parametrize("end", [
     "", *(pytest.param(end, marks=pytest.mark.slow) for end in (".csv", ".nc"))])
 def test_memory_is_that_of_blocks(end, tmp_path, monkeypatch):
-    """Three times as many rows take no more: 1,024 more of 332 bytes would be 340 kB.
+    """Three times as many rows need no more memory: 1,024 more of 332 bytes would be 340 kB.
 
-    What waits for the collection of cycles, of JSON's encoder and of asyncio, is some 100 kB.
+    Objects of JSON's encoder and of asyncio that wait for the collection of cycles are some 100 kB.
     """
     small_blocks(monkeypatch, 256, seconds=1e9)
     step, case, peaks = systems.stepper("double_top"), systems.case("double_top"), []
@@ -77,7 +77,7 @@ def test_no_wall_clock_in_the_source():
 
 
 def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypatch):
-    """1,001 states in blocks of 64, and no time goes by: a commit for each block."""
+    """If no time goes by, 1,001 states in blocks of 64 have a commit for each block."""
     small_blocks(monkeypatch, 64, seconds=5.0)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 50)
     monkeypatch.setattr(recorder, "time", SimpleNamespace(monotonic=lambda: 1e6))
@@ -96,7 +96,7 @@ def test_between_full_blocks_commits_wait_for_their_time(gl3, tmp_path, monkeypa
 @pytest.mark.parametrize("clock", [
     pytest.param([0.0, 1e9], marks=pytest.mark.slow), [0.0, 5.0, 5.0, 5.0]])
 def test_number_of_commits_does_not_matter(clock, gl3, tmp_path, monkeypatch):
-    """However the time since the last commit comes out: never, always, now and then."""
+    """The bytes are the same if commits are due never, always, or now and then."""
     small_blocks(monkeypatch, 32, seconds=5.0)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 25)
     recorded(gl3, tmp_path / "whole.zarr", **START, steps=300, every=3)

@@ -103,7 +103,7 @@ def test_other_flags_of_the_compiler_are_refused(gl3, store):
 
 
 def test_another_stepper_is_refused(begun):
-    """Scheme, stages, representation, real."""
+    """Another scheme, number of stages, representation or type is refused."""
     alpha = {"parameters": TOP.parameters | {"alpha": PARAMETERS["gamma"]}}
     steppers = [(systems.stepper("heavy_top", "EMS"), {}), (systems.stepper("heavy_top"), {}),
                 (systems.stepper("heavy_top_alpha"), alpha),
@@ -364,7 +364,7 @@ def test_missing_array(name, store, gl3):
 
 @pytest.mark.parametrize(("name", "block"), [("q", 0), ("time", 2), ("iterations", 1)])
 def test_missing_block(name, block, store, tmp_path):
-    """Zarr would read it as NaN."""
+    """An error names the block, which Zarr would read as NaN."""
     inner = "/0" if name == "q" else ""
     (store / name / "c" / f"{block}{inner}").unlink()
     recording = gs.load(store)

@@ -34,9 +34,9 @@ from stores import (
     *(pytest.param("dragged_pendulum", "G-L", *given, marks=pytest.mark.slow)
       for given in (("long-double", "auto"), ("double", "newton")))])
 def test_runs_ended_often(name, scheme, real, solver, tmp_path, monkeypatch):
-    """A commit after every piece of 5 steps: 7 steps a row, four rows a block.
+    """There is a commit after every piece of 5 steps, with 7 steps a row and four rows a block.
 
-    The padding of a long double is whatever was there: it must not get into the store.
+    The padding of a long double is arbitrary memory: it must not get into the store.
     """
     small_blocks(monkeypatch, 4)
     step, case = systems.stepper(name, scheme, real=real), systems.case(name)
@@ -181,7 +181,7 @@ def test_done_twice(gl3, tmp_path):
 
 
 def test_what_others_left_behind(gl3, tmp_path):
-    """Parts of files, and a store that was not finished, from processes that were killed."""
+    """Parts of files and an unfinished store of killed processes do no harm."""
     recorded(gl3, tmp_path / "whole.zarr", **START, steps=50)
     (tmp_path / ".run.zarr.new" / "q").mkdir(parents=True)
     (tmp_path / ".run.zarr.new" / "q" / "rest").write_text("rest")

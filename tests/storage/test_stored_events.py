@@ -260,7 +260,7 @@ def test_names_that_netcdf_has_not_are_refused(tmp_path):
 
 
 def test_no_name_is_a_formula_of_spreadsheets(tmp_path):
-    """Numbers, which may be negative, are as they were."""
+    """Such names get a quote; numbers, which may be negative, stay as they are."""
     names = ["=1+1", "+dip", "-dip", "@SUM(A1)", "\t=1", "dip", "a-b"]
     step, run = arguments(events=[gs.Event("angle", name=name) for name in names])
     computed = integrate(step, **run)

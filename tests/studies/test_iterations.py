@@ -34,7 +34,7 @@ def parameters(rep, rule="m"):
      ("G-L", 2, "previous", "alpha", False), ("LIIIA-B", 3, "rates", "gamma", True)],
 )
 def test_the_driver_takes_the_products_steps(scheme, stages, start, rep, plain):
-    """Same equations, other start and stop: after 20 steps equal to round-off."""
+    """With the same equations, but another start and stop, 20 steps agree to round-off."""
     step = gs.stepper(scheme, stages, rep)
     rule = Rule(start, "r", 1e-11, 50, plain=plain)
     run = march(step, parameters(rep), STATE, 2e-3, 20, rule)
@@ -64,7 +64,7 @@ def test_largest_entry_is_no_larger_than_the_euclidean_norm():
 
 
 def test_a_march_that_strays_is_divergent():
-    """EMS at Δt = 0.02 with α = 0.01γ_m, printed as divergent."""
+    """EMS at Δt = 0.02 with α = 0.01γ_m diverges, as the paper prints."""
     run = march(gs.stepper("EMS", rep="alpha"), parameters("alpha", "0.01m"), STATE, 0.02, 80,
                 Rule("state", "dx", 1e-12, 100))
     assert run.divergent
@@ -86,7 +86,7 @@ def test_stagnation_is_not_divergence_unless_nothing_is_solved():
 
 @pytest.mark.parametrize("rep", ["gamma", pytest.param("alpha", marks=pytest.mark.slow)])
 def test_only_the_intended_term_is_dropped(rep):
-    """d(L(q)ᵀ)·u with u = D L(q)p/4, written out by finite matrices instead of derivatives."""
+    """The term is d(L(q)ᵀ)·u with u = D L(q)p/4, here by finite matrices instead of derivatives."""
     from gyrospark.generator.multibody.rigid_body import heavy_top, left_matrix
 
     exact = heavy_top(rep)
@@ -174,7 +174,7 @@ def test_search_does_not_trust_the_short_run():
 
 @pytest.mark.slow  # a printed number; compiles a stepper and its inexact one for it
 def test_table_8_with_the_inexact_jacobian():
-    """α = 100γ_m: the printed 0.0022 to the last digit; the exact Jacobian reaches further."""
+    """For α = 100γ_m it is the printed 0.0022 exactly; the exact Jacobian reaches further."""
     assert largest_step("LIIIA-B", 4, "alpha", "100m", 1e-4, 160, True) == pytest.approx(0.0022)
     assert largest_step("LIIIA-B", 4, "alpha", "100m", 1e-4, 160, False) > 0.004
 

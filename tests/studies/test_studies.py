@@ -256,7 +256,7 @@ def test_files_next_to_the_page(files, quick_results):
 
 @pytest.mark.slow  # of the paper's pictures
 def test_drawings_follow_the_page():
-    """Curves of every panel, in the colours of the page around them."""
+    """A drawing has curves of every panel, in the colours of the page around them."""
     panel = Panel("t", "x", "y", [Series(f"s{i}", [1.0, 2.0], [1.0, 2.0 + i], "o-")
                                   for i in range(3)], "log", "log", zero=False)
     svg = draw([panel] * 3, 2)
@@ -352,7 +352,7 @@ CLAIMS = {
     ("unknown", 1, "FAILS: s: f (wanted: w)\n"),
 ])
 def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monkeypatch, tmp_path):
-    """Piped, it says on stderr what it is at."""
+    """If piped, the command reports its progress on stderr."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study_registry, "RESULTS", {
         f"table-{n}": lambda engine, n=n: Table(n, "t", "a", [], [CLAIMS[claim]] * 2)
@@ -408,8 +408,7 @@ def test_committed_summary_is_what_is_computed(name, engine):
 
 @pytest.mark.slow
 def test_whole_committed_summary_is_what_is_computed():
-    """The texts agree except for last digits of numbers, which depend on the processor, and for
-    tables of iterations, where the last bits decide."""
+    """The texts agree but for last digits of numbers, and for tables that last bits decide."""
     results = study_registry.compute(study_registry.chosen("all"), Engine())
     computed, committed = (
         [re.sub(r"\d[\d.,]*(e[-+]\d+)?", "#", text) for text in page_text.split("\n## ")]

@@ -246,7 +246,7 @@ def test_bad_input_is_one_line(gyrospark, words, said):
 
 
 def test_help_has_the_options_of_that_target(gyrospark):
-    """Platforms are for targets with binaries."""
+    """Platforms are options of targets with binaries only."""
     assert "--for" in gyrospark("build", "fmu3", "--help").stdout
     assert "--for" not in gyrospark("build", "cpp", "--help").stdout
     output = gyrospark("build", "--list").stdout

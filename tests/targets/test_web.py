@@ -218,7 +218,7 @@ def around(stub, folder, *flags):
 
 
 def test_more_steps_a_call_than_a_float_counts(tmp_path):
-    """2^24 + 2, of a stub that refuses any more and says one iteration of every second step."""
+    """2^24 + 2 steps are counted, of a stub that refuses more and iterates every second step."""
     steps = 2**24 + 2
     stub = STUB.replace("typedef double", "typedef float").replace(
         "return !w || !q || !p;", f"return ++*w > {steps} || !q || !p ? 3 : 0;").replace(
