@@ -57,7 +57,7 @@ def _energy(model):
 
 
 def _accelerations(model):
-    """x'' = (H_pp p')_x of p' = -V_q - g_qᵀ λ at rest, for each body."""
+    """Return x'' = (H_pp p')_x of p' = -V_q - g_qᵀ λ at rest, for each body."""
     system = model.system
     store = {x: float(model.parameters[str(x)]) for x in system.parameters}
     V = sp.lambdify([[*system.q]], system.H.xreplace(dict.fromkeys(system.p, sp.S.Zero) | store))
@@ -71,13 +71,15 @@ def _accelerations(model):
 
 
 def _newton_euler(scene):
-    """m v' = f, I ω' = τ of bodies at rest whose joints hold: points together, axes across."""
+    """Return x'' by m v' = f, I ω' = τ for bodies at rest whose joints hold points and axes
+    together."""
     names, n = list(scene.bodies), 6 * len(scene.bodies)
     attitudes = {name: rotation_matrix(body.start.q) for name, body in scene.bodies.items()}
     M, force, rows = np.zeros((n, n)), np.zeros(n), []
 
     def motion(name, point):
-        """v and ω of a body to the velocity of a point of space that moves with it."""
+        """Return the matrix from v and ω of a body to the velocity of a point that moves with
+        it."""
         row = np.zeros((3, n))
         if name:
             column = 6 * names.index(name)

@@ -34,7 +34,7 @@ def fresh(monkeypatch):
 
 @pytest.fixture
 def notebook(fresh, monkeypatch):
-    """The modules of a kernel, as far as they are used; a list of the texts below the cell."""
+    """Replace the used modules of a kernel; return a list of the texts below the cell."""
     texts: list[str] = []
 
     def display(data, raw, display_id):

@@ -87,7 +87,7 @@ def small(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def composition(tmp_path_factory):
-    """Order 4 of flows."""
+    """A splitting of order 4 in profile control."""
     return Control(made(Spec.from_arguments("splitting", order=4)),
                    tmp_path_factory.mktemp("flows"))
 
@@ -155,7 +155,7 @@ def test_steps_and_derivatives_of_other_systems(scheme, stages, name, tmp_path):
 
 @pytest.fixture(scope="module")
 def large(tmp_path_factory):
-    """Three stages in double."""
+    """A stepper with three stages in double."""
     return Control(made(Spec("G-L", 3)), tmp_path_factory.mktemp("large"))
 
 

@@ -57,7 +57,7 @@ def tops():
 
 
 def height(q):
-    """R33, the height of the body's axis."""
+    """Return R33, the height of the body's axis."""
     return q[:, 0] ** 2 - q[:, 1] ** 2 - q[:, 2] ** 2 + q[:, 3] ** 2
 
 
@@ -381,7 +381,7 @@ def test_a_steady_motion_has_no_error(name):
 
 
 def allowed(steady, run):
-    """Rates come of numbers that are rounded: the angle of a run is off by some t ω ε."""
+    """Return the error of an angle whose rates are rounded: some t ω ε."""
     rates = sum(abs(run.parameters[s]) for s in run.parameters if s.startswith("omega"))
     return 16 * EPS * (1 + run.t[-1] * rates)
 

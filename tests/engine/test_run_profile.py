@@ -25,7 +25,7 @@ ROWS = 40
 
 
 def models():
-    """Name → scheme, system or None, start, parameters, dt, time at the start."""
+    """Return name → scheme, system or None, start, parameters, dt, time at the start."""
     top, bead = (TOP.q0, TOP.p0), ([0.6, -0.8], [0.8, 0.6])
     drag = {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}
     forced = systems.case("dragged_pendulum").system

@@ -278,7 +278,7 @@ def begun(program, parameters, q0, p0, dt):
 
 @pytest.fixture(scope="module")
 def control(tmp_path_factory):
-    """Order 4 in profile control."""
+    """A splitting of order 4 in profile control."""
     source = generate(Spec.from_arguments("splitting", order=4).with_profile("control")).source
     return Program(source, tmp_path_factory.mktemp("control"), "-Wshadow")
 

@@ -39,7 +39,7 @@ def spring_pendulum() -> gs.System:
 
 
 def by_hand(parameters: dict[str, float]):
-    """The same typed by hand, for the reference."""
+    """Return the system typed by hand, for the reference."""
 
     def equations(number) -> Equations:
         k, g, l = (number(parameters[name]) for name in "kgl")  # noqa: E741

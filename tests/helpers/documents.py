@@ -85,7 +85,7 @@ class Typed:
 
     @property
     def shortened(self) -> str:
-        """The command as tests type it."""
+        """The command as the tests type it."""
         text = self.text
         for pattern, replacement, _ in SHORTER:
             text = re.sub(pattern, replacement, text)
@@ -93,7 +93,7 @@ class Typed:
 
     @property
     def not_run(self) -> str:
-        """Why it is not typed; empty if it is."""
+        """The reason why the command is not typed; empty if it is."""
         return next((why for pattern, why in NOT_RUN if re.search(pattern, self.text)), "")
 
 

@@ -51,7 +51,7 @@ def start(angle: float = 1.0):
 
 
 def period(angle: float = 1.0):
-    """The period of a pendulum let go at an angle, g = l = 1: 4 K(sin²(θ/2))."""
+    """Return the period of a pendulum released at an angle, g = l = 1: 4 K(sin²(θ/2))."""
     with mpmath.workdps(40):
         return 4 * mpmath.ellipk(mpmath.sin(mpmath.mpf(angle) / 2) ** 2)
 

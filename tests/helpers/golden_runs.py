@@ -109,7 +109,7 @@ def coupled() -> gs.System:
 
 
 def driven(constrained: bool) -> gs.System:
-    """Drag and a force that depends on time."""
+    """A system with drag and a force that depends on time."""
     q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
     t, k = sp.Symbol("t", real=True), sp.Symbol("k", positive=True)
     g = [q[0]**2 + q[1]**2 - 1] if constrained else []

@@ -13,7 +13,7 @@ T = me.dynamicsymbols._t
 
 
 def joints(count, lift=None):
-    """A chain of rods on pin joints about alternating axes, with gravity, on a base: a System."""
+    """Return a System: rods on pin joints about alternating axes, with gravity, on a base."""
     m, length, g = sp.symbols("m l g", positive=True)
     k = sp.Symbol("k", nonnegative=True)
     I1, I2 = sp.symbols("I1 I2", positive=True)

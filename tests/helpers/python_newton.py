@@ -159,7 +159,7 @@ def newton_step(binding, parameters, tolerance, max_iterations, dt, q, p, work):
 
 
 def solve_stages(binding, parameters, tolerance, max_iterations, dt, q, p, work):
-    """T1: return status, the unknowns x and the number of iterations.
+    """Return status, the unknowns x and the number of iterations (T1).
 
     From the rates at the start of the step, and where that fails, from a momentum that stays.
     """

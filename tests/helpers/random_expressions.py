@@ -40,7 +40,7 @@ ALLOWED = {*ANYWHERE, sp.log, sp.asin, sp.acos, sp.acosh, sp.atanh, sp.atan2, Ma
 
 
 def grow(inner: Any) -> Any:
-    """Expressions one level deeper; half of those with a domain stay inside it."""
+    """Return expressions one level deeper; half of those with a domain stay inside it."""
     pairs = st.tuples(inner, inner)
     positive = st.one_of(inner, inner.map(lambda e: 1 + e**2), inner.map(sp.exp))
     below_one = st.one_of(inner, inner.map(sp.tanh), inner.map(lambda e: e / (1 + e**2)))

@@ -211,7 +211,7 @@ class Method:
 
     @property
     def p_nodes(self) -> int:
-        """How many multipliers for each constraint T1 determines."""
+        """The number of multipliers that T1 determines for each constraint."""
         return len(tableau_of(self.scheme, self.stages).b_tilde) - 1
 
     def at(self, number: Number) -> tuple[Equations, Any, Array, Array]:

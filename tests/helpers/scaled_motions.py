@@ -76,7 +76,8 @@ def kepler(e: str) -> Callable[[], Formulas]:
 
 
 def _pair() -> Any:
-    """Centre and angle of two masses 1/2 on a rod of length 1/20, each pulled by 1/(2 r²)."""
+    """Return the motion of masses 1/2 on a rod of length 1/20, each pulled by 1/(2 r²), by its
+    angle."""
     length = mp.mpf(1) / 20
 
     def state(t: Any, z: Numbers) -> list[Any]:
@@ -97,7 +98,8 @@ def _pair() -> Any:
 
 
 def _pendulum() -> Any:
-    """The angle on the breathing ellipse: x = (l + sin 2t / 4) cos a, y = sin a, with forces."""
+    """Return the motion on the breathing ellipse x = (l + sin 2t / 4) cos a, y = sin a, with
+    forces."""
     t, a, rate = sp.symbols("t a w")
     angle = sp.Function("a")(t)
     m, k, g, length = map(sp.Rational, (1.1, 7.0, 2.0, 1.4))  # the catalogue's doubles
@@ -116,7 +118,7 @@ def _pendulum() -> Any:
 
 
 def _satellite() -> Any:
-    """Position, quaternion and body rates, by Euler's equations."""
+    """Return position, quaternion and body rates, by Euler's equations."""
     inertia, mass = [mp.mpf(text) for text in ("1.3", "1", "0.7")], mp.mpf("0.01")
 
     def rates(t: Any, z: Numbers) -> list[Any]:

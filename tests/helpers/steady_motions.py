@@ -37,7 +37,7 @@ class Steady:
     rep: Mapping[str, str] = field(default_factory=dict)
 
     def at(self, t: float) -> np.ndarray:
-        """q(t) in closed form."""
+        """Return q(t) in closed form."""
         rate = np.linalg.norm(self.about)
         axis = self.about / (rate or 1.0)
         space, spins, parts = turn(axis, rate * t), iter(self.spins), []
@@ -50,7 +50,7 @@ class Steady:
         return np.concatenate(parts)
 
     def error(self, run) -> float:
-        """The largest error of q at the end."""
+        """Return the largest error of q at the end."""
         return float(abs(run.q[-1] - self.at(run.t[-1])).max())
 
 
@@ -62,7 +62,7 @@ def of_model(model, dt, **more) -> Steady:
 
 
 def sleeping_top() -> Steady:
-    """Upright, 1.25 rad a step: both axes are one, and either rate would do."""
+    """An upright top, 1.25 rad a step: both axes are one, and either rate would do."""
     top, spin = gs.problems.fast_top(), 125.0
     q = np.array([1.0, 0, 0, 0])
     numbers = top.parameters | {"gamma": gs.gamma(top.inertia)}
@@ -71,7 +71,7 @@ def sleeping_top() -> Steady:
 
 
 def free_body() -> Steady:
-    """Symmetric and free: |l|/I₁ about l, and (1/I₃ − 1/I₁) l₃ about the body's own axis."""
+    """A symmetric free body: |l|/I₁ about l, and (1/I₃ − 1/I₁) l₃ about the body's own axis."""
     body, I1, I3 = gs.problems.free_body(), 0.002, 0.0008
     q, omega = body.q0, np.array([20.0, 0.0, 100.0])
     l_of_body = np.array([I1, I1, I3]) * omega
@@ -123,7 +123,7 @@ def turning_chain() -> Steady:
     rate, spins = 5.0, (30.0, 40.0, 50.0)
 
     def places(angles, sin, cos):
-        """(x, z) of the rods' centres, from the top."""
+        """Return (x, z) of the rods' centres, from the top."""
         tips = [[-2 * half * f(a) for a in angles] for f in (sin, cos)]
         return [tuple(sum(tip[:i]) + tip[i] / 2 for tip in tips) for i in range(rods)]
 

@@ -73,7 +73,7 @@ class Case:
 
     @property
     def run(self) -> dict[str, Any]:
-        """The keyword arguments every method of a stepper takes."""
+        """The keyword arguments that every method of a stepper accepts."""
         return {"dt": self.dt, "parameters": self.parameters}
 
     @property
@@ -142,7 +142,7 @@ def powers_of_ten(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def bodies(draw: Any) -> tuple[float, float, float]:
-    """Three different moments, of ratio up to 10, in any order and of any size."""
+    """Draw three different moments, of ratio up to 10, in any order and of any size."""
     moments = tuple(draw(powers_of_ten(-0.5, 0.5)) for _ in range(3))
     assume(distinct(moments))
     size = draw(powers_of_ten(-3, 1))
@@ -165,17 +165,17 @@ def angular_velocities(draw: Any) -> np.ndarray:
 
 
 def weights() -> st.SearchStrategy[float]:
-    """Gamma or alpha in units of γ_m."""
+    """Draw gamma or alpha in units of γ_m."""
     return powers_of_ten(np.log10(0.3), np.log10(3))
 
 
 def turns(low: float = 0.01, high: float = 0.3) -> st.SearchStrategy[float]:
-    """Δt |Ω|, in radians."""
+    """Draw Δt |Ω|, in radians."""
     return powers_of_ten(np.log10(low), np.log10(high))
 
 
 def cases(rep: str, turn: st.SearchStrategy[float] | None = None) -> st.SearchStrategy[Case]:
-    """Cases whose every ingredient shrinks."""
+    """Draw cases whose every ingredient shrinks."""
     return st.builds(
         make_case, st.just(rep), bodies(), st.floats(-0.5, 0.5), weights(), unit_quaternions(),
         angular_velocities(), turns() if turn is None else turn,

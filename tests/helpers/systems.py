@@ -141,7 +141,7 @@ def _oscillator() -> Case:
 
 
 def _driven_oscillator() -> Case:
-    """x'' = −k x − c x' + f cos ωt."""
+    """A driven oscillator, x'' = −k x − c x' + f cos ωt."""
     return _plane("driven_oscillator", (0.5,), (0.3,),
                   {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}, u**2 / 2 + k * x**2 / 2,
                   forces=(-c * u + f * sp.cos(omega * t),), time=t, exact=_driven_motion)
@@ -157,13 +157,13 @@ def _driven_motion(time: float) -> Array:
 
 
 def _kepler() -> Case:
-    """Eccentricity .3, from the pericentre."""
+    """Kepler's problem with eccentricity .3, from the pericentre."""
     return _plane("kepler", (0.7, 0.0), (0.0, float(np.sqrt(1.3 / 0.7))), {"k": 1.0},
                   (u**2 + v**2) / 2 - k / sp.sqrt(x**2 + y**2), dt=0.05, exact=_kepler_motion)
 
 
 def _kepler_motion(time: float, e: float = 0.3) -> Array:
-    """E − e sin E = t, r = (cos E − e, √(1−e²) sin E)."""
+    """Return r = (cos E − e, √(1−e²) sin E) with E − e sin E = t."""
     E = float(mpmath.findroot(lambda E: E - e * mpmath.sin(E) - time, (time - e, time + e),
                               solver="anderson"))
     return np.array([np.cos(E) - e, np.sqrt(1 - e**2) * np.sin(E)])
@@ -175,7 +175,7 @@ def _henon_heiles() -> Case:
 
 
 def _polar() -> Case:
-    """H_pq is not zero: Kepler's problem in polar coordinates."""
+    """Kepler's problem in polar coordinates: H_pq is not zero."""
     return _plane("polar", (1.0, 0.2), (0.1, 1.1), {"k": 1.0},
                   u**2 / 2 + v**2 / (2 * x**2) - k / x, dt=0.05)
 
@@ -192,7 +192,7 @@ def _pendulum() -> Case:
 
 
 def _pendulum_motion(time: float) -> Array:
-    """θ = 2 asin(k sn(K − t | k²)) with k = sin(θ₀/2), g = l = 1."""
+    """Return q of θ = 2 asin(k sn(K − t | k²)) with k = sin(θ₀/2), g = l = 1."""
     with mpmath.workdps(30):
         modulus = mpmath.sin(mpmath.mpf(1) / 2)
         sn = mpmath.ellipfun("sn", mpmath.ellipk(modulus**2) - time, m=modulus**2)
@@ -201,28 +201,28 @@ def _pendulum_motion(time: float) -> Array:
 
 
 def _ellipse() -> Case:
-    """A quartic potential: neither H nor g is quadratic with a constant Hessian."""
+    """A particle in a quartic potential: neither H nor g is quadratic with a constant Hessian."""
     return _plane("ellipse", (0.9, 0.7), (0.5, 0.4), {"m": 1.1, "k": 7.0, "g": 2.0, "l": 1.4},
                   (u**2 + v**2) / (2 * m) + k * x**4 / 4 + g * y * x,
                   x**2 / length**2 + y**2 - 1, dt=0.05)
 
 
 def _breathing() -> Case:
-    """The same on an ellipse that breathes: g depends on the time."""
+    """The particle of ``_ellipse`` on an ellipse that breathes: g depends on the time."""
     return _plane("breathing", (0.9, 0.7), (0.5, 0.4), {"m": 1.1, "k": 7.0, "g": 2.0, "l": 1.4},
                   (u**2 + v**2) / (2 * m) + k * x**4 / 4 + g * y * x,
                   x**2 / (length + sp.sin(2 * t) / 4)**2 + y**2 - 1, time=t, dt=0.05, t0=0.3)
 
 
 def _relativistic() -> Case:
-    """H is neither separable nor quadratic: no identity of the fast path holds."""
+    """A relativistic particle on a curve: no identity of the fast path holds for its H."""
     return _plane("relativistic", (0.8, 0.77), (0.6, -0.8), {"m": 0.8, "k": 1.7},
                   sp.sqrt(m**2 + u**2 + v**2) * (1 + x**2 / 4) + k / (2 + y),
                   x**4 + y**2 - 1, order=(m, k), quantities={"floor": x})
 
 
 def _driven_pendulum() -> Case:
-    """The pivot moves, with drag, a driven force, an input and a spring that time changes.
+    """A pendulum with a moving pivot, drag, a driven force, an input and a spring of the time.
 
     The parameters are any numbers, as in a model file, which so has the same stepper.
     """
@@ -237,7 +237,8 @@ def _driven_pendulum() -> Case:
 
 
 def _dragged_pendulum() -> Case:
-    """Forces that are neither linear nor along the velocity, and quantities of every kind."""
+    """A pendulum with forces neither linear nor along the velocity, and quantities of every
+    kind."""
     return _plane("dragged_pendulum", (0.6, -0.8), (0.8, 0.6),
                   {"k": 1.3, "c": 0.2, "f": 0.7, "omega": 2.1}, (u**2 + v**2) / 2 + 9 * y,
                   x**2 + y**2 - 1, time=t,
@@ -294,7 +295,7 @@ def _lagrangian() -> Case:
 
 
 def _heavy_bob() -> Case:
-    """A constraint and a mass matrix that depends on q."""
+    """A system with a constraint and a mass matrix that depends on q."""
     vx, vy = sp.symbols("vx vy", real=True)
     L = m * (1 + x**2 / 3) * vx**2 / 2 + m * vy**2 / 2 - m * g * y
     system = gs.System.from_lagrangian(L, (x, y), (vx, vy), (m, g, length),
@@ -330,7 +331,7 @@ def _skate_chain() -> Case:
 
 
 def _eccentric() -> Case:
-    """Eccentricity .6, from the pericentre, in steps of equal length in ∫ r^(-3/2) dt.
+    """Kepler's problem with eccentricity .6, in steps of equal length in ∫ r^(-3/2) dt.
 
     The parameter is any number, as in a model file, which so has the same stepper.
     """
@@ -469,7 +470,7 @@ def _eccentric_satellite() -> Case:
 
 
 def _very_eccentric() -> Case:
-    """Eccentricity .9, from the pericentre."""
+    """Kepler's problem with eccentricity .9, from the pericentre."""
     return Case(_eccentric().options, (0.1, 0.0), (0.0, float(np.sqrt(19))), {"k": 1.0}, 0.1,
                 exact=lambda time: _kepler_motion(time, 0.9))
 

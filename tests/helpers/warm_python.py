@@ -55,7 +55,7 @@ class WarmPython:
         self._process: subprocess.Popen[str] | None = None
 
     def close(self) -> None:
-        """End it."""
+        """End the process."""
         if self._process is not None:
             atexit.unregister(self.close)
             self._process.communicate()

@@ -36,7 +36,7 @@ class Change:
 
     @property
     def written(self) -> int:
-        """How many lines a person writes, blank ones aside."""
+        """The number of lines that a person writes, blank ones aside."""
         return sum(line.startswith("+") and line != "+" for lines in self.places for line in lines)
 
     def apply(self, root: Path) -> None:

@@ -45,7 +45,7 @@ def begun(tmp_path_factory, gl3):
 
 @pytest.fixture
 def store(begun, tmp_path):
-    """A copy of it, to damage."""
+    """A copy of the store ``begun``, to damage."""
     return Path(shutil.copytree(begun, tmp_path / "run.zarr"))
 
 

@@ -36,7 +36,7 @@ STOP = gs.Event("angle", level=-0.93, direction=-1, terminal=True, name="stop")
 
 
 def arguments(**others):
-    """A pendulum of length 1, let go at rest, that is at the bottom after 16.7 and 50.2 steps."""
+    """Return a pendulum of length 1, released at rest, at the bottom after 16.7 and 50.2 steps."""
     step, case = systems.stepper("pendulum"), systems.case("pendulum")
     q, p = systems.start("pendulum", step)
     return step, {"q": q, "p": p, "dt": 0.1, "steps": 60, "parameters": case.parameters,

@@ -207,7 +207,7 @@ int differs(double a, double b, double c)
 
 
 def around(stub, folder, *flags):
-    """glue.c around a stub, as a library."""
+    """Return a library of glue.c around a stub."""
     (folder / "stub.c").write_text(stub)
     target = folder / "stub.so"
     subprocess.run([*TOOLS["cc"].find(), *C_FLAGS, "-Wall", "-Wextra", "-Werror", *flags,
