@@ -139,7 +139,7 @@ def test_progress_counts_up_to_the_end(gl3):
     assert reports[-1] == 10_001
     reports.clear()
     gl3.integrate(TOP.q0, TOP.p0, steps=20_000, every=20_000, progress=reports.append, **RUN)
-    assert len(reports) >= 4  # Ctrl-C is heard as often, however seldom states are kept
+    assert len(reports) >= 4  # Ctrl-C is heard as often, however seldom states are stored
 
 
 def test_exception_of_progress_is_passed_on(gl3):

@@ -91,7 +91,7 @@ def test_the_constraint_on_the_momenta_is_derived_once(scheme, monkeypatch):
 
 def test_what_is_imported_for_good_is_not_looked_through(monkeypatch):
     """The collector rests meanwhile; an import that was done before changes no count."""
-    count = gc.get_freeze_count()  # what was there when all tests were collected
+    count = gc.get_freeze_count()  # objects at the collection of all tests
     with imported_for_good("gyrospark"):
         assert gc.isenabled()
     assert gc.get_freeze_count() <= count

@@ -50,8 +50,8 @@ def prepared(run, dt=None, t_end=1.0, limit=60.0):
     return fast_top._prepared(PeerEntry("still", "as it is", lambda: run, dt), t_end, limit)
 
 
-#: What has no public name: how derivatives of two extensions of a loss are compared, and what
-#: writes digits into the package.
+#: Modules without a public name: for derivatives of two extensions of a loss, and for writing
+#: digits into the package.
 INSIDE = {"gradients.py": {"gyrospark.runtime.derivatives.tangent_space"}, "make_digits.py": {
     "gyrospark.references.problem", "gyrospark.references.problem_registry",
     "gyrospark.references.true_digits", "gyrospark.references.work_precision",

@@ -107,7 +107,7 @@ MODELS = {
 }
 
 
-#: Those that are run and certified, one with each scheme; the others are decided in algebra alone.
+#: Pairs that are run and certified, one with each scheme; the others are decided in algebra alone.
 CERTIFIED = ("a push that is a gradient is symplectic",
              "a round oscillator keeps its angular momentum")
 

@@ -17,7 +17,7 @@ from gyrospark.core.manifest import Manifest
 from gyrospark.generator.spec import Spec
 from processes import ROOT
 
-#: Between them these have every key but those of velocity constraints and symmetries.
+#: Between them these have every key but keys of velocity constraints and symmetries.
 NAMES = ("heavy_top", "double_top", "pushed_pendulum", "dragged_pendulum", "bead", "lagrangian")
 #: Parts whose keys are names.
 NAMED = ("bodies", "joints", "constraints", "operations", "quantities", "parameters")

@@ -38,7 +38,7 @@ def test_any_start_is_moved_onto_the_constraints(q):
     assert moved.q_name == "xyz"[np.argmax(np.abs(moved.q - q))]
     assert moved.p_name == "abc"[np.argmax(np.abs(moved.p - p))]
     assert moved.before["sphere"] == pytest.approx(abs(np.dot(q, q) - 1))
-    # The momenta move along G^T only: what they do along the curve is kept.
+    # The momenta move along G^T only: their part along the curve stays.
     tangent = np.cross(*G)
     assert abs(tangent @ (moved.p - p)) <= 64 * EPS * np.linalg.norm(tangent) * moved.p_moved
 

@@ -32,7 +32,7 @@ angular_velocity = [0, 0, 10]
 dt = 0.001
 steps = 3
 """
-#: What stands in the file → what is put in its place, and what is said of it.
+#: Name → text of the file, the text in its place, and words of the remark.
 REMARKS = {
     "degrees": ("euler = [0.1, 0.2, 0.3]", "euler = [30, 45, 90]",
                 ["[start] euler", "[30, 45, 90]", "radians",

@@ -58,7 +58,7 @@ def cells(path: Path) -> list[str]:
     return [documents.quick(cell) for cell in texts]
 
 
-#: Those that compile little; the build runs all, too.
+#: Pages that compile little; the build runs all, too.
 QUICK_PAGES = {"citing", "conventions", "gallery/chaplygin_sleigh"}
 
 

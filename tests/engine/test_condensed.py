@@ -59,7 +59,7 @@ def test_condensed_steps_are_those_of_the_whole_jacobian(name, scheme, stages):
 
 PUSH = sp.Symbol("push", real=True)
 KINETIC = {
-    "rank one": lambda a, b: (a + b) ** 2 / 2,  # which the pattern does not tell
+    "rank one": lambda a, b: (a + b) ** 2 / 2,  # the pattern does not show it
     "zero row": lambda a, b: a**2 / 2 + b}
 
 

@@ -468,7 +468,7 @@ def test_rows_near_a_level_hold_every_crossing(toy):
     rows[:] = -1
     toy.lib.toy_crossings(40, pointer(toy.ffi, values / 100), 0.5, pointer(toy.ffi, last),
                           pointer(toy.ffi, rows, "long"))
-    assert rows[0] == 0  # what came before is not known to be far
+    assert rows[0] == 0  # no earlier change shows that it is far
     rows[:] = -1
     toy.lib.toy_crossings(40, pointer(toy.ffi, values / 100), 0.5, pointer(toy.ffi, last),
                           pointer(toy.ffi, rows, "long"))

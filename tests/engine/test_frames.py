@@ -1,4 +1,4 @@
-"""Co-moving frames: symmetries found and proved, motions turned back, what is kept and what is won.
+"""Co-moving frames: symmetries are derived and proved, motions turned back, invariants stay.
 
 A stepper with ``frame="symmetries"`` integrates H − Σ ω_i J_i and turns back. The second ways here:
 closed forms, the same motion without a frame by a method of more stages, mpmath. Steady motions

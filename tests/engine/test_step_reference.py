@@ -1,12 +1,12 @@
 """One step of every stepper against an independent one in 50 digits.
 
-What is asked of the doubles a step returns, with ε = 2⁻⁵² and sizes as largest components:
+The doubles of a step have these errors at most, with ε = 2⁻⁵² and sizes as largest components:
 
     q      32 ε |q|
     p      32 ε |p|
     Λ, λ   ‖(ĀÃ)⁻¹‖ γ/Δt² · ε, and 32 ε |Λ|
 
-32 ε is loose: a run stays below 2 ε, as ``pytest -rP`` shows. What makes it so is that g(q) at the
+32 ε is loose: a run stays below 2 ε, as ``pytest -rP`` shows. The reason is that g(q) at the
 start is evaluated in twice the working precision. The multipliers must undo its error δg within
 the step: by −Δt² ĀÃ ⊗ g_q H_pp g_qᵀ, with g_q H_pp g_qᵀ = 1/γ, it is worth (ĀÃ)⁻¹ γ δg/Δt² in Λ,
 so 4γ δg/Δt in p along q; SPARK's T2 projects that away, IMS and EMS keep it. With g(q) rounded

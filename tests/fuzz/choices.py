@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 #: Where floating-point code breaks: signed zero, the ends of the normal and subnormal range,
-#: neighbours of 1, what no ``int`` or ``long`` holds, what is no number.
+#: neighbours of 1, numbers beyond ``int`` and ``long``, infinities and NaN.
 DOUBLES = (
     0.0, -0.0, 1.0, -1.0, 0.5, 2.0, 1e-3, 5e-324, -5e-324, 2.2250738585072014e-308, 1e-300, 1e-160,
     1e-30, 2.0**-52, 1 + 2.0**-52, 1 - 2.0**-53, 1e15, 2.0**31, -(2.0**31) - 1, 2.0**53, 2.0**63,

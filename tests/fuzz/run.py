@@ -35,7 +35,7 @@ def work(options: argparse.Namespace) -> None:
     entrance, keys = ENTRANCES[options.entrance], set[str]()
     warnings.simplefilter("error")  # nor shall a warning reach the user
     output = os.dup(1)
-    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # what an entrance prints is not for the parent
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # prints of an entrance are not for the parent
 
     def failure_of(data: bytes) -> Failure | None:
         faulthandler.dump_traceback_later(entrance.seconds + GRACE, exit=True)

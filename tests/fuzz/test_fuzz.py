@@ -47,7 +47,7 @@ def test_corpus_belongs_to_entrances():
     for name in ENTRANCES])
 def test_seeded_inputs(name):
     """The same inputs come in every run, as many as time allows, until both kinds of end occur."""
-    try_one(name, b"")  # what is compiled and imported first is not counted
+    try_one(name, b"")  # first compilations and imports are not counted
     end, outcomes = time.perf_counter() + SECONDS, set()
     for number in range(20_000):
         outcomes.add(try_one(name, random_input(name, 0, number)))

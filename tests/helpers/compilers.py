@@ -28,7 +28,7 @@ def found(names):
 
 COMPILERS = found(["gcc", "clang", "cc"])
 COMPILERS_OF_CPLUSPLUS = found(["g++", "clang++", "c++"])
-#: What every test of the C is run with, and what some are run with as well.
+#: The compiler of every test of the C, and the second one of some.
 MAIN, OTHER = ("clang", "gcc") if list(COMPILERS) == ["clang"] else ("gcc", "clang")
 
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 from processes import ROOT
 
-#: What a reader types of them, a machine without extras included; pages of cells are run in the
-#: environment of the tests (test_site.py).
+#: Documents whose code a reader types, also on a machine without extras; pages of cells run in
+#: the environment of the tests (test_site.py).
 DOCUMENTS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
@@ -22,7 +22,7 @@ def recipe(target: str) -> str:
     return rule[1]
 
 
-#: What would take long, or what a machine may not have: pattern, replacement, reason.
+#: Commands that take long, or that a machine may lack: pattern, replacement, reason.
 SHORTER = [
     (r"^make demo$", recipe("demo"), "its environment is made; the bare one is another"),
     (r"--steps 1000000000 --every 1000\b", "--steps 20000 --every 1000", "a quarter of an hour"),
@@ -46,7 +46,7 @@ SHORTER = [
      "half an hour"),
 ]
 
-#: What is not typed here: pattern, reason.
+#: Commands that are not typed here: pattern, reason.
 NOT_RUN = [
     (r"^pip (install|freeze)\b", "test_bare_machine.py installs what pip makes of the project, and "
                        "test_packaging.py compares the extras that are named"),

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 MESSAGE = re.compile(r"stderr|\.value\b|\bmessage\b|str\(\w*error|__notes__")
 #: Text of a statement in which there may be one.
 LIKELY = re.compile(rf"{MESSAGE.pattern}|match=|refused")
-#: No prose: what is in quotes or braces, name = value, lists of allowed values, escapes.
+#: No prose: text in quotes or braces, name = value, lists of allowed values, escapes.
 NAMES = re.compile(
     r"""'[^']*'|"[^"]*"|`[^`]*`|\{[^{}]*\}|\\[wdsSWDbB]|[\w.]+ = (?:[^\s.]|\\\.)+"""
     r"""|(?:[\w.-]+, )+[\w.-]+(?: (?:or|and) [\w.-]+)?|[\w.-]+ (?:or|and) [\w.-]+""")

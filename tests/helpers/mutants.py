@@ -1,4 +1,4 @@
-"""Mutants: places of the code where one change can be made, and what it would be there.
+"""Mutants: places of the code where one change can be made, with the changed text.
 
 Python is changed through its syntax tree, C through its tokens: operators, comparisons, signs,
 and/or, not, numbers, returned values, dropped statements. Left out because no test can or should
@@ -115,7 +115,7 @@ class Places:
             yield first, last, f"not ({self.source[first:last].decode()})", "negated condition"
 
     def inside(self, nodes: Iterable[Any]) -> Iterator[Edit]:
-        """Yield the edits of expressions, without those of the statements inside."""
+        """Yield the edits of expressions, without the edits of statements inside."""
         for node in nodes:
             if node is None or isinstance(node, (ast.JoinedStr, ast.Raise)):
                 continue

@@ -59,7 +59,7 @@ def newton_in_python():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(RunArguments, "constants", with_run)
-        patch.setattr(CallMemory, "recall", lambda *_: None)  # it has those of compiled runs
+        patch.setattr(CallMemory, "recall", lambda *_: None)  # it holds memory of compiled runs
         patch.setattr(Compiled, "integrate", integrate)
         yield
 

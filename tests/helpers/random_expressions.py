@@ -64,7 +64,7 @@ def grow(inner: Any) -> Any:
 
 
 def is_usable(e: sp.Expr) -> bool:
-    """Whether e depends on X and SymPy made nothing else of it, such as |x| of √x²."""
+    """Whether e depends on X and SymPy left its form, unlike |x| of √x²."""
     return not e.free_symbols.isdisjoint(X) and all(
         node.is_Symbol or node.is_Add or node.is_Mul or node.is_Pow or node.func in ALLOWED
         or (node.is_number and node.is_real and node.is_finite and not node.args)

@@ -351,7 +351,7 @@ def compare(path, m=None, qpos=None, qvel=None, **options):
 
 
 def take_free(m, d, k, motion, name, arm):
-    """Set qpos and qvel of a free joint to those of a body of the model, ``arm`` its centre."""
+    """Set qpos and qvel of a free joint from a body of the model, ``arm`` its centre."""
     coordinates = dict(zip(map(str, motion.system.q), motion.q, strict=True))
     q, v = m.jnt_qposadr[k], m.jnt_dofadr[k]
     d.qpos[q + 3:q + 7] = [coordinates[f"{name}_q{i}"] for i in range(4)]

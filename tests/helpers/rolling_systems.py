@@ -22,7 +22,7 @@ SLEIGH = {"m": 1.0, "I": 0.5, "a": 0.3}
 def sleigh() -> System:
     """Chaplygin's sleigh: a blade at distance a behind the centre of mass.
 
-    Its parameters are any numbers, as those of a model file, which so has the same stepper.
+    The parameters are any numbers, as in a model file, which so has the same stepper.
     """
     (x, y, th), p = sp.symbols("x y th", real=True), sp.symbols("px py pth", real=True)
     vx, vy, w = v = sp.symbols("vx vy w", real=True)
@@ -88,7 +88,7 @@ def _rolling(name, contact, extra_parameters=()) -> System:
 
 @cache
 def disc() -> System:
-    """A thin disc of radius 1 whose axis is that of I3."""
+    """A thin disc of radius 1 whose axis has the moment I3."""
     return _rolling("disc", lambda u: -sp.Matrix([u[0], u[1], 0]) / sp.sqrt(u[0]**2 + u[1]**2))
 
 
@@ -148,7 +148,7 @@ SKATE_CHAIN_START = (np.array([0.0, 0.0, 0.0, 1.5, 0.0]), np.array([1.6, 0.0, 0.
 def _rattleback_parameters():
     """Return Kane and Levinson's data, with the moments about principal axes."""
     A, B, C, D = 0.0002, 0.0016, 0.0017, -0.00002
-    half = np.arctan2(2 * D, A - B) / 2  # of the axes, from those of the ellipsoid
+    half = np.arctan2(2 * D, A - B) / 2  # the angle of the axes from the ellipsoid's
     (I1, I2), axes = np.linalg.eigh(np.array([[A, D], [D, B]]))
     angle = np.arctan(axes[1, 0] / axes[0, 0])
     assert abs(np.sin(2 * (half - angle))) < 1e-12

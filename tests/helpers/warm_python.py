@@ -30,13 +30,13 @@ import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-#: Seconds. No process of the tests takes a tenth of it; a hang shall not stop the whole run.
+#: Seconds. No process of the tests takes a tenth of it; a hang shall not stop the run.
 PATIENCE = 300
-#: What takes long to import, in every environment as far as it is installed.
+#: Packages that take long to import, in every environment as far as they are installed.
 PACKAGES = ("numpy", "sympy", "jinja2", "cffi", "click", "rich.progress", "mpmath", "platformdirs",
             "matplotlib.pyplot", "mpl_toolkits.mplot3d", "scipy.spatial.transform", "zarr",
             "xarray")
-#: What has to be imported of the package under test, and a first derivation.
+#: Code that imports modules of the package under test, and derives a first stepper.
 OURS = """
 import gyrospark.commands.run.command, gyrospark.commands.verify
 from gyrospark.generator.pipeline import generate

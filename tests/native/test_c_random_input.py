@@ -1,8 +1,8 @@
 """The generated C with random numbers, finite or not, under sanitizers and valgrind.
 
 One program for every kind of stepper calls every function on memory of exactly the promised size,
-its contents left as ``malloc`` gives them, or a byte. It ends with 1 where a status is none of the
-six, or where what is called done is not finite; the tools end it for what else is wrong.
+its contents as ``malloc`` leaves them, or a byte. It ends with 1 where a status is none of the six,
+or where a call that succeeds has a result that is not finite; the tools end it for any other error.
 """
 
 import re

@@ -23,7 +23,7 @@ SOURCES = sorted([*(p for p in ROOT.glob("*.py") if p.name != "setup.py"),
                   *(p for hall in HALLS for p in (ROOT / hall).rglob("*.py"))])
 HEAVY = ("sympy", "matplotlib", "scipy", "rich", "jinja2", "mpmath", "zarr", "xarray", "dask",
          "filelock")
-#: What is computed for one table of the paper: told by its index.
+#: Packages of modules for one table of the paper each, which their index lists.
 UNLISTED = {"studies"}
 
 

@@ -51,12 +51,12 @@ for where, text in json.load(sys.stdin):
 with open("stopped.json", "w") as file:
     json.dump(stopped, file)
 """
-#: What the programs of the package do.
+#: Programs of the package, as arguments of Python.
 PROGRAMS = {"gyrospark": ["-m", "gyrospark"],
             "generate": ["-c", "from gyrospark.__main__ import main_generate; main_generate()"]}
 
 
-#: What the blocks of a page have made: files, and names that are looked at after them.
+#: Files that the blocks of a page create, and checks of names after them.
 MADE = {"README.md": {"double_top.html"}, "python.md": {"top.npz", "top.png"},
         "long_runs.md": {"evening.zarr"}, "sweeps.md": {"spins.zarr"}}
 CHECKS = {"README.md": """

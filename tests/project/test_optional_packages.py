@@ -15,7 +15,7 @@ from processes import FAST_TOP, python
 from sweep_studies import STUDY, study_file
 
 OPTIONAL = ["dask", "distributed", "h5netcdf", "h5py", "matplotlib"]
-#: What stores are made with.
+#: Packages that write stores.
 STORES = ["filelock", "xarray", "zarr"]
 COMMANDS = """
 import contextlib, io, json

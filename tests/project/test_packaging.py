@@ -101,7 +101,7 @@ def test_hints_name_the_packages_of_an_extra(monkeypatch):
     assert checkout["storage"] == extras["storage"]
     assert checkout["netcdf"] == [*extras["storage"], *extras["netcdf"][1:]]
     assert all("gyrospark" not in package for packages in checkout.values() for package in packages)
-    assert "ziglang" in checkout["compiler"][0]  # which the message on compilers says
+    assert "ziglang" in checkout["compiler"][0]  # the message on compilers names it
     monkeypatch.setattr(Path, "is_file", lambda self: False)
     requirements = [f'{package}{" and" if ";" in package else ";"} extra == "{extra}"'
                     for extra, packages in extras.items() for package in packages]

@@ -65,7 +65,8 @@ def test_other_steppers_ask_for_a_compiler(no_compiler):
 
 
 def test_a_damaged_module_is_not_loaded(no_compiler, wheel_folder, tmp_path, monkeypatch):
-    damaged = shutil.copytree(wheel_folder, tmp_path / "prebuilt")  # what is loaded stays as it is
+    damaged = shutil.copytree(wheel_folder, tmp_path
+                              / "prebuilt")  # the loaded folder stays as it is
     monkeypatch.setattr(prebuilt, "FOLDER", damaged)
     files = checked_in_files(NAME)
     (path,) = damaged.glob("*_runs*")

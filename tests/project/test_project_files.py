@@ -84,7 +84,7 @@ def test_slow_tests_run_each_night():
 
 def test_pre_commit_calls_what_is_there():
     for repository in read(".pre-commit-config.yaml")["repos"]:
-        assert repository["repo"] == "local"  # versions are those of .venv
+        assert repository["repo"] == "local"  # versions come from .venv
         for hook in repository["hooks"]:
             program, *words = hook["entry"].split()
             if program == "make":

@@ -23,7 +23,7 @@ from gyrospark.references.work_precision import LIMIT, measure
 from processes import ROOT
 
 every = pytest.mark.parametrize("name", REFERENCES)
-#: What another code found: mpmath with 32 to 40 digits, extrapolated modified midpoint with two
+#: Results of another code: mpmath with 32 to 40 digits, extrapolated modified midpoint with two
 #: numbers of steps, and closed forms; as many digits as agreed.
 OTHER = {
     "car-axis": {

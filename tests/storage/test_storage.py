@@ -43,7 +43,7 @@ def test_a_stored_run_is_that_of_integrate(name, scheme, real, solver, tmp_path,
 
 @pytest.mark.parametrize(("steps", "every"), [(0, 1), (65, 64), (80, 150), (80, 3)])
 def test_counts(steps, every, gl3, tmp_path, monkeypatch):
-    """Numbers of steps are near those of one call of compiled code; or none, or one row."""
+    """Numbers of steps are near the chunk of one call of compiled code; or none, or one row."""
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 64)
     small_blocks(monkeypatch, 16)
     check(gl3, tmp_path / "run.zarr", **START, steps=steps, every=every)
@@ -181,7 +181,7 @@ def test_what_is_no_row_is_refused(opened, tmp_path):
 
 
 def test_rows_to_come(gl3, tmp_path, monkeypatch):
-    """The array has its length from the start; what is not computed yet is NaN, or 0."""
+    """The array has its length from the start; rows to come are NaN, or 0."""
     small_blocks(monkeypatch, 4)
     monkeypatch.setattr("gyrospark.runtime.integration.step_loop._CHUNK", 7)
 

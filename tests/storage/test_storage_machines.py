@@ -31,7 +31,7 @@ from stores import START, assert_same_bytes, record, recorded, small_blocks
 
 def traced_peak(call):
     """Return the largest memory of Python and NumPy while a function is called, in bytes."""
-    gc.collect()  # what earlier tests left behind
+    gc.collect()  # objects of earlier tests
     tracemalloc.start()
     try:
         call()

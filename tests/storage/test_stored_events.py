@@ -27,7 +27,7 @@ from stores import (
     small_blocks,
 )
 
-#: Dips below a level, what is crossed once a swing, on the way up alone, and never.
+#: Dips below a level; quantities that cross it once a swing, on the way up alone, and never.
 EVENTS = [gs.Event("y", level=-1 + 1e-7, name="dip"), gs.Event("angle"),
           gs.Event("py", level=0.3, direction=1), gs.Event("angle", level=5, name="never")]
 #: Ends by a dip in step 16, and by a crossing in step 29.

@@ -104,7 +104,7 @@ def test_what_a_user_has_beside_it_stays(built):
     assert "0.05" in (artefact.path / "wheeled_satellite_gl1_gamma.hpp").read_text()
     with_two_stages = built("cpp", stages=2)
     names = {path.name for path in with_two_stages.path.iterdir()}
-    assert "wheeled_satellite_gl1_gamma.hpp" not in names  # that of another stepper goes
+    assert "wheeled_satellite_gl1_gamma.hpp" not in names  # the header of another stepper goes
     assert {"notes.txt", "wheeled_satellite_gl2_gamma.hpp"} <= names
 
 

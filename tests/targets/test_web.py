@@ -184,7 +184,7 @@ def test_functions_of_the_header_are_exported(glued):
         assert all(hasattr(library, name) for name in names)
 
 
-#: What glue.c includes in place of a stepper: fused multiply-adds with and without its own.
+#: Text that glue.c includes in place of a stepper: fused multiply-adds with and without its own.
 STUB = """
 #define NAME(function) stub_##function
 #define MATH(function) function
