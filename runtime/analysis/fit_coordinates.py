@@ -110,7 +110,8 @@ class Coordinates:
         for body in self._bodies:
             L = body.factor(parameters)
             # bodies that are well inside keep the bits of their parameters
-            if not np.array_equal(L, inner_factor := body.factor(parameters, _INSIDE)):
+            inner_factor = body.factor(parameters, least_share=_INSIDE)
+            if not np.array_equal(L, inner_factor):
                 moved_parameters.update(zip(body.names, body.parameters_of(inner_factor)[0],
                                             strict=True))
         return moved_parameters
@@ -159,7 +160,11 @@ class Coordinates:
         return float(np.abs(y / self.units(parameters)).max(initial=0.0)) / _LARGEST
 
     def units(self, parameters: Mapping[str, float]) -> Array:
-        """Return the unit of each y, a large change; infinite for parameters that began at 0."""
+        """Return the unit of each y, a large change.
+
+        It is the largest entry of L for an inertia, 1 for a logarithm, and the size of any other
+        parameter, infinite for one that began at 0.
+        """
         units: list[float] = []
         for body in self._bodies:
             units += [float(np.abs(body.factor(parameters)).max())] * len(body.names)

@@ -284,9 +284,10 @@ class OrbitSearch:
             "give a state and a dt nearer to an orbit, more steps, or something else to fix.")
 
     def _is_closed(self, guess: Guess, gaps: list[float]) -> bool:
-        """Whether the gap Φ(z) − z is round-off, or small and no longer halved by a Newton step.
+        """Whether the residual is round-off, or the gap small and not halved by a Newton step.
 
-        ``gaps`` are the sizes of the gap before each iteration so far.
+        The residual is the gap Φ(z) − z with the changes of fixed quantities. ``gaps`` are the
+        sizes of the gap before each iteration so far.
         """
         if self._residual(guess) <= _CLOSED * self.epsilon * self._scale(guess):
             return True

@@ -277,7 +277,8 @@ class CompiledConstraints:
 
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
-        g: Array = self._defects(q[None], np.zeros((1, len(q))))[0][0]
+        no_momenta = np.zeros((1, len(q)))  # g does not depend on them
+        g: Array = self._defects(q[None], no_momenta)[0][0]
         return g
 
     def f(self, q: Array, p: Array) -> Array:
@@ -291,7 +292,8 @@ class CompiledConstraints:
         Column j is (g(q + h e_j) − g(q − h e_j))/(2 h), all in one call.
         """
         h = _step(q) * np.eye(len(q))
-        g, _ = self._defects(np.vstack([q + h, q - h]), np.zeros((2 * len(q), len(q))))
+        no_momenta = np.zeros((2 * len(q), len(q)))
+        g, _ = self._defects(np.vstack([q + h, q - h]), no_momenta)
         slopes: Array = (g[: len(q)] - g[len(q) :]).T / (2 * h[0, 0])
         return slopes
 

@@ -300,7 +300,10 @@ def _choose(manifest: Manifest, kind: str, name: Any, components: Collection[str
 def _choose_of_several(
     system: str, kind: str, name: Any, components: Collection[str], several: str
 ) -> str:
-    """Return the name of a body or joint, which may be left out if there is one alone."""
+    """Return the name of a body or joint, which may be left out if there is one alone.
+
+    ``several`` is the beginning of the error if there are several and none is named.
+    """
     first = next(iter(components))
     if name is None and len(components) > 1:
         raise InputError(f"{several} {', '.join(components)}; say which, as in {kind}({first!r}).")

@@ -116,8 +116,8 @@ class Compiler:
     def lower_flags(self) -> dict[Level, list[str]]:
         """Flags added behind ``flags`` for objects that full -O3 makes no faster.
 
-        Loops of an iteration have constant numbers of turns and long kernels are straight lines,
-        which take as long with "most" of -O3; so does with -O2 what is called once a step or a run.
+        Loops of an iteration have constant numbers of turns and long kernels are straight lines:
+        they run as fast with "most" of -O3, and what is called once a step or a run does with -O2.
         The compiler takes a sixth to a third less time.
         """
         return LOWER_FLAGS if self.is_gcc and optimisation() == "-O3" else {}

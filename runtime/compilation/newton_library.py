@@ -87,7 +87,10 @@ static const newton_function *newton_table(void)
 
 
 def table_text(name: str, header: str, check: str) -> str:
-    """Return the C of the table, compiled beside the library's object; ``check`` is declared."""
+    """Return the C of the table, compiled beside the library's object.
+
+    ``check`` is the declaration of the function that evaluates the kernels of the object.
+    """
     declaration_of = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
     lines, entries = [], []
     for function, declaration in _in_table(declaration_of):

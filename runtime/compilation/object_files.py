@@ -135,8 +135,8 @@ def objects_of(
 def has_newton_apart(name: str, files: Mapping[str, str]) -> bool:
     """Return whether Newton's method of a stepper can be a library of its own.
 
-    Not where its steps need it in any case, with velocity constraints, nor where objects share the
-    long kernels of object 1.
+    It cannot where all steps need it, with velocity constraints, nor where objects share the long
+    kernels of object 1.
     """
     header = files[f"{name}.h"]
     return (_has_lanes(name, header) and "T1" in _functions(name, header)

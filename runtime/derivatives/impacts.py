@@ -231,7 +231,7 @@ class _JumpEquations:
         return self._module_derivatives(p, mu=0, lam=self._allocate(len(self.G)))[1]
 
     def along(self, derivatives: Array, dp: Array) -> Array:
-        """Return f_q dq + f_p dp + f_θ dθ of a function f, where p is no p⁻ and moves by ``dp``.
+        """Return f_q dq + f_p dp + f_θ dθ of a function f, whose p moves by ``dp``, unlike p⁻.
 
         ``derivatives`` are f_q, f_p and f_θ in columns; ``dp`` has the shape (n, rows).
         """

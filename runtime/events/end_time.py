@@ -143,7 +143,8 @@ class EndTimeObserver:
         """Return the end as a crossing of its event, or no crossing before it is reached."""
         binding, no_index = self._stepper.binding, np.array([], int)
         times, states = np.array([], binding.number_type), binding.new(0, binding.n)
-        crossings = (Crossings(times, states, states, no_index, no_index.astype(bool), times)
+        crossings = (Crossings(t=times, q=states, p=states, steps=no_index,
+                               rising=no_index.astype(bool), elapsed=times)
                      if self.end is None else self.end.at)
         return {self.events[0].name: crossings}
 

@@ -476,6 +476,7 @@ def _times(stepper: Stepper, times: ArrayLike) -> Array:
 def refuse_forgotten(stepper: Stepper, trajectory: Trajectory) -> None:
     """Refuse a trajectory without the inputs of each step: one read from a file, or between steps.
     """
+    # NaN, which differs from itself, stands for an input that changes
     changing = [name for name in stepper.binding.input_names
                 if trajectory.parameters[name] != trajectory.parameters[name]]
     if changing and trajectory._inputs is None:

@@ -111,7 +111,7 @@ def _tried_by_newton(
 
     q and p have the shape (n,); the status is 0 if Newton's method converges.
     """
-    options = binding.options(run.tolerance, run.max_iterations, "newton")
+    options = binding.options(run.tolerance, run.max_iterations, solver="newton")
     return binding.first_half(binding.parameters(run.parameters, t), options, run.dt, q, p,
                               binding.work())
 
