@@ -115,7 +115,9 @@ class MjcfKey:
 class MjcfRobot(Robot):
     """Tree of bodies, and the elements of MJCF only: sites, tendons, actuators, keyframes.
 
-    ``looks`` has groups of geoms and their shapes by the number of the body, −1 for the ground.
+    ``off`` has MuJoCo's flags that are switched off; ``sites``, by name, the number of the body and
+    the placement in it. ``looks`` has groups of geoms and their shapes by the number of the body,
+    −1 for the ground. ``extras`` counts the parts of ``EXTRAS`` by name.
     """
 
     off: frozenset[str] = frozenset()

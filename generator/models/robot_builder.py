@@ -263,6 +263,10 @@ class RobotBuilder:
         Number of a limb → its frame, and its centre of mass in its axes; −1 is the ground.
     coordinates : dict
         Name of a joint → the connection whose angle or travel is the joint's coordinate.
+    names, joint_names, parameter_names : Names
+        Names of the model's bodies, joints and parameters, which must differ.
+    joint_name : dict
+        Name of a joint in the file → its name in the model.
     """
 
     def __init__(self, robot: Robot, start: Start, rep: Any) -> None:

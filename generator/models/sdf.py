@@ -72,7 +72,10 @@ _STANDARD, _USUAL = [0.0, 0.0, -9.8], [0.0, 0.0, -9.81]
 
 @dataclass(frozen=True, eq=False)
 class PlacedJoint:
-    """A joint where the file places it, its axis in the axes of the world."""
+    """A joint where the file places it, its axis in the axes of the world.
+
+    ``kind`` is its type in SDF, ``range`` its (lower, upper) in rad or m.
+    """
 
     name: str
     kind: str

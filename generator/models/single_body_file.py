@@ -246,9 +246,9 @@ def from_euler(phi: float, theta: float, psi: float) -> list[float]:
 def unit(quaternion: Sequence[float]) -> list[float]:
     """Return q/|q| of a quaternion that is not 0, computed in 50 digits."""
     with mp.workdps(_DIGITS):
-        q = [_mpf(x) for x in quaternion]
-        size = mp.sqrt(sum(x * x for x in q))
-        return _round_to_doubles([x / size for x in q])
+        entries = [_mpf(x) for x in quaternion]
+        size = mp.sqrt(sum(x * x for x in entries))
+        return _round_to_doubles([x / size for x in entries])
 
 
 def _mpf(value: float) -> Any:

@@ -73,8 +73,8 @@ class RigidMotion:
     def direction(self, v: Array) -> Array:
         """Return R(q) v, the image of a vector."""
         # a translation keeps the bits of v
-        direction: Array = v if not self.q[1:].any() else rotation(self.q) @ v
-        return direction
+        image: Array = v if not self.q[1:].any() else rotation(self.q) @ v
+        return image
 
 
 @dataclass(eq=False)
@@ -237,8 +237,8 @@ def attitude(label: str, quaternion: Any, matrix: Any) -> Array:
 def unit(v: Array) -> Array:
     """Return a vector's direction; its length may be any but zero."""
     v = v / np.abs(v).max()  # so that no square leaves the range of doubles
-    direction: Array = v / np.linalg.norm(v)
-    return direction
+    unit_vector: Array = v / np.linalg.norm(v)
+    return unit_vector
 
 
 @contextmanager
@@ -258,12 +258,15 @@ def vector(label: str, value: Any) -> Array:
 
 
 def finite(label: str, value: Any, shape: tuple[int, ...]) -> Array:
-    """Return finite numbers of a shape as floats; ``label`` names the argument in InputError."""
+    """Return finite numbers of a shape, () for one number, as floats.
+
+    ``label`` names the argument in InputError.
+    """
     array = real_array(value)
     if array is None or array.shape != shape or not np.isfinite(array).all():
-        count = math.prod(shape)
-        raise InputError(f"The {label} is {shown(value)}; give {count} finite "
-                         f"number{'s' if count > 1 else ''}.")
+        size = math.prod(shape)
+        raise InputError(f"The {label} is {shown(value)}; give {size} finite "
+                         f"number{'s' if size > 1 else ''}.")
     return array
 
 

@@ -295,8 +295,8 @@ class PointConnection(Connection):
         """Return the distance of the points at the start."""
         assert self.on_a is not None
         assert self.on_b is not None
-        difference = poses[self.a].space(self.on_a) - poses[self.b].space(self.on_b)
-        return float(np.linalg.norm(difference))
+        separation = poses[self.a].space(self.on_a) - poses[self.b].space(self.on_b)
+        return float(np.linalg.norm(separation))
 
 
 @dataclass(eq=False, repr=False)

@@ -249,7 +249,7 @@ def from_lagrangian(
         If L is not quadratic in the velocities, its mass matrix singular, or as ``System``.
     """
     coordinates, speeds, constants = (
-        _symbols(field, argument, name) for field, argument in (
+        _symbols(key, argument, name) for key, argument in (
             ("q", q), ("velocities", velocities), ("parameters", parameters)))
     L = as_expression(L)
     # derivatives of a long L that is not shared would visit each occurrence of a subexpression
@@ -276,17 +276,17 @@ def from_lagrangian(
     return system
 
 
-def _symbols(field: str, argument: Any, name: str) -> tuple[sp.Symbol, ...]:
+def _symbols(key: str, argument: Any, name: str) -> tuple[sp.Symbol, ...]:
     """Return an argument as a tuple of symbols; refuse other entries.
 
-    ``field`` is the argument's name in messages, ``name`` the system's.
+    ``key`` is the argument's name in messages, ``name`` the system's.
     """
-    symbols = as_sequence(field, argument)
+    symbols = as_sequence(key, argument)
     for x in symbols:
         if not isinstance(x, sp.Symbol):
             of_time = ("; gyrospark.from_mechanics(LagrangesMethod(L, q)) takes functions of time"
                        if isinstance(x, sp.Function | sp.Derivative) else "")
-            raise InputError(f"System {name!r} has {shown(x)} in {field}, which is no symbol; make "
+            raise InputError(f"System {name!r} has {shown(x)} in {key}, which is no symbol; make "
                              f"it with sympy.Symbol{of_time}.")
     return symbols  # type: ignore[return-value]
 

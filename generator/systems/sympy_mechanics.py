@@ -197,9 +197,9 @@ def _solve_speeds(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp
 
     The equations are linear in u: K u + k = 0, u = −K⁻¹ k.
     """
-    slopes = sp.Matrix(equations).jacobian(u)
-    constant = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
-    solution = slopes.LUsolve(-constant)
+    K = sp.Matrix(equations).jacobian(u)
+    k = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
+    solution = K.LUsolve(-k)
     return dict(zip(u, solution, strict=True))
 
 

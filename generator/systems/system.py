@@ -572,8 +572,8 @@ class System:
         """
         rows = jacobian(self.hidden, self.p)
         # Many bodies that roll have no element templates: hundreds of entries of W are written out.
-        products = [[sum((a * b for a, b in zip(row, gradient, strict=True)), sp.Integer(0))
-                     for gradient in self.G] for row in rows]
+        products = [[sum((a * b for a, b in zip(row, g_q, strict=True)), sp.Integer(0))
+                     for g_q in self.G] for row in rows]
         if self.velocity_count and self.m > _MANY:
             return products
         return [[shortest(e) for e in row] for row in products]
