@@ -195,7 +195,8 @@ def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:
 
 
 def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:
-    """Return the system to generate for, and the representation that belongs into its name."""
+    """Return the system to generate for, and the representation that belongs into its name, or "".
+    """
     if system is not None:
         return system, ""
     if spec.model is not None and model is not None:
@@ -223,7 +224,7 @@ def violations(tableau: Tableau) -> list[Condition]:
 def refuse_violations(tableau: Tableau, *, constrained: bool = True) -> None:
     """Raise if a given tableau violates a required condition; derived ones hold by derivation.
 
-    Without constraints there are no multipliers to be determined.
+    The condition on multipliers is required of a ``constrained`` system alone: others have none.
     """
     if not tableau.given:
         return

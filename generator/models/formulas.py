@@ -262,7 +262,8 @@ class _Formulas:
 
     def join(self, word: str, conditions: Sequence[_Condition]) -> _Condition:
         """Return conditions joined by ``and`` or ``or``; those that are decided need no code."""
-        # one true condition decides "or", one false condition decides "and"
+        # one true condition decides "or", one false condition decides "and"; the chooser of a
+        # decided condition is not used
         deciding_value = word == "or"
         if any(c.holds is deciding_value for c in conditions):
             return _Condition(conditions[0].chooser, holds=deciding_value, compared=())

@@ -263,7 +263,8 @@ class MjcfBuilder(RobotBuilder):
     def _section_attitude(self, body: int) -> tuple[Any, Any]:
         """Return the quaternion of a body of the file, and its numbers at the start.
 
-        The body is turned against the limb with which it moves, and whose coordinates exist.
+        Limbs alone have coordinates: it is the attitude of the limb with which the body moves,
+        times the turn of the body in that limb.
         """
         limb, turn = self.robot.limb(body), quaternion_of_matrix(self.robot.inner(body).R)
         frame = self.frames[limb]
@@ -335,8 +336,9 @@ class MjcfBuilder(RobotBuilder):
             rotation=fixed_rotation)
 
     def _add_law(self, name: str, equality: MjcfEquality) -> None:
-        """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + …, where y is a joint or a tendon Σ c_i q_i.
+        """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + … of two joints or of two tendons.
 
+        y is a coordinate, or the length of a tendon, Σ coefficient · coordinate; y₂ may be missing.
         A linear law of two joints is a coupling.
         """
         coefficients = equality.data[:5].tolist()
@@ -347,11 +349,11 @@ class MjcfBuilder(RobotBuilder):
                 raise InputError(
                     f"equality {shown(equality.name)} is on {shown(joint)}, which has no "
                     "coordinate here; write armature for each joint of its body.")
-        # y(0) of both sides
+        # y₁(0) and y₂(0)
         at_reference = [sum(c * self.robot.joints[joint].ref for joint, c in parts)
                         for parts in sums]
         if equality.kind == "joint" and len(sums) == 2 and not any(coefficients[2:]):
-            c0, c1 = (*coefficients, 0.0)[:2]
+            c0, c1 = coefficients[:2]
             # c₁ = 0 fixes y₁: no coupling of two joints
             if c1:
                 dependent, independent = (self.coordinates[end] for end in equality.ends)

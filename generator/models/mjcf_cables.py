@@ -171,7 +171,7 @@ def _allow(element: Element, names: Iterable[str]) -> None:
 def _numbers(
     element: Element, key: str, text: str, largest_count: float = math.inf
 ) -> list[float]:
-    """Return an attribute's finite numbers, at most ``largest_count`` of them, or refuse it."""
+    """Return the finite numbers of the text of ``key``, ``largest_count`` at most, or refuse it."""
     words = text.split()
     if not all(map(NUMBER.fullmatch, words)) or len(words) > largest_count or not np.isfinite(
             [float(e) for e in words]).all():
@@ -206,13 +206,13 @@ def _material(composite: Element, instances: Mapping[str, Element]) -> _Material
             config[key] = entry.attributes.get("value", "")
     if config.get("flat", "false") not in ("true", "false"):
         raise _refusal(composite, f"has flat {shown(config['flat'])}; write true or false.")
-    moduli = []
+    moduli = []  # G, then E
     for key in ("twist", "bend"):
-        number = _numbers(composite, key, config.get(key, "0"))
-        if len(number) != 1 or number[0] < 0:
+        modulus = _numbers(composite, key, config.get(key, "0"))
+        if len(modulus) != 1 or modulus[0] < 0:
             raise _refusal(composite, f"has {key} {shown(config[key])}; write one number in Pa, 0 "
                            "or more.")
-        moduli += number
+        moduli += modulus
     return _Material(G=moduli[0], E=moduli[1], is_flat=config.get("flat") == "true")
 
 

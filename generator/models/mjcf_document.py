@@ -151,6 +151,7 @@ class _Guard:
         path = (self.folder / name).resolve().relative_to(self.folder.resolve()).as_posix()
 
         def refuse(why: str) -> InputError:
+            """Return an error with the line and the name of the file; ``why`` ends it."""
             return InputError(f"line {element.line}: it includes {shown(name)}, {why}")
 
         if element.name == "model" and "/" in path:

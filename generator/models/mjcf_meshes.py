@@ -122,6 +122,7 @@ def _remove_elements_of_files(kinds: Any, spec: Any, meshes: Collection[str]) ->
     for element in [*spec.sensors, *spec.skins, *spec.textures, *spec.hfields,
                     *(mesh for mesh in spec.meshes if mesh.name in meshes)]:
         spec.delete(element)
+    # a file may ask for more of them than it has
     spec.nkey, spec.nuserdata = len(spec.keys), 0
     for size in ("memory", "njmax", "nconmax", *(e for e in dir(spec) if e.startswith("nuser_"))):
         # −1: MuJoCo computes the size that it needs

@@ -162,9 +162,11 @@ def compile_mjcf(text: str, path: Path) -> CompiledMjcf:
             spec = mujoco.MjSpec.from_string(text, include=files)
             meshes = remove_files(mujoco, spec, path.parent)
             model = spec.compile()
+        # a ValueError, too, but with a sentence of its own
         except InputError:
             raise
         except (ValueError, RuntimeError, MemoryError) as error:
+            # MuJoCo's lines in one, with a number for an element without a name
             reason = ", ".join(" ".join(line.split()).replace("name '', id", "number").rstrip(".,")
                                for line in str(error).splitlines() if line)
             raise InputError(f"MuJoCo does not compile it: {reason}; correct it.") from None
@@ -201,6 +203,7 @@ class _Reader:
         import mujoco
 
         self.m, self.meshes, self.mujoco = model, meshes, mujoco
+        # the first of MuJoCo's names is the model's, "MuJoCo Model" by default
         options, title = model.opt, model.names.split(b"\0")[0].decode()
         disabled = flags_of(options.disableflags, _members(mujoco.mjtDisableBit))
         enabled = flags_of(options.enableflags, _members(mujoco.mjtEnableBit))
@@ -210,7 +213,7 @@ class _Reader:
                              "it out.")
         if "constraint" in disabled:
             disabled |= {"equality", "limit", "contact", "frictionloss"}
-        # MuJoCo compensates gravity with its passive forces, if there are any above 0
+        # gravity compensation is a passive force of MuJoCo, and those end with both of these flags
         if {"spring", "damper"} <= disabled or not model.ngravcomp:
             disabled.add("gravcomp")
         self.robot = MjcfRobot(
@@ -230,6 +233,7 @@ class _Reader:
             self._add_body(body)
         for k in range(m.nsite):
             name = m.site(k).name
+            # loop joints of another file refer to sites by name
             if name:
                 robot.sites[name] = self._body_place(
                     m.site_bodyid[k], m.site_pos[k], m.site_quat[k])
@@ -239,6 +243,7 @@ class _Reader:
             self._add_actuator(k)
         if "equality" not in robot.off:
             for k in range(m.neq):
+                # one that is not active at the start holds nothing
                 if m.eq_active0[k]:
                     self._add_equality(k)
         for k in range(m.nkey):
@@ -397,7 +402,8 @@ class _Reader:
         self.robot.tendons[self._tendon_names[k]] = MjcfTendon(
             tuple((self._joint_names[m.wrap_objid[wrap]], float(m.wrap_prm[wrap]))
                   for wrap in wraps) if is_fixed else (),
-            stiffness if low == high else 0.0, low, damping if is_fixed else 0.0)
+            stiffness=stiffness if low == high else 0.0, rest=low,
+            damping=damping if is_fixed else 0.0)
 
     def _add_actuator(self, k: int) -> None:
         """Add actuator k, or count it as an extra part if it is none of ``MjcfActuator``.
@@ -407,32 +413,35 @@ class _Reader:
         """
         m, robot = self.m, self.robot
         group = int(m.actuator_group[k])
-        passive = m.actuator_armature[k] or m.actuator_damping[k] or m.actuator_dampingpoly[k].any()
+        has_inertia_or_damper = (m.actuator_armature[k] or m.actuator_damping[k]
+                                 or m.actuator_dampingpoly[k].any())
         # a disabled actuator does nothing; its armature and damping act nevertheless; groups from 0
         # to 30 have a bit in ``disableactuator``
-        if not passive and ("actuation" in robot.off or (
+        if not has_inertia_or_damper and ("actuation" in robot.off or (
                 0 <= group <= 30 and m.opt.disableactuator >> group & 1)):
             return
         joints = self._driven_joints(k)
-        gains, biases = (self._member(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
-                         for law in ("gain", "bias"))
+        gain_law, bias_law = (
+            self._member(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
+            for law in ("gain", "bias"))
         gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
-        unsupported = (m.actuator_dyntype[k] or gains not in ("fixed", "affine")
-                       or biases not in ("none", "affine") or (gains == "affine" and gain[1])
-                       or m.actuator_plugin[k] >= 0 or m.actuator_delay[k]
-                       or m.actuator_history[k].any()
-                       or passive or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
-        if unsupported or not joints:
+        # gain[1] makes the gain depend on the length, gain[2] on the rate, which is ``drag``
+        is_extra = (m.actuator_dyntype[k] or gain_law not in ("fixed", "affine")
+                    or bias_law not in ("none", "affine") or (gain_law == "affine" and gain[1])
+                    or m.actuator_plugin[k] >= 0 or m.actuator_delay[k]
+                    or m.actuator_history[k].any() or has_inertia_or_damper
+                    or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
+        if is_extra or not joints:
             robot.extras["actuator"] += 1
             return
         control = int(m.actuator_ctrladr[k])
         robot.extras["limits"] += bool(m.actuator_forcelimited[k] or (
             m.actuator_ctrllimited[control] and "clampctrl" not in robot.off))
-        b0, b1, b2 = map(float, bias[:3] if biases == "affine" else np.zeros(3))
+        b0, b1, b2 = map(float, bias[:3] if bias_law == "affine" else np.zeros(3))
         robot.actuators.append(MjcfActuator(
             self._actuator_names[k], control, joints,
-            float(m.actuator_gear[m.actuator_outadr[k]][0]), float(gain[0]), (b0, b1, b2),
-            float(gain[2]) if gains == "affine" else 0.0))
+            gear=float(m.actuator_gear[m.actuator_outadr[k]][0]), gain=float(gain[0]),
+            bias=(b0, b1, b2), drag=float(gain[2]) if gain_law == "affine" else 0.0))
 
     def _driven_joints(self, k: int) -> tuple[tuple[str, float], ...]:
         """Return (name, coefficient) of the joints whose sum actuator k drives; () for others."""

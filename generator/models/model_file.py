@@ -169,6 +169,7 @@ def _parse_model(
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set_key(content, key, value)
+    # several bodies may be point masses or segments of beams alone
     kinds = [kind for kind in KINDS
              if kind in content or (kind == "bodies" and (
                  "point_masses" in content or "beams" in content))]
@@ -264,14 +265,15 @@ def _set_key(content: TomlTable, key: str, value: str) -> None:
     between: "body.inertia", or "bodies.upper.mass" for an entry of [[bodies]] by its name. Raises
     InputError for a parameter, a key above all tables or a table that the file has not.
     """
-    names = list(content.table("parameters").content)
+    parameter_names = list(content.table("parameters").content)
     # above all tables: numbers, texts and lists of them
     top_keys = [name for name, entry in content.content.items() if not isinstance(entry, dict)
                 and not (isinstance(entry, list) and any(isinstance(e, dict) for e in entry))]
+    known_keys = [*parameter_names, *top_keys]
     if "." in key:
         *path, last = key.split(".")
     else:
-        path, last = ([] if key in top_keys and key not in names else ["parameters"]), key
+        path, last = ([] if key in top_keys and key not in parameter_names else ["parameters"]), key
     table: Any = content.content
     for word in path:
         # an array of tables, such as [[bodies]]: the entry with this name
@@ -280,13 +282,13 @@ def _set_key(content: TomlTable, key: str, value: str) -> None:
                           and entry.get("name") == word), None)
         else:
             table = table.get(word) if isinstance(table, dict) else None
-    if not isinstance(table, dict) or ("." not in key and last not in [*names, *top_keys]):
+    if not isinstance(table, dict) or ("." not in key and last not in known_keys):
         choices = [f"its {kind} {join_or(keys)}" for kind, keys in (
-            ("parameter", names), ("key", top_keys)) if keys]
+            ("parameter", parameter_names), ("key", top_keys)) if keys]
         example = "body.inertia" if "body" in content.content else "start.euler"
         raise content.file_error(
             f"it has no {shown(key)}; set {', '.join([*choices, 'or a table and a key'])}, such as "
-            f"{example}{proposal(key, [*names, *top_keys])}.")
+            f"{example}{proposal(key, known_keys)}.")
     table[last] = _value(value)
 
 

@@ -127,7 +127,8 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _add_bodies(content, builder, rep)
     _add_other_frames(content, builder, bodies, rep)
-    # paths of moving points are formulas of parameters, which otherwise follow the joints' numbers
+    # paths of moving points may contain the parameters, which are added before them; without points
+    # the parameters follow the numbers of joints in the system
     has_points = bool(content.tables("points"))
     if has_points:
         _add_parameters(builder, formulas)
@@ -175,10 +176,10 @@ def _add_impacts(
     position: Mapping[str, sp.Expr],
 ) -> None:
     """Add contacts, latches and stops; ``position`` has the names that gaps may contain."""
-    for kind, number_key in (("contacts", "restitution"), ("latches", "close")):
+    for kind, own_key in (("contacts", "restitution"), ("latches", "close")):
         for table in content.tables(kind):
             build_from(table, partial(_add_contact, builder, bodies, formulas=formulas,
-                                      position=position, number_key=number_key))
+                                      position=position, own_key=own_key))
     for table in content.tables("stops"):
         build_from(table, lambda table: _add_stop(builder, table, formulas))
 
@@ -375,6 +376,7 @@ def join(
         elif "tuple" in annotation:
             values[key] = table.vector(key, 2)
         else:
+            # an offset has the unit of the second joint's coordinate
             units = (_units_of(builder, frames[1], f"{table.text('name')!r}") if key == "offset"
                      else WITH_UNITS.get(key, {}))
             values[key] = table.number(key, units)
@@ -426,15 +428,16 @@ def _add_force(
 
 def _add_contact(
     builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, formulas: Formulas,
-    position: Mapping[str, sp.Expr], number_key: str,
+    position: Mapping[str, sp.Expr], own_key: str,
 ) -> None:
-    """Add a contact of bodies, or of a gap; with ``number_key`` = "close" a latch.
+    """Add a contact of bodies, or of a gap; with ``own_key`` = "close" a latch.
 
+    ``own_key`` is the key that contacts and latches do not share, "restitution" or "close".
     ``position`` has the names that a gap may contain: coordinates, time and parameters.
     """
-    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", number_key)
+    table.allow("name", "bodies", "gap", "on_a", "on_b", "normal", "radius", "box", own_key)
     table.require("name", *(() if "bodies" in table else ("gap",)),
-                  *(("close",) if number_key == "close" else ()))
+                  *(("close",) if own_key == "close" else ()))
     values: dict[str, Any] = {key: table.vector(key, 3) for key in ("on_a", "on_b", "normal", "box")
                               if key in table and not table.is_matrix(key)}
     if table.is_matrix("on_a"):
@@ -450,7 +453,7 @@ def _add_contact(
     if "bodies" in table:
         count = 2 if len(table.strings("bodies")) == 2 else 1
         values |= zip("ab", _frames(table, bodies, count), strict=False)
-    if number_key == "close":
+    if own_key == "close":
         builder.latch(table.text("name"), close=table.strings("close"), **values)
     else:
         builder.contact(table.text("name"), **values, **_restitution(table, formulas))

@@ -379,6 +379,7 @@ class RobotBuilder:
         components = self.builder._components
         count = len(components.connections)
         self._join(limb)
+        # the first new one with a point and axes: a Slide is a coordinate without constraints
         connection = next((link for link in components.connections[count:]
                            if isinstance(link, Joint) and not isinstance(link, Slide)), None)
         if connection is not None:
@@ -591,7 +592,8 @@ class RobotBuilder:
                 self._add_limits(joint.name, self.coordinates[joint.name],
                                  joint.range or (0.0, 0.0))
             return
-        # a joint without a coordinate: a ball has a damper, a single one an armature, else nothing
+        # Of joints without a coordinate, a ball may have a damper, and a ball or a free joint that
+        # is the only one of its body an armature; anything else is refused.
         is_single = (joint.kind in ("ball", "free")
                      and len(self.robot.bodies[joint.body].joints) == 1)
         elements = " and ".join(

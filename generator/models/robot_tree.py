@@ -197,7 +197,7 @@ class LoopJoint:
         w, *v = quaternion_of_matrix(R)
         angle = 0.0 if self.kind == "prismatic" else math.remainder(
             2 * math.atan2(float(self.axis @ v), w), 2 * math.pi)
-        # |R − R'| = 2 √2 sin(θ/2) for the angle θ between the two
+        # |R − R'| = 2 √2 sin(θ/2) for the angle θ between R and the turn R' that the joint allows
         half_sine = float(np.linalg.norm(R - turn(self.axis, angle))) / (2 * math.sqrt(2))
         excess = 2 * math.asin(min(half_sine, 1.0))
         if excess > _TURNED:

@@ -96,7 +96,7 @@ def looks_of(
     link: Element, kind: str, pose_of: Callable[[Element], Placement],
     shape: Callable[[Element, str], Shape | None], colour: Callable[[Element], str],
 ) -> list[Look]:
-    """Return the shapes of a link's <visual> or <collision>, as ``kind`` says, with their poses.
+    """Return the shapes of a link's elements of a ``kind``, visual or collision, with their poses.
 
     ``pose_of``, ``shape`` and ``colour`` read the format. A shape that cannot be read is left out:
     pictures change nothing in the model.

@@ -325,8 +325,8 @@ def _link(name: str, element: Element) -> tuple[RobotLink, float]:
         raise InputError(f"line {inertial.line}: the <inertial> of {shown(name)} has no <mass> or "
                          "no <inertia>; write both.")
     xx, yy, zz = (_number(moments, key) for key in ("ixx", "iyy", "izz"))
-    xy, xz, yz = (_number(moments, key, 0.0) for key in ("ixy", "ixz", "iyz"))
-    placement, mass = _pose(inertial.first("pose")), _number(inertial, "mass", 0.0)
+    xy, xz, yz = (_number(moments, key, default=0.0) for key in ("ixy", "ixz", "iyz"))
+    placement, mass = _pose(inertial.first("pose")), _number(inertial, "mass", default=0.0)
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # a thin body has a moment of 0, which printed digits of J may miss
     if mass < 0 or np.linalg.eigvalsh(J).min() < -1e-9 * np.abs(J).max():
@@ -369,7 +369,7 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
         raise InputError(f"line {element.line}: the axis of joint {shown(name)} is zero; write its "
                          "direction.")
     damping, stiffness, rest_angle = (
-        0.0 if dynamics is None else _number(dynamics, key, 0.0)
+        0.0 if dynamics is None else _number(dynamics, key, default=0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
     if damping < 0:
         raise InputError(f"line {axis.line}: the damping of joint {shown(name)} is {damping:g}, "

@@ -186,6 +186,7 @@ def _link(name: str, element: Element) -> RobotLink:
     moments = inertial.first("inertia")
     if moments is None:
         raise InputError("its <inertial> has no <inertia>; write ixx, iyy, izz, ixy, ixz, iyz.")
+    # products of inertia are 0 where none are written, moments have no default
     xx, xy, xz, yy, yz, zz = (numbers_of(moments, key, 1, [0.0] if key in ("ixy", "ixz", "iyz")
                                        else None)[0]
                               for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))

@@ -50,9 +50,9 @@ def rotation_xyzw(numbers: Sequence[float], owner: str) -> Floats:
 
 
 def place_of(element: Element, key: str = "origin") -> Placement:
-    """Return the placement in <origin>, identity without it.
+    """Return the placement in <origin>, or in the child element ``key``; identity without it.
 
-    xyz, and R = R_z(yaw) R_y(pitch) R_x(roll) by rpy, or R by quat_xyzw.
+    x is xyz, and R is R_z(yaw) R_y(pitch) R_x(roll) of rpy, or the rotation of quat_xyzw.
     """
     origin = element.first(key)
     if origin is None:

@@ -123,7 +123,7 @@ class Assembly:
             # the poses of the description, to which the equations refer
             self.poses = self._poses()
             self._equations_of = {link: list(link.equations(self.poses, self.store))
-                             for link in self.links}
+                                  for link in self.links}
             self.equations, self.velocity_equations = self._equations(without)
             self.start = self._start()
             self.q0, self.p0 = self._coordinates_at(self.start), self._momenta_at(self.start)
@@ -608,7 +608,7 @@ def joint_at(
     constraint_forces = tuple(
         (equation.name, _force_entries(equation.constraint_force, parameters, values))
         for equation in equations)
-    # where a moving point is at a time, no entry says: the joint's point on it is left out
+    # no entry can say where a moving point is at a time: the joint's point on it is left out
     on_a, on_b = (() if isinstance(frame, MovingPoint) else point
                   for frame, point in ((link.a, on_a), (link.b, on_b)))
     return JointLayout(

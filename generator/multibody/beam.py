@@ -165,8 +165,8 @@ class Beam:
 class _Extension(NamedTuple):
     """The displacement of the two ends that a joint of a beam connects, and its stiffnesses."""
 
-    across: sp.Expr  # GA/h, N/m
-    along: sp.Expr  # EA/h, N/m
+    across: sp.Expr  # C_⊥ = GA/h, N/m
+    along: sp.Expr  # C_∥ = EA/h, N/m
     d: Vector  # P_b − P_a in space, m
     tangents: list[Vector]  # of a and of b, in space
 
@@ -216,6 +216,7 @@ class BeamJoint(Joint):
 
     def local_points(self, store: Store) -> tuple[Vector, Vector]:
         """Return both points in the axes of their frames; full segments share their parameters."""
+        # a clamp has points of its own
         if self.factor == 4:
             return super().local_points(store)
         points = []
@@ -450,8 +451,9 @@ def moments_of_segment(
 ) -> tuple[float, ...]:
     """Return the moments of inertia of a segment of length h about the axes of its section.
 
-    h times ``inertia``, which is given per length; else those of a cylinder of ``radius``,
-    m (r²/4 + h²/12) across and m r²/2 along; without a radius m h²/12 about each axis.
+    They are h times ``inertia``, which is given per length; else those of a cylinder of ``radius``,
+    m (r²/4 + h²/12) across and m r²/2 along; without a radius m h²/12 about each axis. m is
+    ``mass``.
     """
     if inertia is not None:
         return tuple((h * vector(f"inertia of {name!r}", inertia)).tolist())

@@ -58,9 +58,8 @@ def gaps_of_plane(
     """Return the gap φ = R_b n · d − ϱ of each point of a, or sphere about it, to a plane of b.
 
     ``frames`` are a and b; ``points`` are in axes of a; ``on_b`` is a point of the plane, and
-    ``normal`` n, in axes of b.
-    Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
-    negative radius.
+    ``normal`` n, in axes of b. Values of parameters go into ``store``. Raises InputError for a
+    normal of length 0 and for a negative radius.
     """
     direction = vector(f"normal of {name!r}", normal)
     if not direction.any():

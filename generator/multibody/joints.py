@@ -935,7 +935,7 @@ class Coupling(Connection):
         """
         # For a ratio z/n of small numbers it is a condition on sines of multiples of the angles,
         # which full turns do not change. Any other ratio needs the angle itself, which the
-        # coordinates determine only within a full turn.
+        # coordinates determine only within a full turn. By ``repr``, 0.1 is 1/10.
         ratio = Fraction(repr(self.ratio)).limit_denominator(_FEW_TEETH)
         has_few_teeth = float(ratio) == self.ratio and 0 < abs(ratio.numerator) <= _FEW_TEETH
         are_hinges = all(isinstance(joint, Align | HingedJoint) for joint in self.joints)

@@ -167,6 +167,7 @@ class Multibody:
         acceleration = named_vector("gravity", vector("gravity", gravity).tolist(), values)
         self._components = Components(self.name, acceleration, values)
         self._visuals: dict[str, list[Shape]] = {}
+        #: Arguments of ``Model`` that the user chose.
         self._about: dict[str, Any] = {
             "dt": None if dt is None else float(finite("time step", dt, shape=())),
             "steps": None if steps is None else count(steps),
@@ -687,7 +688,10 @@ class Multibody:
         on_b: ArrayLike | None = None, rate: float | None = None,
         speed: float | None = None, angle: float | None = None, travel: float | None = None,
     ) -> Cylindrical:
-        """Let b slide along an axis of a and turn about it: four constraints, as ``prismatic``."""
+        """Let b slide along an axis of a and turn about it: four constraints.
+
+        They are those of ``prismatic`` without ``turn``; arguments as there and for ``revolute``.
+        """
         return self._join(Cylindrical(
             name, **self._pair(name, a, b, at, on_a, on_b),
             hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate, angle),
@@ -935,7 +939,7 @@ class Multibody:
         ----------
         a, b : Body, ``ground``, or a name
         joints : iterable of mappings
-            From a to b: ``name``, of which motors and springs and ``angle`` or ``travel`` know it;
+            From a to b: ``name``, by which motors, springs, ``angle`` and ``travel`` know it;
             ``axis`` in space at the start; ``inertia`` in kg m², kg for a slide; ``at``, a point
             of the axis of a hinge in space at the start; ``angle`` and ``rate`` of a hinge, or
             ``travel`` and ``speed`` of a slide, at the start, one of which makes it a hinge or a
@@ -944,7 +948,7 @@ class Multibody:
         Raises
         ------
         InputError
-            For a joint without a name, an axis or an inertia, keys that it has not, and more than 6
+            For a joint without a name, an axis or an inertia, for other keys, and for more than 6
             joints.
         """
         frame_a, frame_b = self._components.frames(name, a, b)
@@ -963,7 +967,8 @@ class Multibody:
     def _chain_link(self, chain: str, a: Frame, description: Any) -> Link:
         """Return one joint of a chain from its keys: a coordinate, its axis and its point.
 
-        "travel" or "speed" makes it a slide; any other joint is a hinge.
+        "travel" or "speed" makes it a slide; any other joint is a hinge. ``a`` is the frame at
+        which the chain begins.
         """
         keys = as_mapping(f"joints of {chain!r}", description, "{'name': 'hip', 'axis': (1, 0, 0)}")
         name = as_text(f"name of a joint of {chain!r}", keys.get("name"))
@@ -1039,11 +1044,12 @@ class Multibody:
         ----------
         joint : what ``revolute`` or ``align`` returned, a flywheel on it, or its name
         angle : expression of ``time`` and parameters
-            φ of the second body against the first about the axis, rad: f(0) is the joint's angle
-            where the bodies start, which it does not move, and f'(0) its rate. Its multiplier is
-            the torque about the axis that the drive exerts on the second body, as a motor's, and
-            back on the first, N m; ``trajectory.joint(name).torque()`` has it in space axes. The
-            angle of a flywheel is ``ratio`` times that of its joint, which is driven.
+            φ = f(t) of the second body against the first about the axis, in rad. f(0) is the
+            joint's angle and f'(0) its rate at the start; the law moves no body to there. The
+            multiplier is the torque about the axis, in N m, that the drive exerts on the second
+            body, as a motor does, and its opposite on the first;
+            ``trajectory.joint(name).torque()`` has it in space axes. The angle of a flywheel is
+            ``ratio`` times that of its joint, which is driven.
 
         Raises
         ------
@@ -1142,8 +1148,9 @@ class Multibody:
     ) -> Motor:
         """Add a motor: a torque about the axis of a joint (N m), or a force along it (N).
 
-        A number, or an expression of ``time``, parameters, symbols of bodies, and ``angle(joint)``,
-        ``rate(joint)``, …. It acts on the joint's second body, and its opposite on the first.
+        Either is a number, or an expression of ``time``, parameters, symbols of bodies, and
+        ``angle(joint)``, ``rate(joint)``, …. It acts on the joint's second body, and its opposite
+        on the first.
         """
         quantity, effort = ("travel", force) if torque is None else ("angle", torque)
         if effort is None or (torque is not None and force is not None):
@@ -1272,9 +1279,9 @@ class Multibody:
         InputError
             As ``contact``, and for an unknown joint.
         """
-        names = [close] if isinstance(close, Connection | str) else as_items(
+        closing = [close] if isinstance(close, Connection | str) else as_items(
             "close", close, "joints")
-        joints = [self._components.joint(joint, f"Latch {name!r}") for joint in names]
+        joints = [self._components.joint(joint, f"Latch {name!r}") for joint in closing]
         if "restitution" in gap:
             raise InputError(f"Latch {name!r} has a restitution, and closes; leave it out.")
         impacts = tuple(replace(impact, restitution=0.0, terminal=True)
@@ -1289,7 +1296,7 @@ class Multibody:
     ) -> tuple[Impact, ...]:
         """End the range of a joint, whose angle (rad) or travel (m) rebounds, as in ``contact``.
 
-        A joint that slides has its travel. With both ends the gaps are ``NAME_lower`` and
+        It is the travel if the joint slides. With both ends the gaps are ``NAME_lower`` and
         ``NAME_upper``.
         """
         link = self._components.joint(joint, f"Stop {name!r}")
@@ -1657,7 +1664,8 @@ def _segment_state(
     """Return the state of a segment of a beam that moves as one rigid body.
 
     Its middle x has the velocity v + ω × (x − x₀), where v is the velocity of the beam's
-    start x₀; the angular velocity is in axes of the segment, whose attitude is q.
+    start x₀; the angular velocity is in axes of the segment, whose attitude is q. A v or ω that is
+    None follows from joints.
     """
     v_turning = np.zeros(3) if omega is None else np.cross(omega, x - start)
     return initial_state(name, q, rotation=None, position=x,

@@ -172,9 +172,10 @@ class Rolling(Connection):
         return h, [-e / h for e in self.body.direction(Mu)]
 
     def _at_start(self, expressions: Sequence[sp.Expr], store: Store, pose: Pose) -> Array:
-        """Return expressions at the body's pose at the start, with its spin, its origin at rest.
+        """Return the values of expressions at a ``pose`` of the body, shape (expressions,).
 
-        Parameters have their values of ``store``.
+        The body has the angular velocity of the pose, and its origin is at rest. Parameters have
+        their values of ``store``.
         """
         body, omega = self.body, pose.R.T @ (np.zeros(3) if pose.spin is None else pose.spin)
         # q̇ = ½ L(q)ᵀ Ω

@@ -89,7 +89,7 @@ def with_row_integrals(system: System) -> System:
                          strict=True))
     g, names, levels = [], [], []
     for integral in row_integrals(system):
-        # several rows imply φ = φ₀: one of them follows from it and the others
+        # φ = φ₀ replaces one of its rows, which follows from it and from the other ones
         name = next(row for row in integral.rows if row in remaining)
         phi_0 = sp.Symbol(re.sub(r"\W+", "_", f"{name}_0"), real=True)
         del remaining[name]

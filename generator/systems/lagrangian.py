@@ -199,7 +199,8 @@ class LagrangianSystem(System):
     def legendre(self) -> System:
         """Return the same system with H = ½ (p − b)ᵀ M⁻¹ (p − b) + V, M inverted in symbols.
 
-        For a few coordinates. Tests compare it with the system that factorises M as numbers.
+        M may have a few rows only. Tests compare the result with the system that factorises M as
+        numbers.
         """
         # ``mass`` has the lower triangle
         entries = dict(zip(self.mass, self._at_rest([*self.mass.values()]), strict=True))

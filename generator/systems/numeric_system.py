@@ -208,6 +208,7 @@ class NumericSystem(NumericConstraints):
                          system.A, system.a, system.velocity_constraint_names)
         self.system = system
         self.momenta = [str(x) for x in system.p]
+        # H contains parameters that the constraints do not
         self._parameters = values_of(
             [*system.parameters, *filter(None, (system.time,))], values)
 

@@ -327,8 +327,8 @@ def _are_contradictory(constraints: NumericConstraints, q: Array, left_out: Sequ
     return len(dependent_rows(rows)[1]) < len(left_out)
 
 
-def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> bool:
-    """Whether fewer rows than the ``dependent`` ones at q depend on others at a point nearby.
+def _is_singular(constraints: NumericConstraints, q: Array, dependent_count: int) -> bool:
+    """Whether fewer rows than at q, ``dependent_count``, depend on others at a point nearby.
 
     At such a q the rank of G drops: a singular configuration, such as a stretched parallelogram.
     The point is at a tenth of the size of q along a random tangent, projected onto g = 0.
@@ -345,7 +345,7 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent: int) -> b
         direction *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(direction), EPS)
         neighbour = nearest_point(constraints, q + direction)
         if neighbour is not None:
-            return len(dependent_rows(constraints.rows(neighbour))[1]) < dependent
+            return len(dependent_rows(constraints.rows(neighbour))[1]) < dependent_count
     return False
 
 

@@ -43,6 +43,7 @@ def distance(a: Any, b: Any, power: float | sp.Expr = 1.5) -> sp.Expr:
         For a value that is no point, and a power that is not positive.
     """
     exponent = as_expression(power)
+    # 1.5 as 3/2, by its decimals
     exponent = sp.Rational(str(exponent)) if exponent.is_Float else exponent
     if not exponent.is_positive:
         raise InputError(f"power = {shown(power)} is not positive; steps are to be short where the "
