@@ -452,8 +452,8 @@ def _second_derivatives(
 ) -> dict[str, Any]:
     """Return the tables of the entries of H_pp and of H_qp − F_p by momenta.
 
-    Momentum e has the ``block_count[e]`` entries of column e of H_pp from ``block_first[e]`` on, in
-    rows ``block_row``, and the entries of column e of H_qp − F_p from ``mixed_first[e]`` on, in
+    Momentum a has the ``block_count[a]`` entries of column a of H_pp from ``block_first[a]`` on, in
+    rows ``block_row``, and the entries of column a of H_qp − F_p from ``mixed_first[a]`` on, in
     rows ``mixed_row``. The tables of ``energies`` and ``forces`` get the places of the entries of
     their instances: ``mixed``, and ``pp_start`` of the first H_pp of a template.
     """
@@ -467,7 +467,7 @@ def _second_derivatives(
                 block_first[a], block_count[a] = len(block_row), len(instance.p)
                 block_row += instance.p
     mixed = _mixed_columns(structure)
-    # columns of different length in one array: column e begins at first[e]
+    # columns of different length in one array: column a begins at first[a]
     first = [0, *accumulate(map(len, mixed))]
     for template, energy in zip(structure.templates, energies, strict=True):
         energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]

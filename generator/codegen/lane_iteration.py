@@ -120,7 +120,8 @@ def _history_length(derived: Derived) -> int:
 def _memory_bytes(derived: Derived, constants: int, factor: int, *, single: bool) -> int:
     """Return an upper bound of the bytes of the iteration's state; the C checks it.
 
-    ``factor`` is the number of entries of the factors of W at a node. ``single``: the lanes are
+    ``constants`` is the number of constants of a run, ``factor`` the number of entries of the
+    factors of W at a node. ``single``: the lanes are
     stages of one trajectory; else they are trajectories.
     """
     scheme, real, history = derived.implicit, derived.real, _history_length(derived)
@@ -142,6 +143,7 @@ def _memory_bytes(derived: Derived, constants: int, factor: int, *, single: bool
     state = 5 * n + 3 * blocks  # q, p, their compensation, zeros; h b, h b̂ and h c of the stages
     constraint_state = 4 * m + m * m  # weights of rows, g twice, an impulse, W⁻¹
     past = (history + 1) * x  # unknowns of previous steps, which predict the next
+    # coefficients of the regressors, two predictions, and coefficients of the multipliers
     least_squares = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
     # for q, p and the multipliers: 16 coefficients of a recurrence, and the triangular factor of
     # its fit with the right-hand side; then 24 contraction rates

@@ -205,8 +205,8 @@ def _users_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauMani
 def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
     """Return the parameters that decide whether a state is on the constraints g = 0 and f = 0.
 
-    f = g_q H_p + g_t has the parameters of g and some of those of H. All of H are returned where
-    f is not written out: for sums over element templates, and for a Lagrangian, of L then.
+    f = g_q H_p + g_t has the parameters of g and some of those of H. Where f is not written out,
+    all of H are returned (sums over element templates), or all of L (a Lagrangian).
     """
     system = derived.system
     if not system.constraints and not system.velocity_count:

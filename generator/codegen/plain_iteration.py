@@ -90,7 +90,7 @@ def _run_constants(
 ) -> list[tuple[str, str]]:
     """Return (name, C) of the constants of an iteration: the entries of W⁻¹, and the correction.
 
-    Each is left out where the system has no constant one.
+    W⁻¹ is left out without constraints, and where W is not constant; so is a correction of None.
     """
     inverse = (system.schur_inverse or []) if constrained else []
     run_constants = [(f"W_inverse[{i}][{j}]", printer(e))

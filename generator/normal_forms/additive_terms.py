@@ -403,6 +403,7 @@ class ForceTerms:
         renaming = local_names(symbols_of(expressions))
         classes = [self.support.coupling.classes([self.support.index_of[x]])
                    for x in renaming if x in self.support.index_of]
+        # a symbol of q or p is in one class
         order = list(dict.fromkeys(c for (c,) in classes))
         places = (order.index(c) for (c,) in classes)
         return LocalForm((*substitute(expressions, renaming), *places), renaming, order)

@@ -145,6 +145,7 @@ def factors_of(terms: Terms) -> list[tuple[Terms, int]] | None:
             isinstance(n, int) for m in terms for _, n in m):
         return None
     powers_of = [dict(m) for m in terms]
+    # SymPy's polynomials have no negative exponents: these are shifted by the lowest
     lowest = {base: min(0, *(powers.get(base, 0) for powers in powers_of)) for base in bases}
     coefficients = {tuple(powers.get(base, 0) - lowest[base] for base in bases): rational(a)
                     for powers, a in zip(powers_of, terms.values(), strict=True)}

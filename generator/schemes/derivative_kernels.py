@@ -196,7 +196,8 @@ def impact_derivatives(system: System) -> Kernel | None:
 def switch_kernel(system: System) -> Kernel | None:
     """Return the kernel of the switching functions of H and the forces; None if there are none.
 
-    Those that depend on anything but q, p, parameters and the time are left out.
+    Those that depend on anything but q, p, parameters and the time are left out, as are those that
+    depend on parameters alone, which do not change in a run.
     """
     time = [sp.Dummy() if system.time is None else system.time]
     states = {*system.q, *system.p, *time}

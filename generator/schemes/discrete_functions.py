@@ -74,8 +74,8 @@ class DiscreteDifference:
 
     def with_shared_parts(self) -> DiscreteDifference:
         """Return u with its mean and its change as shared subexpressions."""
-        return DiscreteDifference(share(self.mean), self.slope, self.steps, share(self.change),
-                                  self.known_ends)
+        return DiscreteDifference(share(self.mean), self.slope, self.steps,
+                                  known_change=share(self.change), known_ends=self.known_ends)
 
     def apply(self, mean: sp.Expr, factor: sp.Expr) -> DiscreteDifference:
         """Return the result of ``become`` with shared subexpressions, computed once."""
@@ -295,7 +295,8 @@ def angle(y: DiscreteDifference, x: DiscreteDifference) -> DiscreteDifference:
     change = share(factor * cross)
     slope = (y.become(sp.Integer(0), factor * x.mean)
              + x.become(sp.Integer(0), -factor * y.mean)).slope
-    return DiscreteDifference(share(sp.atan2(y0, x0) + change / 2), slope, y.steps, change)
+    return DiscreteDifference(share(sp.atan2(y0, x0) + change / 2), slope, y.steps,
+                              known_change=change)
 
 
 # ---------------------------------------------------------------- hyperbolic functions
@@ -377,7 +378,7 @@ def extreme(
     slope = {i: _weighted(u_share, u.slope.get(i, zero)) + _weighted(v_share, v.slope.get(i, zero))
              for i in sorted(u.slope.keys() | v.slope.keys())}
     change = _weighted(u_share, u.change) + _weighted(v_share, v.change)
-    difference = DiscreteDifference(share(mean), slope, u.steps, share(change))
+    difference = DiscreteDifference(share(mean), slope, u.steps, known_change=share(change))
     return difference.with_ends(*(function(*ends) for ends in zip(u.ends, v.ends, strict=True)))
 
 
@@ -410,7 +411,7 @@ def choose_branch(
     slope = {i: select(x.slope.get(i, zero), y.slope.get(i, zero))
              for i in sorted(x.slope.keys() | y.slope.keys())}
     difference = DiscreteDifference(select(x.mean, y.mean), slope, x.steps,
-                                    select(x.change, y.change))
+                                    known_change=select(x.change, y.change))
     return difference.with_ends(*(select(*ends) for ends in zip(x.ends, y.ends, strict=True)))
 
 
@@ -443,7 +444,7 @@ def _clamp(
     s: DiscreteDifference, low: sp.Expr | None, high: sp.Expr | None
 ) -> DiscreteDifference:
     """Return c = max(min(s, high), low), with its slope Δc/Δs; None stands for no limit."""
-    step = (s.change,)
+    step = (s.change,)  # s is the only variable
     clamped = DiscreteDifference(s.mean, {0: sp.Integer(1)}, step)
     if high is not None:
         clamped = extreme(Min, clamped, DiscreteDifference(high, slope={}, steps=step))

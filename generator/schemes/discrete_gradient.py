@@ -98,7 +98,8 @@ def discrete_gradient(
     Parameters
     ----------
     expression : Expr
-        Built from the symbols and parameters with +, ×, /, powers and the functions above.
+        Built from the symbols and parameters with +, ×, /, powers and the functions in the
+        docstring of this module.
     symbols, means, differences : sequences of Symbol
         x, and the symbols of x̄ and Δx.
 
@@ -121,7 +122,8 @@ def discrete_gradient(
         change = share(difference.change)
         # a shared subexpression is one more variable, with the step ``change``
         leaves[symbol] = DiscreteDifference(share(difference.mean), {len(steps): sp.Integer(1)},
-                                            steps, change, difference.known_ends)
+                                            steps, known_change=change,
+                                            known_ends=difference.known_ends)
         node_differences.append(difference)
         steps.append(change)
     return _propagate_backward(differentiate(root, leaves, steps), node_differences, len(symbols))

@@ -130,7 +130,7 @@ class FastSystem:
     def shared_sums(self) -> list[sp.Expr]:
         """Sums u in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
         if self.system.m and self.correction is None:
-            return []  # H_p is evaluated again with H_q
+            return []  # the kernel of H_q evaluates H_p again, with what they share
         if self.is_separable:
             return []  # Gauss-Seidel ordering: H_q − F and H_p are evaluated at different states
         # the kernel of H_p computes the shared sums, and has no time among its inputs

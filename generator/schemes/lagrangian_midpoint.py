@@ -187,8 +187,8 @@ class LagrangianEMS(LagrangianIMS):
         wq, wv = vector("wq", n), vector("wv", n)
         variables = [*self.means[0], *self.differences[0], *self.ends[1]]
         change = along(self.mean_generalised_force, variables, [*(x / 2 for x in wq), *wq, *wv])
-        slope = [k for k in newton_kernels(self.system) if k.name == "force_derivative"]
-        return [*slope, *self._as_long([
+        at_one_end = [k for k in newton_kernels(self.system) if k.name == "force_derivative"]
+        return [*at_one_end, *self._as_long([
             Kernel("mean_generalised_force_derivative", "dR as q1 and v1 move along (wq, wv)",
                    self._arguments | time_input(self.system) | {"wq": wq, "wv": wv},
                    {"dR": change})])]

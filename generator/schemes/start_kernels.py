@@ -94,7 +94,7 @@ class StartKernels:
 
     @cached_property
     def _velocity_map(self) -> tuple[sp.Matrix, list[sp.Expr]]:
-        """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0), both modulo |q| = 1."""
+        """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0) of u = D y + a, both modulo |q| = 1."""
         H_pp = self.system.H_pp
         D = sp.zeros(len(self._columns))
         for i, column_i in enumerate(self._columns):

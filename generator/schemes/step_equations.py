@@ -63,7 +63,8 @@ def common_kernels(system: System) -> list[Kernel]:
     """Return the kernels that every scheme needs: H, F, g, G, f and the matrix W of f.
 
     W = f_p Gᵀ projects momenta onto f = 0: p ← p − Gᵀ W⁻¹ f. A Lagrangian L = ½ vᵀM v + b·v − V has
-    kernels of M, b, V and F in place of H; a frame that moves q has one of its velocity.
+    kernels of M, b, V and F in place of H. A frame on whose motion forces do work has a kernel of
+    its velocity.
     """
     if isinstance(system, LagrangianSystem):
         return [*state_kernels(system), *(place_kernels(system) if system.m else []),

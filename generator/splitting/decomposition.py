@@ -378,6 +378,7 @@ class _Search:
             x, y, z = (-self.total.get(("δ", e), _ZERO) for e in m)
             if (x, y, z) != (0, 0, 0):
                 rotations[x, y, z][0].append(b)
+        # a key of kind "A" has two symbols: x has one
         A = {(self._momentum_index(y), self.system.q.index(x[0])): e
              for (kind, y, *x), e in self.total.items() if kind == "A" and e != 0}
         # coordinates that A couples belong to one point
@@ -629,7 +630,7 @@ def _eigenaxes(
         a = x - squares[0]
         if _is_zero(y - squares[1] - a) and _is_zero(z - squares[2] - a):
             row = sp.Matrix([squares[0], S[0, 1], S[0, 2]])  # of b e eᵀ: a multiple of e
-            length = sp.sqrt(sp.Add(*(e**2 for e in row)))
+            length = sp.sqrt(sp.Add(*(entry**2 for entry in row)))
             return a, [((row[0] / length, row[1] / length, row[2] / length),
                         sp.Add(*squares))]
     raise InputError(

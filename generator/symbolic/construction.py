@@ -81,7 +81,7 @@ def product_of(factors: Sequence[sp.Expr]) -> sp.Expr:
             return sp.Mul(*factors)
         powers.append(factor)
         bases.add(base)
-    # a number times a sum is a sum, or none, by rules of SymPy
+    # equal bases; and a number times a sum, into which SymPy may multiply the number
     if len(bases) < len(powers) or (len(powers) == 1 and powers[0].is_Add):
         return sp.Mul(*factors)
     powers.sort(key=ORDER)

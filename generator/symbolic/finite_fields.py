@@ -115,7 +115,7 @@ class Residues:
             batches: list[list[Residue]] = []
             for _ in range(_BATCHES):
                 batches.append(self._batch(outputs, subexpressions))
-                if sum(len(columns[0]) for columns in batches) >= self.size:
+                if sum(len(batch[0]) for batch in batches) >= self.size:
                     columns = [np.concatenate(c)[: self.size] for c in zip(*batches, strict=True)]
                     return dict(zip(outputs, columns, strict=True))
         raise UnsuitablePrimeError(f"no point modulo {self.prime} has all the values")

@@ -84,7 +84,7 @@ class Evaluator:
         return np.float64(float(e))
 
     def _power(self, e: sp.Pow) -> Any:
-        """Return base**exponent, as C computes it: a square root, a whole power, or any other."""
+        """Return base**exponent, as C computes it: a root, an integer power, or any other."""
         base, exponent = self(e.base), e.exp
         # sqrt is rounded correctly, a power of ½ is not
         if exponent == sp.Rational(1, 2):

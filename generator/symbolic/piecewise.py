@@ -140,8 +140,8 @@ class _Comparison(NamedTuple):
 def _as_comparison(w: sp.Expr, symbols: set[sp.Symbol]) -> _Comparison:
     """Return w = c (s − b) as a comparison of s with b.
 
-    s has the terms of w with the symbols, divided by the coefficient c of the first. Raises
-    NotPiecewiseError if the sign of c is not known.
+    s (``variable``) has the terms of w with the symbols, divided by the coefficient c (``factor``)
+    of the first. Raises NotPiecewiseError if the sign of c is not known.
     """
     terms = sp.Add.make_args(sp.expand(w))
     variable_terms = [t for t in terms if not t.free_symbols.isdisjoint(symbols)]
@@ -175,7 +175,7 @@ def _free_of(e: sp.Expr, symbols: set[sp.Symbol]) -> sp.Expr | None:
 
 
 def _solutions(
-    variable: sp.Expr, symbol: sp.Symbol, symbols: set[sp.Symbol], root: bool
+    variable: sp.Expr, symbol: sp.Symbol, symbols: set[sp.Symbol], is_root: bool
 ) -> Iterator[list[dict[sp.Expr, sp.Expr]]]:
     """Yield lists of substitutions that turn the variable into the symbol s.
 
@@ -184,7 +184,7 @@ def _solutions(
     must agree.
     """
     yield [{variable: symbol}]
-    square, target = (variable.base, symbol**2) if root else (variable, symbol)
+    square, target = (variable.base, symbol**2) if is_root else (variable, symbol)
     for x in sorted(variable.free_symbols & symbols, key=str):
         for power in (1, 2):
             unknown = sp.Dummy("unknown", real=True)
@@ -194,8 +194,8 @@ def _solutions(
             is_linear = slope.free_symbols.isdisjoint({*symbols, unknown})
             if x not in rewritten.free_symbols and is_linear:
                 solution = (target - sp.expand(rewritten - slope * unknown)) / slope
-                roots = [solution] if power == 1 else [sp.sqrt(solution), -sp.sqrt(solution)]
-                yield [{x: root_x} for root_x in roots]
+                values = [solution] if power == 1 else [sp.sqrt(solution), -sp.sqrt(solution)]
+                yield [{x: value} for value in values]
 
 
 # ---------------------------------------------------------------- order of the limits
@@ -272,12 +272,13 @@ def _limits_in(e: sp.Expr, symbol: sp.Symbol) -> Iterator[sp.Expr]:
 def _step_limit(step: sp.Expr, symbol: sp.Symbol) -> Iterator[tuple[sp.Expr, bool]]:
     """Yield the limit of a step function, and whether it rises from 0 to 1 with the variable.
 
-    Nothing is yielded for a step that does not depend on the variable, or on another step.
+    Nothing is yielded for a step that does not depend on the variable, or depends on another step.
     """
     switch = sides(step) if selects_side(step, {symbol}) else None
     if switch is None or _has_sides(switch.w, {symbol}):
         return
     _, limit, rises = _as_comparison(switch.w, {symbol})
+    # a step that is 0 for w < 0 rises where w rises
     yield sp.expand(limit), rises == (switch.below == 0)
 
 
@@ -298,6 +299,7 @@ def _piece_between(e: sp.Expr, symbol: sp.Symbol, limits: Sequence[sp.Expr], i: 
         if switch is not None:
             _, limit, rises = _as_comparison(switch.w, {symbol})
             is_above = limits.index(sp.expand(limit)) < i
+            # w > 0 above the limit if w rises there, else below it
             is_positive = rises == is_above
             rebuilt = switch.above if is_positive else switch.below
         replacement[node] = rebuilt

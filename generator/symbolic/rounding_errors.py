@@ -95,6 +95,7 @@ def _error_of_product(sizes: Sequence[Any], errors: Sequence[Any]) -> Any:
 
     Products from both ends are multiplied in place of dividing by x_i, which may be 0.
     """
+    # 1 without axes, which products broadcast to the shape of the sizes
     left_products = [np.ones(())]
     for size in sizes[:-1]:
         left_products.append(left_products[-1] * size)

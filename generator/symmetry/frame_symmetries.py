@@ -130,6 +130,7 @@ def frame_of(system: System) -> CoMovingFrame:
 
     Raises InputError if the system has no symmetry for a co-moving frame.
     """
+    # the name of each feature in an error; False if the system does not have it
     refuse_together(
         frame="a co-moving frame",
         time=system.is_time_dependent and f"time in H or in a constraint of {system.name!r}",
@@ -388,11 +389,11 @@ def _bracket_coefficients(system: System, field: LinearField) -> list[sp.Expr] |
         # the expansion of a long bracket may take minutes
         if not is_small(bracket) or not bracket.is_polynomial(*symbols):
             return None
-        for powers, x in sp.Poly(bracket, *symbols).terms() if symbols else ():
+        for powers, c in sp.Poly(bracket, *symbols).terms() if symbols else ():
             monomial = tuple(s**n for s, n in zip(symbols, powers, strict=True) if n)
-            coefficients[monomial] = coefficients.get(monomial, sp.Integer(0)) + x
-    # in an order of their own, as conditions are solved one after the other
-    return sorted({sp.together(x) for x in coefficients.values()}, key=sp.default_sort_key)
+            coefficients[monomial] = coefficients.get(monomial, sp.Integer(0)) + c
+    # conditions are solved one after the other: their order must not depend on the order of H
+    return sorted({sp.together(c) for c in coefficients.values()}, key=sp.default_sort_key)
 
 
 def _solved_conditions(

@@ -124,8 +124,8 @@ class SymmetrySpace:
         G = [residues[e] for e in self._G[k]]
         rows = self._combine(prime, lambda i, j: G[i] * q[j] % prime, count)
         # columns g_k, then fields: eliminating the first ones removes the unknown C
-        system = np.column_stack([*(residues[g] for g in related), rows])
-        rows, pivots = echelon_form(system, prime, len(related))
+        augmented_rows = np.column_stack([*(residues[g] for g in related), rows])
+        rows, pivots = echelon_form(augmented_rows, prime, columns=len(related))
         return rows[len(pivots) :, len(related) :]
 
     def _points(

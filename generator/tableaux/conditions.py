@@ -175,7 +175,7 @@ def counts(tableau: Tableau) -> dict[str, int]:
 def order(tableau: Tableau, *, constrained: bool = True) -> int:
     """Return the order that B, C and D of the four coefficient matrices guarantee.
 
-    Without constraints only A and Â count.
+    Without ``constrained``, only A and Â count.
 
     By Butcher's theorem order = min(B, C + D + 1, 2C + 2), which Jay extended to partitioned and
     constrained systems (SIAM J. Numer. Anal. 45, 2007); the order of a symmetric method is even.
@@ -355,12 +355,13 @@ def velocity_conditions(tableau: Tableau, V: Matrix) -> list[Condition]:
         _condition(t, "v_0l = 0", "v_0l = 0", first * V, rows=None, columns=nodes, required=True),
         _condition(t, "v_pl = b̃_l", "v_pl = b̃_l", last * V - basis["b_tilde"].transpose(),
                    rows=None, columns=nodes, required=True),
-        Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {required_k}", f"holds to k = {k}",
-                  k >= required_k, residual, required=True),
+        Condition("C of V", f"Σ v c̃^(k−1) = c̃^k/k, k ≤ {required_k}",
+                  found=f"holds to k = {k}", holds=k >= required_k, residual=residual,
+                  required=True),
         # Ā is regular: a polynomial of degree s that vanishes at 0 and at c̃_1..c̃_p is 0.
         Condition("reactions", "det ā_ij ≠ 0, i = 1..p, j = 1..s",
-                  "Ā is regular" if is_regular else "Ā is singular", is_regular,
-                  "0" if is_regular else "singular", required=True),
+                  found="Ā is regular" if is_regular else "Ā is singular", holds=is_regular,
+                  residual="0" if is_regular else "singular", required=True),
     ]
     mirrored = symmetry_residual(nodes, nodes, V, basis["b_tilde"])
     if is_symmetric(t) and mirrored is not None:
@@ -381,6 +382,7 @@ def energy_conditions(tableau: Tableau) -> list[Condition]:
     reports = [{line.name: line for line in check_tableau(t)} for t in tableaux]
     lines: list[Condition] = []
     for name, line in reports[0].items():
+        # conditions on the entries of Ā and Ã have their equations as names
         if name.startswith(("symplectic", "symmetric", "ā", "ã")):
             holds = all(report[name].found == "yes" for report in reports)
             lines.append(replace(line, name=f"{name}, every θ", required=True,
@@ -390,10 +392,10 @@ def energy_conditions(tableau: Tableau) -> list[Condition]:
     proved = min(tableau.order, fixed_order + 2)
     return [
         *lines,
-        Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", str(fixed_order),
-                  fixed_order >= 2 * tableau.s - 2, "0", required=True),
-        Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", str(proved),
-                  proved == 2 * tableau.s, "0", required=True),
+        Condition("order, fixed θ", f"2s − 2 = {2 * tableau.s - 2}", found=str(fixed_order),
+                  holds=fixed_order >= 2 * tableau.s - 2, residual="0", required=True),
+        Condition("order, θ = O(Δt²)", f"2s = {2 * tableau.s}", found=str(proved),
+                  holds=proved == 2 * tableau.s, residual="0", required=True),
     ]
 
 
@@ -508,4 +510,5 @@ def _condition(
     """Return a condition with its residual: exact 0, or the largest entry at the nodes as text."""
     holds = is_zero(residual, tableau)
     size = "0" if holds else mp.nstr(magnitude(residual, rows, columns), 5)
-    return Condition(name, equation, "yes" if holds else "no", holds, size, required)
+    return Condition(name, equation, found="yes" if holds else "no", holds=holds, residual=size,
+                     required=required)

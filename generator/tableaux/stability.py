@@ -139,6 +139,7 @@ def _rational(matrix: Any) -> DomainMatrix:
         """Return a rational number exactly, any other one rounded down to a multiple of 1/unit."""
         if e.is_Rational:
             return QQ(int(e.p), int(e.q))
+        # BITS digits are more than 2·BITS bits
         return QQ(int(sp.floor(sp.N(e * unit, BITS))), unit)
 
     rows = [[round_down(e) for e in row] for row in matrix.to_list()]

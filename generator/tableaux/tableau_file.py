@@ -129,7 +129,8 @@ class _Reader:
         for key, source in ROW_SUMS.items():
             if source in parts:
                 parts.setdefault(key, [[sp.Add(*row)] for row in parts[source]])
-        rounding = Rounding(min(self.digits.values()), self.rounded) if self.digits else None
+        rounding = (Rounding(digits=min(self.digits.values()), entries=self.rounded)
+                    if self.digits else None)
         if "b_tilde" not in parts:  # a Butcher tableau
             return complete_tableau(name, parts, claims, rounding)
         self.check_last_weight(parts["b_tilde"][-1][0])
@@ -342,6 +343,7 @@ class _Reader:
 
     def check_last_weight(self, weight: sp.Expr) -> None:
         """Refuse a last b̃ that is 0: T2 divides by it."""
+        # an irrational expression of 0 has a round-off of about 1e-30
         size = abs(weight) if weight.is_Rational else abs(sp.N(weight, 30))
         if size == 0 or (not weight.is_Rational and size < sp.Float("1e-25")):
             raise self.error(
