@@ -67,7 +67,7 @@ def test_a_damped_top_is_found_from_a_far_first_guess():
 @pytest.mark.parametrize(("case", "seeds", "fewest", "together"), [
     (top, 100, 88, 0.92), (double, 100, 88, 0.93)])
 def test_two_standard_deviations_hold_as_often_as_they_should(case, seeds, fewest, together):
-    """Fewer than 88 of 100 have a probability of 0.1 % where 95.4 are expected."""
+    """Fewer than 88 of 100 have a probability of 0.1 %; 95.4 are expected."""
     recovery = fits.recover(case(), range(seeds))
     assert not recovery.failures
     assert min(recovery.within().values()) >= fewest
@@ -102,7 +102,7 @@ def test_a_start_alone_and_parameters_alone():
 
 
 def test_a_fit_with_inputs():
-    """Each step has its own push; without them the rate would be another."""
+    """Each step has its own push, without which the fitted rate would differ."""
     step, case = systems.differentiable("pushed_pendulum"), systems.case("pushed_pendulum")
     rows = np.random.default_rng(1).normal(size=(30, 2))
     run = step.integrate(case.q, case.p, dt=0.02, steps=60, inputs=gs.Inputs(rows, hold=2),

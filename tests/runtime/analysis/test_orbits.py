@@ -33,7 +33,7 @@ def released(a: float, b: float, step: gs.Stepper | None = None):
 
 
 def test_saddle():
-    """Exponents ±1; their vectors are along (x, u) = (1, ±1)."""
+    """The exponents are ±1; their vectors are along (x, u) = (1, ±1)."""
     spectrum = by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE, dt=0.01,
                         steps=4000, every=10, covariant=True)
     later = spectrum.running[-1] * spectrum.times[-1] - spectrum.running[199] * spectrum.times[199]

@@ -104,7 +104,7 @@ print(codes == [0]*4)
 
 @pytest.mark.skipif(not hasattr(signal, "SIGCHLD"), reason="there is no fork")
 def test_fork_while_threads_integrate():
-    """There is no lock in compiled code that a child could find held for ever."""
+    """Compiled code has no lock that a forked child could wait for without end."""
     assert python(FORK_IN_THREADS).strip() == "True"
 
 
@@ -201,8 +201,10 @@ def test_no_leak_in_a_million_calls(monkeypatch):
 
 
 def test_nothing_of_runs_is_behind_a_lock_of_a_class():
-    """``cached_property`` has one for all instances in Python 3.11: a forked child may have it
-    locked for ever."""
+    """No source uses ``cached_property``, which has one lock for all instances in Python 3.11.
+
+    A forked child may have it locked for ever.
+    """
     sources = [path for folder in ("runtime", "sweeps", "storage")
                for path in sorted((ROOT / folder).rglob("*.py"))]
     assert len(sources) > 50

@@ -89,8 +89,8 @@ def test_three_thirds_are_a_whole(real):
     run = step.integrate(*START, dt=third, steps=3, parameters=PARAMETERS)
     assert abs(exact(run.t[-1]) - 1) <= EPS[real]
     assert_near(run.q[-1], motion(Fraction(1), t0=Fraction(0))[:1], real)
-    once = step.step(*START, dt=1, parameters=PARAMETERS)
-    assert_near(once[0], [exact(run.q[-1, 0])], real)
+    end = step.step(*START, dt=1, parameters=PARAMETERS)
+    assert_near(end[0], [exact(run.q[-1, 0])], real)
 
 
 @pytest.mark.parametrize("real", WIDE)
@@ -158,7 +158,7 @@ def test_a_member_that_fails_has_no_time(real):
 
 @pytest.mark.parametrize("real", WIDE)
 def test_residual_jacobian_and_guess(real):
-    """r(0) = (−p/m, −c (t + c_i Δt)²), ∂r/∂x of the same system, and the k to start from."""
+    """The residual at k = 0 is (−p/m, −c (t + c_i Δt)²); Jacobian and guess are exact, too."""
     step, t = pushed(real), exact(T0)
     nodes = [exact(c) for c in tableau_of("G-L", 3).c]
     arguments = {"dt": DT, "t": T0, "parameters": PARAMETERS}
@@ -232,7 +232,7 @@ def test_a_store(real, tmp_path):
 @pytest.mark.parametrize("real", WIDE)
 @pytest.mark.parametrize("end", ["age", "t_end"])
 def test_the_work_until_an_end_between_two_steps_has_all_digits(end, real, tmp_path):
-    """H − H₀ = W in the last row, too: at a terminal event, and at t_end."""
+    """H − H₀ = W holds in the last row too, at a terminal event and at t_end."""
     time = Fraction(1, 3) + Fraction(11, 2) * DT
     span = {"t_end": time} if end == "t_end" else {
         "events": gs.Event("age", level=time, terminal=True), "steps": STEPS, "every": 2}
@@ -244,7 +244,7 @@ def test_the_work_until_an_end_between_two_steps_has_all_digits(end, real, tmp_p
 
 @pytest.fixture(scope="module")
 def of_two_steps(tmp_path_factory):
-    """A stepper, the store of a run of two steps, and its arguments."""
+    """Return a stepper, the store of a run of two steps, and its arguments."""
     step, out = pushed("float128"), tmp_path_factory.mktemp("two") / "run.zarr"
     run = {"q": START[0], "p": START[1], "t0": T0, "steps": 2, **RUN}
     record(step, out=out, **run)

@@ -1,4 +1,4 @@
-"""Compilers and the cache: none, a broken one, killed builds, many at once, damage, keys."""
+"""Compilers and the cache: no compiler, a broken one, killed builds, many at once, damage, keys."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def kept(folder):
 
 
 def build(folder, cc=None):
-    """Build and step in a new process; return what it says."""
+    """Build and step in a new process; return its exit code and output."""
     return call([sys.executable, "-c", BUILD], GYROSPARK_CACHE=str(folder), CC=cc,
                 GYROSPARK_OPTIMISE="0")
 
@@ -129,7 +129,7 @@ def test_unusable_cc_is_reported(chosen, words, monkeypatch, own_cache):
     ("for last; do :; done; echo nonsense > $last", ["load", "CC"]),
 ], ids=["complains", "not UTF-8", "does nothing", "killed", "makes nonsense"])
 def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache):
-    """Command and stderr are in the error; nothing stays in the cache that would be loaded."""
+    """The error has command and stderr; nothing stays in the cache that would be loaded."""
     path = script(f'[ "$1" = --version ] && {{ echo mine; exit 0; }}\n{body}')
     monkeypatch.setenv("CC", str(path))
     with pytest.raises(gs.errors.CompilerError) as caught:
@@ -169,7 +169,7 @@ def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
 
 @pytest.fixture(scope="module")
 def built(tmp_path_factory):
-    """A module and its checksum, compiled once."""
+    """Return the files of a module and its checksum, compiled once."""
     if shutil.which("cc") is None:
         pytest.skip("cc is not installed")
     folder = tmp_path_factory.mktemp("built")
@@ -237,7 +237,7 @@ def small_disk(tmp_path):
 @pytest.mark.parametrize("size", [60, *(pytest.param(size, marks=pytest.mark.slow)
                                         for size in (4, 20, 120))])
 def test_full_cache_is_reported(size, small_disk, quick, monkeypatch):
-    """Wherever in the build the disk fills up: an error in words, nothing left that is loaded."""
+    """Wherever in the build the disk fills up, the error says so, and nothing is left to load."""
     disk = small_disk(size)
     monkeypatch.setenv("GYROSPARK_CACHE", str(disk))
     monkeypatch.setenv("CC", quick)
@@ -270,7 +270,7 @@ def test_read_only_cache_serves_what_it_has(small_disk, quick):
 
 @pytest.mark.slow  # processes that are killed
 def test_killed_builds_leave_nothing_that_is_loaded(own_cache, quick):
-    """SIGKILL at random instants of a cold build, then one that is left alone succeeds."""
+    """SIGKILL ends builds at random instants; the next one succeeds."""
     rng = random.Random(2026)
     reference = None
     started = time.monotonic()
@@ -301,7 +301,7 @@ def test_killed_builds_leave_nothing_that_is_loaded(own_cache, quick):
 
 @pytest.mark.slow  # processes; test_threads_and_processes.py has threads that build one stepper
 def test_many_processes_at_once(own_cache, quick):
-    """All build the same stepper cold: all succeed, with the same bits; one module stays."""
+    """All processes build the same stepper cold and get the same bits; one module stays."""
     processes = [
         subprocess.Popen([sys.executable, "-c", BUILD], stdout=subprocess.PIPE, text=True,
                          stderr=subprocess.PIPE,
@@ -331,7 +331,7 @@ DAMAGE = {
 @pytest.mark.usefixtures("ready")
 @pytest.mark.parametrize("damage", [*DAMAGE, "no checksum", "other checksum", "empty checksum"])
 def test_a_damaged_module_is_built_anew(damage, built, own_cache, monkeypatch):
-    """Loading it would end the process with a bus error: it is not even tried."""
+    """A damaged module is not even loaded, which would end the process with a bus error."""
     proofs = {"no checksum": None, "other checksum": b"0" * 64, "empty checksum": b"\xff"}
     own_cache.mkdir()
     for name, data in built.items():
@@ -399,7 +399,7 @@ def test_kept_text_is_given_back_as_it_was_written_or_not_at_all(own_cache):
     ('"schema"', "schema", "damaged"),
 ])
 def test_manifest_of_another_stepper_is_refused(old, new, words):
-    """Its sizes are those of the memory that compiled code writes to."""
+    """The sizes in a manifest belong to the memory that compiled code writes to."""
     files = dict(files_of())
     name = "heavy_top_ims_gamma.json"
     assert old in files[name]
@@ -434,7 +434,7 @@ def test_key_depends_on_everything_that_changes_the_binary(monkeypatch):
 
 
 def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
-    """Changed text of the generator or a template, another version: no old source is used."""
+    """The key changes with the text of the generator or a template, and with the version."""
     spec = Spec("IMS", real="float")
     for folder in ("core", "generator", "engine", "templates"):
         shutil.copytree(ROOT / folder, tmp_path / folder,
@@ -444,11 +444,11 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
         fingerprint.generator_fingerprint.cache_clear()
         return api.Derivation(spec).key("")
 
-    here = key()
+    own_key = key()
     with monkeypatch.context() as patch:
         patch.setattr(fingerprint, "ROOT", tmp_path)
         keys = [key()]
-        assert keys == [here]
+        assert keys == [own_key]
         for path in (tmp_path / "templates" / "stepper.c.jinja",
                      tmp_path / "engine" / "gyrospark" / "engine.h",
                      tmp_path / "generator" / "tableaux" / "nodes.py",
@@ -461,7 +461,7 @@ def test_source_key_depends_on_the_generator(monkeypatch, tmp_path):
         keys.append(key())
         keys.append(key(Spec("IMS", None, "alpha", real="float")))
     assert len(set(keys)) == len(keys)
-    assert key() == here
+    assert key() == own_key
 
 
 # ---------------------------------------------------------------- listing and clearing
@@ -473,23 +473,23 @@ def test_clearing_touches_only_what_is_ours(own_cache):
     assert build_cache.clear() == 0
     own_cache.mkdir()
     key = "0123456789abcdef" * 2
-    ours = [f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so",
-            f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.json",
-            f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd",
-            f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd.json",
-            f"heavy_top_gl8_alpha-{key}.source.json"]
-    theirs = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log",
-              f"kernel-{key}.so"]
-    for name in [*ours, *theirs]:
+    cached = [f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so",
+              f"heavy_top_ims_gamma-{key}.cpython-311-x86_64-linux-gnu.so.json",
+              f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd",
+              f"heavy_top_ims_gamma-{key}.cp312-win_amd64.pyd.json",
+              f"heavy_top_gl8_alpha-{key}.source.json"]
+    foreign = ["thesis.tex", ".bashrc", "notes-1.source.json", "lib.so", f"{key}.so", "build-log",
+               f"kernel-{key}.so"]
+    for name in [*cached, *foreign]:
         (own_cache / name).touch()
     (own_cache / "folder").mkdir()
-    assert [p.name for p in build_cache.entries()] == sorted(ours)
-    assert build_cache.clear() == len(ours)
-    assert {p.name for p in own_cache.iterdir()} == {*theirs, "folder"}
+    assert [p.name for p in build_cache.entries()] == sorted(cached)
+    assert build_cache.clear() == len(cached)
+    assert {p.name for p in own_cache.iterdir()} == {*foreign, "folder"}
 
 
 def left(name, hours, mark=build_cache._MARKED):
-    """Make a build's folder of so many hours ago."""
+    """Create a build's folder that is so many hours old."""
     name.mkdir(parents=True)
     (name / "kernel.o").touch()
     if mark is not None:
@@ -511,25 +511,25 @@ def test_old_build_folders_are_swept_up(own_cache, quick, monkeypatch):
 
 
 def test_folders_of_others_are_never_removed(own_cache, tmp_path):
-    """However old: other names, no mark, another mark, a link, another owner."""
+    """Old folders stay that have other names, no mark, another mark, a link or another owner."""
     for name, mark in (("build-arm64", build_cache._MARKED), ("build-arm64/src", None),
                        ("gyrospark-build-notmarkd", None), ("gyrospark-build-otherwis", "mine"),
                        ("gyrospark-build-arm64-release", build_cache._MARKED)):
         left(own_cache / name, 1000, mark)
-    theirs = {*own_cache.rglob("*")}
+    foreign = {*own_cache.rglob("*")}
     left(tmp_path / "gyrospark-build-elsewher", 1000)
     (own_cache / "gyrospark-build-linkedto").symlink_to(tmp_path / "gyrospark-build-elsewher")
-    theirs |= {own_cache / "gyrospark-build-linkedto", *tmp_path.rglob("gyrospark-build-else*/*")}
+    foreign |= {own_cache / "gyrospark-build-linkedto", *tmp_path.rglob("gyrospark-build-else*/*")}
     if os.geteuid() == 0:
         left(own_cache / "gyrospark-build-foreigns", 1000)
         os.chown(own_cache / "gyrospark-build-foreigns", 12345, 12345)
-        theirs |= {*own_cache.rglob("gyrospark-build-foreigns/*")}
+        foreign |= {*own_cache.rglob("gyrospark-build-foreigns/*")}
     left(own_cache / "gyrospark-build-reallyus", 1000)
     with build_cache.build_folder() as folder:
         assert build_cache._BUILD_NAME.fullmatch(folder.name)
         assert [p.name for p in folder.iterdir()] == [build_cache._MARK]
     build_cache.clear()
-    assert all(path.exists() for path in theirs)
+    assert all(path.exists() for path in foreign)
     assert not (own_cache / "gyrospark-build-reallyus").exists()
 
 
@@ -537,9 +537,9 @@ def test_folders_of_others_are_never_removed(own_cache, tmp_path):
 
 
 def publish_both(own_cache, quick, monkeypatch):
-    """Build a module and keep a text; return their files, which nobody else may write to.
+    """Build a module and store a text; return their files, which nobody else may write to.
 
-    Whatever the umask: with 002, of groups of one user, files would be writable by the group.
+    This holds for any umask: with 002, of groups of one user, the group could write to files.
     """
     monkeypatch.setenv("CC", quick)
     before = os.umask(0o000)
@@ -559,7 +559,7 @@ def publish_both(own_cache, quick, monkeypatch):
 @pytest.mark.usefixtures("ready")
 @pytest.mark.parametrize("planted", ["group writes", "others write", "link", "other owner"])
 def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_path):
-    """Each is rebuilt; nothing that another user could have written is loaded or compiled."""
+    """No file is loaded or compiled if another user could have written it."""
     for path in publish_both(own_cache, quick, monkeypatch):
         if planted == "link":
             path.rename(tmp_path / path.name)
@@ -586,7 +586,7 @@ def test_planted_files_are_not_read(planted, own_cache, quick, monkeypatch, tmp_
     (0o755, 0o777, None, False), (0o700, 0o755, 12345, False)])
 def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache, quick,
                                           monkeypatch, tmp_path):
-    """A sticky folder is one where others cannot replace what is ours."""
+    """In a sticky folder others cannot replace our files."""
     built, text = publish_both(own_cache, quick, monkeypatch)
     if owner is not None and os.geteuid() != 0:
         pytest.skip("only root gives files away")
@@ -607,7 +607,7 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
 
 
 def test_cache_folder_is_the_users(monkeypatch, tmp_path):
-    """Where it lies, by default and chosen; what is in it can be read by others only if it may."""
+    """The folder is the chosen or the default one; a build's folder in it is private."""
     assert build_cache.cache_folder() == tmp_path / "cache"
     monkeypatch.delenv("GYROSPARK_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
@@ -622,7 +622,7 @@ def test_cache_folder_is_the_users(monkeypatch, tmp_path):
 
 
 def test_levels_of_optimisation(monkeypatch):
-    """Each level has its own flags, so its own modules; another one is refused in words."""
+    """Each level has its own flags, and so its own modules; an unknown level is refused."""
     flags, lower = [], []
     for level in ("1", "3", ""):
         monkeypatch.setenv("GYROSPARK_OPTIMISE", level)

@@ -32,7 +32,7 @@ int deep(int n)
 
 @pytest.fixture(scope="module")
 def deep(tmp_path_factory):
-    """A function with a large frame, and what the compiler reports of it."""
+    """Return a function with a large frame, and the size of it that the compiler reports."""
     folder = tmp_path_factory.mktemp("deep")
     (folder / "deep.c").write_text(DEEP)
     command = find_compiler().command

@@ -36,7 +36,7 @@ def files_of(name: str) -> dict[str, str]:
 
 @cache
 def curved() -> gs.System:
-    """Functions of every kind: roots, powers, cardinal functions, two sides, time, forces."""
+    """Return a system of roots, powers, cardinal functions, two sides, time and forces."""
     q, p = sp.symbols("x y", real=True), sp.symbols("px py", real=True)
     k, a = sp.symbols("k a", positive=True)
     t = sp.Symbol("t", real=True)
@@ -193,7 +193,7 @@ def test_an_object_that_never_agrees_is_refused(tmp_path, monkeypatch):
     ("lanes_atan2(c->_used, c, d)", lambda a, b, c, d: np.arctan2(c, d)),
 ])
 def test_expressions_are_those_of_python(text, value):
-    """C and Python read these alike: precedence, left to right, signs."""
+    """C and Python read expressions alike: precedence, left to right, signs."""
     kernel = kernel_text.KernelText("x", "void", "constants", dict.fromkeys("abcd", ()),
                                     {"y": ()}, (), f"y = {text};\n")
     values = {name: np.array([x]) for name, x in zip("abcd", (0.7, 1.3, 0.45, 2.9), strict=True)}

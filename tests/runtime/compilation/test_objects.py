@@ -1,4 +1,4 @@
-"""A stepper's C in several objects: lanes and Newton's method are compiled when first asked for."""
+"""A stepper's C has several objects: lanes and Newton's method are compiled at first use."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def forked(step, results):
 
 
 def test_the_library_is_made_when_it_is_needed_and_its_errors_are_raised(own_cache, monkeypatch):
-    """Calls fail without a compiler and on a full disk, but succeed in a fork and afterwards."""
+    """Calls fail without a compiler and on a full disk; a fork and its parent then succeed."""
     step = small_stepper()
     fixed = run(step)
     assert len(list(own_cache.glob(MODULES))) == 1

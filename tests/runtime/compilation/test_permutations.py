@@ -99,7 +99,7 @@ def test_encodings(code, expected):
 
 @pytest.mark.slow  # six seconds with all optimisation
 def test_constraints_of_a_hinge_at_full_optimisation(tmp_path, monkeypatch):
-    """g of a start and of states next to it, beside the formulas of the system in NumPy."""
+    """g has the values of the system's formulas in NumPy, at random states near a start."""
     if not with_avx512():
         pytest.skip("this machine has no AVX-512")
     if not build.find_compiler().is_gcc:

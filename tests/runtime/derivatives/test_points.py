@@ -1,4 +1,4 @@
-"""Derivatives of states within steps: at given times, at events, at the end by an event."""
+"""Derivatives of states within steps: at any times, at events, at the end by an event."""
 
 from __future__ import annotations
 
@@ -77,13 +77,13 @@ def cotangents(run, weights):
                         "events": dict(zip(run.events, by_row[1:], strict=True))}
 
 
-@pytest.mark.parametrize("asked", [
-    pytest.param(asked, id=name, marks=[pytest.mark.slow] * (name in ("events", "first step")))
-    for name, asked in ASKED.items()])
-def test_rows_within_steps_have_tangents_and_gradients(asked):
+@pytest.mark.parametrize("options", [
+    pytest.param(options, id=name, marks=[pytest.mark.slow] * (name in ("events", "first step")))
+    for name, options in ASKED.items()])
+def test_rows_within_steps_have_tangents_and_gradients(options):
     """Tangents by start, parameters, dt and t0 agree with differences; gradients with tangents."""
     step, z = stepper(), start()
-    run = integrated(step, z, **asked, tangents=ALL)
+    run = integrated(step, z, **options, tangents=ALL)
     assert all(len(event) for event in list(run.events.values())[:1])
     tangents, B = derivatives(run), run.tangents.start[:, :2]
     point = np.concatenate([[0, 0], [VALUES[name] for name in NAMES], [DT, T0]])
@@ -92,12 +92,12 @@ def test_rows_within_steps_have_tangents_and_gradients(asked):
         e[i] = 1e-5 * size
 
         def moved(x):
-            return numbers(integrated(step, z + B @ x[:2], x[2:6], *x[6:], **asked))
+            return numbers(integrated(step, z + B @ x[:2], x[2:6], *x[6:], **options))
 
         slope = (8 * (moved(point + e) - moved(point - e)) - moved(point + 2 * e)
                  + moved(point - 2 * e))
-        off = np.abs(slope / (12 * e[i]) - tangents[:, i]).max()
-        assert off <= 1e-8 * max(np.abs(tangents[:, i]).max(), 1), run.tangents.names[i]
+        error = np.abs(slope / (12 * e[i]) - tangents[:, i]).max()
+        assert error <= 1e-8 * max(np.abs(tangents[:, i]).max(), 1), run.tangents.names[i]
     weights = np.random.default_rng(0).normal(size=len(tangents))
     expected = weights @ tangents
     for memory in ("256 MB", "22 kB", "none"):
@@ -163,7 +163,7 @@ def test_inputs_of_the_step_that_an_event_ends_have_a_gradient():
 
 
 def test_the_time_of_an_end_by_an_event_has_a_gradient():
-    """As a function for optimisers: where and when a body that is thrown comes down."""
+    """An optimiser's function has the place and the time at which a thrown body comes down."""
     step = thrown()
 
     def loss(run):
@@ -216,7 +216,7 @@ def thrown():
 @pytest.mark.parametrize("event", [
     gs.Event("y", level=0.5 - 1e-13, name="apex"), gs.Event("height", level=0.25, name="apex")])
 def test_events_without_derivatives_are_refused_by_name(event, tmp_path):
-    """Events have none that only touch their level, or that cost too much to derive."""
+    """The events only touch their level, or cost too much to derive."""
     step = thrown()
     arguments = {"dt": 0.03, "steps": 50, "parameters": {"g": 1.0}, "tangents": gs.Tangents()}
     begin = [0.1, 0.0], [1.0, 1.0]
@@ -310,7 +310,7 @@ def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
     {"t_eval": [0.317, 0.47]}, {"events": gs.Event("x", terminal=True)},
     {"inputs": np.linspace(0, 1, 60)[:, None]}], ids=lambda options: next(iter(options)))
 def test_stored_runs_that_lack_what_gradients_need_are_refused(options, tmp_path):
-    """Rows at other times, terminal events, inputs that change: files do not have them."""
+    """Files lack the steps of rows at other times, of terminal events, and of changing inputs."""
     step, z = stepper(), start()
     run = step.integrate(gs.Start(z[:2], z[2:], t=T0), dt=DT, steps=60, parameters=VALUES,
                          **options)

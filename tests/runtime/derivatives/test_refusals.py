@@ -134,11 +134,11 @@ def test_steps_whose_equations_do_not_hold(top):
 
 
 def test_steps_that_fail(top):
-    """As the run fails: there is no partial derivative."""
+    """A failed step raises StepFailed: there is no derivative of a part of a run."""
     with pytest.raises(gs.StepFailed):
         top.integrate(TOP.q0, TOP.p0, **START, steps=20,
                       solver=gs.Solver("auto", max_iterations=2), tangents=gs.Tangents())
-    for call in (top.vjp, lambda *z, **given: top.jvp(*z, ALONG, ZERO, **given)):
+    for call in (top.vjp, lambda *z, **options: top.jvp(*z, ALONG, ZERO, **options)):
         with pytest.raises(gs.StepFailed):
             call(TOP.q0, TOP.p0, dt=5.0, parameters=PARAMETERS)
 
@@ -159,7 +159,7 @@ def test_multipliers_of_systems_without_constraints():
 
 
 def test_inputs_of_each_step_are_no_direction():
-    """Where rows of inputs are given, a parameter of their name has no effect."""
+    """A parameter has no effect where rows of inputs have its name."""
     step = systems.differentiable("pushed_pendulum")
     rows = np.ones((3, 2))
     run = {"dt": 0.01, "steps": 3, "parameters": {"k": 9.81, "push": 1.0, "pull": 1.0}}
@@ -173,15 +173,15 @@ def test_inputs_of_each_step_are_no_direction():
 
 
 def test_round_off_of_a_direction_along_momenta_is_no_departure():
-    """At rest the pendulum's dq is 3e-19, what a projection leaves; 1e-3 is refused."""
+    """A dq of 3e-19, which a projection leaves at rest, is accepted; 1e-3 is refused."""
     step, case = systems.differentiable("pendulum"), systems.case("pendulum")
     q, p = systems.start("pendulum", step)
     along = np.array([q[1], -q[0]])
-    for off in (3e-19, 1e-3):
-        asked = gs.Tangents(start=np.concatenate([off * q, along]))
+    for departure in (3e-19, 1e-3):
+        tangents = gs.Tangents(start=np.concatenate([departure * q, along]))
         run = partial(step.integrate, q, p, dt=case.dt, steps=1, parameters=case.parameters,
-                      tangents=asked)
-        if off < 1e-18:
+                      tangents=tangents)
+        if departure < 1e-18:
             run()
         else:
             with pytest.raises(gs.InputError, match="constraint"):

@@ -27,8 +27,8 @@ MORE = [("breathing", ("EMS", None)), ("heavy_top", ("G-L", 3)),
         ("heavy_top_alpha", ("EMS", None)), ("free_body", ("Radau-L", 2)),
         ("breathing", ("LIIIA-B", 3)), ("ellipse", ("EMS", None)),
         ("driven_pendulum", ("IMS", None))]
-BOTH = [pytest.param(*given, marks=[] if given in FEW else pytest.mark.slow,
-                     id=f"{given[0]}-{label(given[1])}") for given in [*FEW, *MORE]]
+BOTH = [pytest.param(*case, marks=[] if case in FEW else pytest.mark.slow,
+                     id=f"{case[0]}-{label(case[1])}") for case in [*FEW, *MORE]]
 
 
 def loss_of(step, name):

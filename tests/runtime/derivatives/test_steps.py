@@ -36,7 +36,7 @@ def top():
 
 
 def test_a_gradient_is_the_same_however_it_is_computed(top):
-    """Checkpoints have the bits; running backwards has them but for round-off; so have tangents."""
+    """Checkpoints have the same bits; running backwards and tangents agree to round-off."""
     step, problem, parameters = top
     arguments = {"dt": 1e-3, "steps": 300, "every": 7, "parameters": parameters}
     run = step.integrate(problem.q0, problem.p0, **arguments,
@@ -58,16 +58,16 @@ def test_a_gradient_is_the_same_however_it_is_computed(top):
 
 
 def test_a_loss_may_be_an_expression():
-    """Its sum over the states, with time and parameters in it; against differences."""
+    """The loss is a sum over states, of time and parameters too; differences have its gradient."""
     step = systems.differentiable("driven_pendulum")
     start = step.consistent([0.5, -0.8], [0.3, 0.4], parameters=VALUES, t=0.3)
     loss = m * x**2 + sp.sin(t) * v + c
 
     def value(**changes):
-        here = VALUES | {k: e for k, e in changes.items() if k != "dt"}
-        moved = step.consistent(start.q, start.p, parameters=here, t=0.3)
+        numbers = VALUES | {k: e for k, e in changes.items() if k != "dt"}
+        moved = step.consistent(start.q, start.p, parameters=numbers, t=0.3)
         run = step.integrate(gs.Start(moved.q, moved.p, t=0.3), dt=changes.get("dt", 0.02),
-                             steps=12, every=5, parameters=here)
+                             steps=12, every=5, parameters=numbers)
         return run.gradient(loss=loss, wrt=["m", "c", "dt"])
 
     gradient = value()
@@ -81,7 +81,7 @@ def test_a_loss_may_be_an_expression():
 
 @pytest.mark.parametrize("span", [{"steps": 12}, {"t_end": 0.1137}])
 def test_a_loss_may_have_reactions(span):
-    """The tension of a rod is its multiplier; by parameters and dt, against differences."""
+    """The tension of a rod is its multiplier; differences by g and dt have the gradient."""
     step, case = systems.differentiable("two_rods"), systems.case("two_rods")
     loss = sp.Symbol("lambda_1")**2 * (1 + sp.Symbol("x1", real=True))
 
@@ -206,7 +206,7 @@ def test_a_start_time_moves_the_constraints_whatever_its_size(t0):
 
 
 def test_gamma_by_a_rule_does_not_follow_the_moments_of_x():
-    """A value whose γ did would have another slope than its gradient."""
+    """A value with a γ that followed would have another slope than its gradient."""
     step, top = systems.differentiable("heavy_top"), gs.problems.fast_top()
 
     def loss(run):
@@ -286,7 +286,7 @@ SWITCHED = {"dt": 0.0313, "steps": 400, "parameters": {"c": 0.1}}
 
 @pytest.fixture(scope="module")
 def dry():
-    """An oscillator with drag that jumps at x = 0, and a force that begins at t = 1."""
+    """Return an oscillator with drag that jumps at x = 0, and a force that begins at t = 1."""
     drag, push = (sp.Piecewise((v, x < 0), (2 * v, True)),
                   sp.Piecewise((t - 1, t > 1), (0, True)))
     return gs.stepper("G-L", stages=1, system=gs.System(

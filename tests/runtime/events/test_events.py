@@ -27,7 +27,7 @@ EPS = {"double": 2.0**-52, "float": 2.0**-23, "float128": 2.0**-112}
 @pytest.mark.parametrize("ahead", [1, -1])
 @pytest.mark.parametrize("steps", [2000, pytest.param(700_000, marks=pytest.mark.slow)])
 def test_a_pendulum_through_the_bottom(steps: int, ahead: int) -> None:
-    """The 30, slowly 10,448 crossings are at T/4 + k T/2, to twelve digits."""
+    """The 30 crossings, 10,448 in the slow test, are at T/4 + k T/2 to twelve digits."""
     run = pendulum().integrate(*start(), dt=ahead * 0.05, steps=steps, every=steps,
                                parameters={"g": 1.0}, events=gs.Event("side"))
     crossings = run.events["side"]
@@ -280,13 +280,13 @@ def test_a_model_file_has_events(tmp_path) -> None:
             "x": [0.5], "second": [0.75]}
     plain = CliRunner().invoke(gyrospark, command[:-1], standalone_mode=False)
     assert "event half" in plain.output
-    twice = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
-                               standalone_mode=False)
-    assert "'half'" in str(twice.exception)
+    repeated = CliRunner().invoke(gyrospark, [*command, "--event", "half: x=1"],
+                                  standalone_mode=False)
+    assert "'half'" in str(repeated.exception)
     for event in ("x=3/o", "x=1 dwn"):
-        wrong = CliRunner().invoke(gyrospark, [*command, "--event", event], standalone_mode=False)
-        assert repr(event) in str(wrong.exception)
-        assert "down" in str(wrong.exception)
+        refusal = CliRunner().invoke(gyrospark, [*command, "--event", event], standalone_mode=False)
+        assert repr(event) in str(refusal.exception)
+        assert "down" in str(refusal.exception)
     changed = CliRunner().invoke(gyrospark, [*command, "--set", "h=20"], standalone_mode=False)
     assert abs(json.loads(changed.output)["events"]["half"]["t"][0] - np.sqrt(2)) < 1e-14
 

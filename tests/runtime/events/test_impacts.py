@@ -89,7 +89,7 @@ def angles(q, p):
 
 
 def test_a_ball_comes_to_rest():
-    """Times, losses and t∞ in closed form; the run ends where impacts are not resolved any more."""
+    """Times, losses and t∞ have closed forms; the run ends where impacts get too close."""
     with pytest.warns(gs.errors.InputWarning, match="floor"):
         run = dropped()
     hits, fall = run.impacts["floor"], np.sqrt(2 / 9.81)
@@ -156,9 +156,9 @@ def test_an_impact_changes_the_energy_by_its_loss_to_the_rounding_of_momenta():
             gs.Impact(name, restitution=0.9999) for name in ("floor", "roof")]), 1.3
     for hits in run.impacts.values():
         after, before = (p[:, 0].astype(np.longdouble) for p in (hits.p, hits.p_before))
-        off = (after**2 - before**2) / (2 * mass) + hits.energy_lost
+        error = (after**2 - before**2) / (2 * mass) + hits.energy_lost
         assert len(hits) > 100
-        assert np.abs(off / (before**2 / (2 * mass))).max() < 3 * EPS
+        assert np.abs(error / (before**2 / (2 * mass))).max() < 3 * EPS
 
 
 def lowest_gap(run, amplitude: float, rate: float) -> float:
@@ -187,7 +187,7 @@ def lowest_gap(run, amplitude: float, rate: float) -> float:
 
 @pytest.mark.parametrize("count", [10_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
 def test_no_impact_on_a_moving_wall_is_lost(count):
-    """At random speeds, by steps with no impact, one, or many: no gap is negative between them."""
+    """No gap is negative between impacts, in steps with none, one or many, at random speeds."""
     rng, hits, several, worst = np.random.default_rng(2), 0, 0, 0.0
     while hits < count:
         run = stepper("ball").integrate(
@@ -205,7 +205,7 @@ def test_no_impact_on_a_moving_wall_is_lost(count):
 @pytest.mark.parametrize(("dt", "steps"), [(0.9, 1), (0.1, 8)])
 @pytest.mark.parametrize(("excess", "count"), [(1e-6, 1), (-1e-6, 0)])
 def test_two_crossings_within_a_step(excess, count, dt, steps):
-    """Thrown at a roof: the gap would be negative for a millisecond in the middle of a step.
+    """A ball at a roof would have a negative gap for a millisecond in the middle of a step.
 
     Parts of a step are taken to find its lowest gap, and forgotten where it is not negative.
     """
@@ -237,7 +237,7 @@ def test_the_order_of_the_scheme_through_impacts(scheme, stages, steps, order, r
     ("G-L", 2), pytest.param("EMS", None, marks=pytest.mark.slow)])  # compiled for this
 @pytest.mark.parametrize("backwards", [False, True])
 def test_the_way_back(scheme, stages, backwards):
-    """With e = 1 the momenta reversed, or dt, lead back to the start: the grid is kept."""
+    """With e = 1, reversed momenta or a reversed dt lead back to the start, on the same grid."""
     run = swung(200, scheme=scheme, stages=stages, end=4.0)
     assert np.abs(run.impacts["gap"].t - FIRST_HITS).max() < 2e-2
     back = swung(200, scheme=scheme, stages=stages, end=4.0, ahead=-1 if backwards else 1,
@@ -488,7 +488,7 @@ def hoisted(gravity: float, angle: float, rate: float) -> np.ndarray:
 @pytest.mark.slow  # four modules a type; others have impacts on constraints, and walls that move
 @pytest.mark.parametrize("real", ["float", "double"])
 def test_derivatives_after_an_impact_on_constraints_that_move(real):
-    """Beside the equation of the angle in float, whose arrays keep their type, else differences."""
+    """In float, the equation of the angle has the derivatives; in double, differences have them."""
     step = differentiable("hoisted", real=real)
     start = step.consistent([0.5, -1.0], [4.5, 2.0], parameters={"g": 9.81}, t=0.3)
     q, p = (np.asarray(x, float) for x in (start.q, start.p))

@@ -85,7 +85,7 @@ def test_a_terminal_dip_ends_the_run() -> None:
 
 @pytest.mark.parametrize("dt", [0.05, -0.05])
 def test_the_bob_of_a_pendulum(dt: float) -> None:
-    """sin(θ/2) = k sn: it dips below a height at K − F(arcsin(sin(θ/2)/k), m) before the bottom."""
+    """sin(θ/2) = k sn: the bob dips at K − F(arcsin(sin(θ/2)/k), m) before the bottom."""
     depth = 10 ** np.linspace(-11, -1, 31)
     events = [gs.Event("height", level=-1 + d, name=f"d{i}") for i, d in enumerate(depth)]
     run = pendulum().integrate(*start(), dt=dt, steps=100, every=100,
@@ -130,22 +130,22 @@ def falls(real: str, level: float, count: int, seed: int):
     200, pytest.param(250_000, marks=pytest.mark.slow(reason="a million starts"))])
 def test_random_starts_on_the_level(real: str, level: float, dt: float, count: int) -> None:
     """Balls thrown upwards (backwards in time: from above) come back once, the others never."""
-    u, back = falls(real, level, count, seed=1)
+    u, returns = falls(real, level, count, seed=1)
     steps = 3
     events = ball(real=real).integrate_ensemble(
         np.full((count, 1), level), u[:, None], dt=dt, steps=steps, every=steps,
         parameters=accelerated(-10.0), events=[
             gs.Event("x", level=level), gs.Event("x", level=level, direction=1, name="rising"),
             gs.Event("x", level=level, direction=-1, name="falling")]).events
-    times = back * np.sign(dt)
+    times = returns * np.sign(dt)
     ends = (times > 0) & (times < steps * abs(dt))
     assert np.count_nonzero(ends & (times < abs(dt))) > count / 8
     assert np.array_equal(events["x"].count, ends)
     assert np.array_equal(events["falling"].count, ends)
     assert not events["rising"].count.any()
     size = 2.0**-23 if real == "float" else 2.0**-52
-    off = 64 * size * (abs(dt) + level / abs(u[ends]))
-    assert np.all(abs(events["x"].first[ends] - back[ends]) <= off)
+    bound = 64 * size * (abs(dt) + level / abs(u[ends]))
+    assert np.all(abs(events["x"].first[ends] - returns[ends]) <= bound)
 
 
 def quadratic(first: float, second: float, ahead: int = 1):

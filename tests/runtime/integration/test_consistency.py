@@ -55,7 +55,7 @@ def by_each_coordinate(binding, keeps_f, parameters, q, p, dt):
 SYSTEMS = {
     "top": lambda: (systems.stepper("heavy_top"), PARAMETERS, TOP.q0, TOP.p0),
     "pendulum": lambda: (stepper_for("pendulum", "G-L", 2), *(
-        getattr(EXAMPLES["pendulum"], part) for part in ("parameters", "q", "p"))),
+        getattr(EXAMPLES["pendulum"], field) for field in ("parameters", "q", "p"))),
 }
 
 
@@ -73,8 +73,8 @@ def test_starts_are_those_of_the_sum_over_all_coordinates(
         q, p = step.project(np.array(q0) * (1 + 0.1 * rng.standard_normal(step.n)),
                             np.array(p0) * (1 + 0.1 * rng.standard_normal(step.n)),
                             parameters=parameters)
-        off = 10**size * rng.uniform(0, 1, (2, 1)) * rng.standard_normal((2, step.n))
-        rows.append((q + off[0] * np.abs(q).max(), p + off[1] * np.abs(p).max()))
+        departure = 10**size * rng.uniform(0, 1, (2, 1)) * rng.standard_normal((2, step.n))
+        rows.append((q + departure[0] * np.abs(q).max(), p + departure[1] * np.abs(p).max()))
     q, p = (np.array(x) for x in zip(*rows, strict=True))
     changed = ("I3", "g")
     columns = {key: np.full(count, value) * (rng.uniform(0.9, 1.1, count) if key in changed else 1)
@@ -92,7 +92,7 @@ def test_starts_are_those_of_the_sum_over_all_coordinates(
 
 
 def test_what_a_scheme_lets_oscillate_is_allowed_by_few_states(monkeypatch):
-    """A momentum constraint that is off by less than an Euler step changes it: IMS and EMS."""
+    """IMS and EMS allow a momentum constraint that is off by less than an Euler step changes it."""
     step = systems.stepper("heavy_top")
     p = TOP.p0 + 1e-6 * np.abs(TOP.p0).max() * np.array(TOP.q0)
     arguments = (step.binding, False, step.binding.parameters(PARAMETERS, 0.0), TOP.q0[None].copy(),
@@ -113,20 +113,20 @@ def counted(monkeypatch):
 
 @pytest.mark.parametrize("name", ["heavy_top", "double_top"])
 def test_a_good_start_is_checked_without_moves_of_each_coordinate(name, monkeypatch):
-    """Of 4 coordinates as of 11: compiled code sees that it is good, and not that another is."""
+    """Compiled code accepts a good start of 4 or 11 coordinates; a bad one needs the moves."""
     case, step = systems.case(name), systems.stepper(name)
-    how = {"dt": 1e-3, "steps": 0, "parameters": case.parameters}
+    options = {"dt": 1e-3, "steps": 0, "parameters": case.parameters}
     q, p = systems.start(name, step)
     states, step._memory = counted(monkeypatch), CallMemory()
-    step.integrate(q, p, **how)
+    step.integrate(q, p, **options)
     assert not states
     with pytest.raises(gs.InputError, match="constraints"):
-        step.integrate(q * (1 + 1e-6), p, **how)
+        step.integrate(q * (1 + 1e-6), p, **options)
     assert sum(states) > 2 * step.n
 
 
 def test_a_run_goes_on_from_its_end_near_rest():
-    """A damped pendulum settles: p vanishes, the round-off of what forces add to it does not."""
+    """A damped pendulum settles: p vanishes, but not the round-off that forces add to it."""
     step = systems.stepper("dragged_pendulum")
     steady = {"k": 1e-9, "c": 15.0, "f": 6.75, "omega": 1e-9}  # it rests aside, atan(f/9)
     q, p = np.array([np.sin(1), -np.cos(1)]), np.zeros(2)
@@ -152,7 +152,7 @@ def test_messages_of_starts_name_their_cause():
 
 
 def test_a_start_without_an_energy_is_refused():
-    """The motion in log(x) at x < 0 is real, H is not: single runs, ensembles, a second call."""
+    """In log(x) at x < 0 motion is real and H is not: runs, ensembles and sweeps refuse it."""
     step, case = systems.stepper("logarithm"), systems.case("logarithm")
     run = {"dt": 0.01, "parameters": case.parameters}
     for _ in range(2):

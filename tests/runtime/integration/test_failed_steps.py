@@ -61,7 +61,7 @@ def damped():
 
 
 def test_stagnation_is_reported():
-    """A force with a jump: increments neither shrink nor grow, and no rounding explains them."""
+    """At a jump of the force increments neither shrink nor grow, which no rounding explains."""
     with pytest.raises(gs.StepFailed) as caught:  # friction, as steep as a jump for these steps
         damped().integrate([0.0], [1e-5], dt=1e-3, steps=50, solver="newton",
                            parameters={"k": 0, "g": 1, "c": 1, "a": 1e9, "b": 0})

@@ -188,7 +188,7 @@ def test_pace_follows_what_steps_cost():
 
 @pytest.mark.parametrize("every", [3, 100])
 def test_pace_grows_where_few_states_are_kept(every):
-    """A call does whole intervals between stored states, where these are shorter than a call."""
+    """A call ends at a stored state where intervals between these are shorter than a call."""
     top, calls = gs.problems.fast_top(), []
     step = gs.stepper("G-L", 2, rep="gamma")
     integrate = step.binding.integrate

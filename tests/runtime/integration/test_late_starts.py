@@ -99,7 +99,7 @@ def test_the_latest_start_of_an_ensemble_is_named_with_its_sign() -> None:
     pytest.param(5, 0.05, 200, 16, marks=pytest.mark.slow)])  # a stepper of five stages
 def test_a_driven_run_is_as_exact_from_a_late_start(
         t0: float, stages: int, dt: float, steps: int, bound: float) -> None:
-    """x'' = −k x − c x' + f cos(ω(t0 + τ)) in closed form, the phase with 50 digits."""
+    """x'' = −k x − c x' + f cos(ω(t0 + τ)) has a closed form, with the phase in 50 digits."""
     step, case = systems.stepper("driven_oscillator", stages=stages), systems.case(
         "driven_oscillator")
     run = step.integrate(gs.Start(case.q, case.p, t=t0), dt=dt, steps=steps, every=steps // 10,

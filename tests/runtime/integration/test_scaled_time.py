@@ -96,25 +96,25 @@ def test_times_are_met(name, direction):
     run = to(name, t_end, dtau=dtau)
     assert run.t[-1] == t_end
     assert not run.events
-    asked = entry.t0 + direction * np.array([0.0, 0.31, 0.3, 0.9])
-    between = run.at(asked)
-    assert np.array_equal(between.t, asked)
-    evaluated = to(name, t_end, dtau=dtau, t_eval=asked)
+    times = entry.t0 + direction * np.array([0.0, 0.31, 0.3, 0.9])
+    between = run.at(times)
+    assert np.array_equal(between.t, times)
+    evaluated = to(name, t_end, dtau=dtau, t_eval=times)
     size = np.abs(run.q).max() + np.abs(run.p).max()
     for states in (between, evaluated):
         assert np.array_equal(states.q[0], run.q[0])
         assert np.abs(states.q[-1] - run.q[-1]).max() <= 1e3 * EPS * size
     assert np.array_equal(between.q, evaluated.q)
-    thinned = to(name, t_end, dtau=dtau, every=3).at(asked)
+    thinned = to(name, t_end, dtau=dtau, every=3).at(times)
     assert np.abs(thinned.q - between.q).max() <= 1e3 * EPS * size
-    event = gs.Event(step.manifest.system.clock.time, level=asked[1], name="at")
+    event = gs.Event(step.manifest.system.clock.time, level=times[1], name="at")
     crossing = to(name, t_end, dtau=dtau, events=event).events["at"]
-    beside = to(name, t_end, dtau=dtau, events=event)
-    assert beside.events.keys() == {"at"}
+    located = to(name, t_end, dtau=dtau, events=event)
+    assert located.events.keys() == {"at"}
     for kind in ("t", "tau", "q", "p", "work"):  # its end is located among the events
-        assert np.abs(getattr(beside, kind)[-1] - getattr(run, kind)[-1]).max() <= 1e3 * EPS * size
-    assert np.abs(beside.multipliers[-1] - run.multipliers[-1]).max(initial=0) <= 1e6 * EPS * size
-    assert np.abs(crossing.t - asked[1]).max() <= 8 * EPS * (1 + abs(asked[1]))
+        assert np.abs(getattr(located, kind)[-1] - getattr(run, kind)[-1]).max() <= 1e3 * EPS * size
+    assert np.abs(located.multipliers[-1] - run.multipliers[-1]).max(initial=0) <= 1e6 * EPS * size
+    assert np.abs(crossing.t - times[1]).max() <= 8 * EPS * (1 + abs(times[1]))
     assert np.abs(crossing.q[0] - between.q[1]).max() <= 1e3 * EPS * size
 
 
@@ -124,18 +124,18 @@ def test_times_are_met(name, direction):
     pytest.param(0.8, 1.0, 1, "float128", 2.0**-112, marks=pytest.mark.slow)])  # a stepper
 def test_the_end_of_steps_of_any_length_is_that_among_events(dtau, t_end, every, real, round_off):
     step, event = stepper("eccentric", real=real), gs.Event("t", level=99.0)
-    alone, beside = (to("eccentric", t_end, step, dtau=dtau, every=every, **options)
-                     for options in ({}, {"events": event}))
-    assert alone.t[-1] == beside.t[-1] == t_end
-    assert len(alone) == len(beside)
+    alone, with_event = (to("eccentric", t_end, step, dtau=dtau, every=every, **options)
+                         for options in ({}, {"events": event}))
+    assert alone.t[-1] == with_event.t[-1] == t_end
+    assert len(alone) == len(with_event)
     for kind in ("tau", "q", "p"):
-        ends = (getattr(run, kind)[-1:] for run in (alone, beside))
+        ends = (getattr(run, kind)[-1:] for run in (alone, with_event))
         assert np.abs(np.subtract(*ends)).max() <= 30 * round_off
 
 
 @pytest.mark.slow  # a module for this
 def test_tangents_of_a_short_rod_are_found_between_steps():
-    """Round-off of G H_p is that of coordinates, six times the rod."""
+    """The round-off of G H_p is the one of coordinates, which are six times the rod."""
     name = "tethered_pair"
     step = differentiable(name)
     run = step.integrate(timed_start(name, step), t_end=0.9, tangents=gs.Tangents(start="all"),
@@ -275,7 +275,7 @@ def test_a_cell_whose_time_stops_is_nan_with_its_reason():
 @pytest.mark.parametrize(("scheme", "stages", "done"), [
     ("G-L", 2, 0), pytest.param("IMS", None, 1, marks=pytest.mark.slow)])  # a stepper
 def test_a_scale_that_is_not_positive_is_refused_where_it_is_met(scheme, stages, done):
-    """x' = 1 with σ = 1 − 4x: long steps jump over x = 1/4, where t stops."""
+    """x' = 1 with σ = 1 − 4x has long steps over x = 1/4, where t stops."""
     step = gs.stepper(scheme, stages, system=gs.System([x], [u], (), u, name="drift",
                                                        time_scale=1 - 4 * x))
     with pytest.raises(gs.InputError, match="-1"):
@@ -421,7 +421,7 @@ def test_a_section_takes_steps_of_scaled_time(span):
 
 
 def test_points_of_a_section_know_their_time_and_the_energy_of_their_start():
-    """A quantity of q and t, and a start whose H + e is an earlier run's error."""
+    """Points have a quantity of q and t; one start has an H + e that is an earlier run's error."""
     step, numbers = stepper("scaled_pendulum"), case("scaled_pendulum")
     start = timed_start("scaled_pendulum", step).replace(parameters=numbers.parameters)
     event, span = gs.Event("x", direction=1), {"dtau": numbers.dt, "steps": 200}

@@ -66,7 +66,7 @@ def test_recalled_parameters_are_those_of_the_call(gl3) -> None:
 
 
 def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
-    """Each call follows a usual one, comes twice, and once to a stepper without memory of it."""
+    """Each call follows a usual one, is repeated, and is repeated without memory of it."""
     def outcome(*start, **changes):
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")

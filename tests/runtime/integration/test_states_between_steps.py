@@ -121,15 +121,15 @@ def test_a_run_for_times_that_fails_keeps_what_it_has() -> None:
 def test_no_times_and_times_in_any_order(tmp_path):
     step = systems.stepper("pendulum")
     run = systems.run("pendulum", step, 20)
-    none = run.at([])
-    assert "0 states" in repr(none)
-    assert len(none.energy_error()) == len(none.table()) == 0
+    empty = run.at([])
+    assert "0 states" in repr(empty)
+    assert len(empty.energy_error()) == len(empty.table()) == 0
     for ending in (".npz", ".nc"):
-        assert gs.load(none.save(tmp_path / f"none{ending}")).q.shape == (0, 2)
+        assert gs.load(empty.save(tmp_path / f"none{ending}")).q.shape == (0, 2)
     with pytest.raises(gs.InputError):
-        none.save(tmp_path / "none.zarr")
+        empty.save(tmp_path / "none.zarr")
     shuffled = run.at([0.7, 0.1, 0.4])
     assert np.array_equal(shuffled.q[1], run.at(0.1).q)
-    for states, word in ((none, "no states"), (shuffled, "order")):
+    for states, word in ((empty, "no states"), (shuffled, "order")):
         with pytest.raises(gs.InputError, match=word):
             states.at(0.2)

@@ -260,7 +260,7 @@ def test_ensembles_have_inputs_and_tangents_for_the_last_part():
 
 
 def test_a_last_part_that_fails_is_a_failed_step(tmp_path):
-    """Runs, stored runs and members of an ensemble have their full steps up to there."""
+    """Runs, stored runs and members of an ensemble have the full steps before the failure."""
     step, start, _, _ = run("pendulum", solver="newton")
     solver = gs.Solver("newton", max_iterations=1, tolerance=1e-300)
     for call in (lambda: step.integrate(start, dt=DT, t_end=0.004, solver=solver),
@@ -290,13 +290,13 @@ def test_what_is_a_whole_number_but_for_rounding_is_one(n, dt, t0, back):
 
 @pytest.mark.parametrize("n", [1, 3, 1000])
 def test_a_unit_of_a_double_is_what_times_may_be_off_by(n):
-    """|t_end - n dt| <= 2^-52 (|t_end| + n dt), to the last digit of a fraction."""
+    """|t_end - n dt| <= 2^-52 (|t_end| + n dt) holds to the last digit of a fraction."""
     unit = Fraction(1, 2**52)
     largest = 2 * unit / (1 - unit)  # x <= unit (2 + x), of t_end = n (1 + x)
-    for off in (largest, -2 * unit / (1 + unit)):
-        assert step_count(None, n * (1 + off), 0, 1) == n
+    for departure in (largest, -2 * unit / (1 + unit)):
+        assert step_count(None, n * (1 + departure), 0, 1) == n
         with pytest.raises(gs.InputError):
-            step_count(None, n * (1 + off * (1 + Fraction(1, 2**20))), 0, 1)
+            step_count(None, n * (1 + departure * (1 + Fraction(1, 2**20))), 0, 1)
 
 
 @pytest.mark.parametrize(("t_end", "dt", "n"), [

@@ -126,7 +126,7 @@ def test_a_top_is_seen_from_its_side(top):
 
 
 def test_a_top_between_joints_has_its_flywheel_at_its_centre_of_mass():
-    """Its stem begins at the first joint and passes the second."""
+    """The stem begins at the first joint and passes the second."""
     scene = scene_of(motion_of("double_top"), 2)
     assert len(scene.parts) == 2
     for scene_part in scene.parts:

@@ -70,7 +70,7 @@ def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
 
 @pytest.mark.slow  # four pictures; the command line has a test of a short film
 def test_a_film_has_the_pictures_that_it_is_long(tops, tmp_path):
-    """Its frames show the same as ``picture``, or boxes."""
+    """The frames of a film show the same as ``picture``, or boxes."""
     from PIL import Image
 
     frames = {}

@@ -129,7 +129,7 @@ def test_what_nothing_uses_is_still_known(tied):
 
 
 def test_a_rod_pulls_along_itself(tied):
-    """Its force on each ball is m r Ω²."""
+    """The force of the rod on each ball is m r Ω²."""
     force, along = tied.joint("rod").force(), tied.body("b").position()
     assert np.abs(force - 0.5 * 9 * along).max() < 1e-4
     with pytest.raises(gs.InputError, match=r"'rod'.*axis"):
@@ -184,7 +184,7 @@ def pull(motion):
     (("G-L", 2), 2, 2), *(pytest.param(*row, marks=pytest.mark.slow)  # each derives a model
                           for row in ((("G-L", 3), 4, 3), (("IMS",), 2, 2)))])
 def test_the_reaction_of_a_pendulum_in_closed_form(scheme, inside, ends):
-    """Its error has the stated orders in the step, which is halved."""
+    """The error has the stated orders, inside the run and at its ends."""
     model, errors = pendulum(), []
     for dt in (0.02, 0.01):
         motion = run(model, round(0.6 / dt), scheme=scheme, dt=dt)
@@ -226,10 +226,10 @@ def sliding(in_a_row):
     build, before = gs.Multibody("sliding", gravity=(0, -9.81, 0)), "hand"
     build.moving_point("hand", (sp.sin(3 * build.time) / 4, build.time**2, 0))
     for i, name in enumerate(ROW if in_a_row else ("pivot", "pole")):
-        kind, how = ROW[name]
+        kind, options = ROW[name]
         body = build.body(f"on_{name}", mass=2.0, inertia=(0.3, 0.2, 0.25),
                           position=(0.4 * i, 0.1, 0.6))
-        getattr(build, kind)(name, before, body, **how)
+        getattr(build, kind)(name, before, body, **options)
         before = body if in_a_row else "ground"
     with budget.shared():
         return run(build.model(), 150)
@@ -261,8 +261,8 @@ def test_a_hinge_at_a_point_that_moves():
     motion = sliding(in_a_row=False)
     pivot = motion.joint("pivot")
     assert np.abs(slope(pivot.angle(), DT) - pivot.rate()[1:-1]).max() < 1e-4
-    where = np.stack([np.sin(3 * motion.t) / 4, motion.t**2, 0 * motion.t], axis=1)
-    assert np.abs(pivot.position() - where).max() < 64 * EPS
+    point = np.stack([np.sin(3 * motion.t) / 4, motion.t**2, 0 * motion.t], axis=1)
+    assert np.abs(pivot.position() - point).max() < 64 * EPS
 
 
 @pytest.mark.parametrize("in_a_row", [False, pytest.param(True, marks=pytest.mark.slow)])

@@ -257,7 +257,7 @@ def test_a_file_without_an_output_is_refused(gl3, tmp_path):
 
 
 def test_a_store_without_an_output_is_read_and_not_resumed(gl3, tmp_path):
-    """Stores of an earlier version lack it: other arrays can be read, but no run goes on."""
+    """Stores of an earlier version may lack an array: others can be read, but no run goes on."""
     recording = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", steps=4, **RUN)
     assert equal(recording[:], gl3.integrate(TOP.q0, TOP.p0, steps=4, **RUN))
     shutil.rmtree(tmp_path / "run.zarr" / "f_error")

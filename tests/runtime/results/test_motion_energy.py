@@ -41,7 +41,7 @@ def test_it_is_what_the_body_has(scheme, rep):
 
 
 def test_ems_keeps_h_and_not_the_energy_of_the_motion():
-    """It errs with order 4, as f² with f of order 2; the α-type keeps f = 0 and both energies."""
+    """The error is of order 4, as f² with f of order 2; the α-type has f = 0 and both energies."""
     step, run = run_of("EMS", "gamma")
     coarse = np.abs(run.energy_error(of_motion=True)).max()
     fine = step.integrate(TOP.q0, TOP.p0, dt=DT/2, steps=2*STEPS, parameters=run.parameters)
@@ -58,7 +58,7 @@ def test_where_the_momenta_are_projected_both_are_one():
 
 
 def test_constraints_that_move():
-    """On an ellipse that breathes: p − Gᵀ f/(G Gᵀ) with f = G p/m + g_t, times m, by hand."""
+    """On an ellipse that breathes, p − m Gᵀ f/(G Gᵀ) with f = G p/m + g_t is computed by hand."""
     step, values = systems.stepper("breathing", "EMS"), systems.case("breathing").parameters
     m, k, g, length = (values[name] for name in ("m", "k", "g", "l"))
     times = np.array([0.3, 0.7])
@@ -68,9 +68,9 @@ def test_constraints_that_move():
     energies = step.energy(q, p, parameters=values, t=times, of_motion=True)
     G = 2 * q / np.stack([width**2, [1, 1]], axis=1)
     f = (G * p).sum(axis=1) / m - q[:, 0]**2 / width**3 * np.cos(2 * times)
-    on = p - m * G * (f / (G**2).sum(axis=1))[:, None]
+    projected = p - m * G * (f / (G**2).sum(axis=1))[:, None]
     potential = k * q[:, 0]**4 / 4 + g * q[:, 1] * q[:, 0]
-    assert energies == pytest.approx((on**2).sum(axis=1) / (2 * m) + potential, rel=1e-14)
+    assert energies == pytest.approx((projected**2).sum(axis=1) / (2 * m) + potential, rel=1e-14)
 
 
 def test_the_command_reports_both(gyrospark):

@@ -119,12 +119,12 @@ def test_what_cannot_be_written(tops, tmp_path, monkeypatch):
 def test_some_of_the_columns(tops, tmp_path):
     """Names, patterns and arrays choose columns, in that order behind the time."""
     titles, rows = read(tops.save(tmp_path / "all.csv"))
-    asked = ["energy", "?_q*", "multipliers", "energy"]
-    chosen, numbers = read(tops.save(tmp_path / "some.csv", columns=asked))
+    patterns = ["energy", "?_q*", "multipliers", "energy"]
+    chosen, numbers = read(tops.save(tmp_path / "some.csv", columns=patterns))
     assert chosen == ["time", "energy", *(f"{body}_q{k}" for body in "ab" for k in range(4)),
                       *(title for title in titles if title.startswith("multipliers"))]
     assert np.array_equal(numbers, rows[:, [titles.index(title) for title in chosen]])
-    saved = tops.save(tmp_path / "saved.csv", columns=asked)
+    saved = tops.save(tmp_path / "saved.csv", columns=patterns)
     assert saved.read_bytes() == (tmp_path / "some.csv").read_bytes()
     assert list(tops.table(columns="energy")) == ["energy"]
     added = tops.table(euler="ZYX", columns=["a_euler*", "p"])
@@ -143,13 +143,13 @@ def test_some_columns_of_a_stored_run(gl3, tmp_path, gyrospark):
     """Python and the command write the same columns as a trajectory in memory."""
     options = {"steps": 12, "every": 5, "dt": 1e-3, "parameters": RUN["parameters"]}
     stored = record(gl3, TOP.q0, TOP.p0, out=tmp_path / "run.zarr", **options)
-    asked = ["*_error", "p", "multipliers"]
-    path = gl3.integrate(TOP.q0, TOP.p0, **options).save(tmp_path / "mine.csv", columns=asked)
-    mine = path.read_bytes()
-    assert stored.save(tmp_path / "a.csv", columns=asked).read_bytes() == mine
+    patterns = ["*_error", "p", "multipliers"]
+    path = gl3.integrate(TOP.q0, TOP.p0, **options).save(tmp_path / "mine.csv", columns=patterns)
+    expected = path.read_bytes()
+    assert stored.save(tmp_path / "a.csv", columns=patterns).read_bytes() == expected
     assert gyrospark("export", tmp_path / "run.zarr", tmp_path / "b.csv", "--columns",
-                     ", ".join(asked)).code == 0
-    assert (tmp_path / "b.csv").read_bytes() == mine
+                     ", ".join(patterns)).code == 0
+    assert (tmp_path / "b.csv").read_bytes() == expected
     refused = gyrospark("export", tmp_path / "run.zarr", tmp_path / "c.csv", "--columns", "x")
     assert refused.code == 2
     assert "columns" in refused.stderr
@@ -262,7 +262,7 @@ def test_another_ending_is_refused(tmp_path) -> None:
 
 
 def test_an_event_that_never_happens_is_written(tmp_path) -> None:
-    """The file of a run's events has no line of it."""
+    """The file of a run's events has no line of an event that never happens."""
     events = [gs.Event("side"), gs.Event("side", level=5, name="never")]
     run = pendulum().integrate(*start(), dt=0.05, steps=60, parameters={"g": 1}, events=events)
     run.save(tmp_path / "run.csv")

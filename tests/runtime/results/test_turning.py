@@ -60,8 +60,8 @@ def test_the_error_and_the_bound_of_order_two(gl3):
     dt = 1.5 / (40 * pi)
     midpoint = systems.stepper("heavy_top", "EMS").integrate(TOP, dt=dt, steps=28)
     exact = gl3.integrate(TOP, dt=dt / 8, steps=8 * 28, every=8)
-    off = 2 * np.arccos(np.clip(np.abs((midpoint.q * exact.q).sum(axis=1)), 0, 1))
-    assert off[14] == pytest.approx(14 * (1.5 - 4 * np.arctan(1.5 / 4)), rel=0.1)
+    angle = 2 * np.arccos(np.clip(np.abs((midpoint.q * exact.q).sum(axis=1)), 0, 1))
+    assert angle[14] == pytest.approx(14 * (1.5 - 4 * np.arctan(1.5 / 4)), rel=0.1)
 
 
 @pytest.mark.parametrize("radians", [2.0, 3.4])
@@ -204,7 +204,7 @@ def test_an_oscillator_at_five_rad_a_step_is_warned_of(name, scheme, omega):
 
 
 def test_a_constrained_motion_has_the_frequency_of_its_tangent_space():
-    """A pendulum released at rest: ω² = g cos(θ)/l, here beside the lowest point."""
+    """A pendulum released at rest beside the lowest point has ω² = g cos(θ)/l."""
     step = systems.stepper("pendulum", "EMS")
     q, p = np.array([np.sin(1e-4), -np.cos(1e-4)]), np.zeros(2)
     parameters = {"m": 1.0, "g": 9.0, "l": 1.0}

@@ -66,7 +66,7 @@ def test_rotation_matrix_is_a_rotation():
 
 
 def test_left_matrix_gives_the_angular_velocity_of_the_rotation_matrix():
-    """Ṙ = R Ω̂ with Ω = 2 L(q) q̇: (5) to (7), by a complex-free central difference."""
+    """Ṙ = R Ω̂ with Ω = 2 L(q) q̇, equations (5) to (7), agrees with a central difference."""
     q, h = UNIT[0, 0], 1e-6
     rate = np.cross(Q[0, 1, 1:], Q[0, 2, 1:])
     q_dot = left_matrix(q).T @ rate / 2
@@ -139,9 +139,9 @@ def test_refusals(call, words):
         call()
 
 
-SEQUENCES = [letters for found in itertools.product("xyz", repeat=3)
-             if found[0] != found[1] != found[2]
-             for letters in ("".join(found), "".join(found).upper())]
+SEQUENCES = [letters for axes in itertools.product("xyz", repeat=3)
+             if axes[0] != axes[1] != axes[2]
+             for letters in ("".join(axes), "".join(axes).upper())]
 EPS = float(np.finfo(float).eps)
 
 
@@ -158,11 +158,12 @@ def test_all_sequences_are_scipys():
     assert len(SEQUENCES) == 24
     q = random_quaternions(500)
     for sequence in SEQUENCES:
-        ours, theirs = euler_angles(q, sequence), as_scipy(q).as_euler(sequence)
-        apart = np.abs((ours - theirs + np.pi) % (2 * np.pi) - np.pi)
-        near = np.abs(np.sin(ours[:, 1] if sequence[0] == sequence[2] else ours[:, 1] + np.pi / 2))
+        angles, expected = euler_angles(q, sequence), as_scipy(q).as_euler(sequence)
+        apart = np.abs((angles - expected + np.pi) % (2 * np.pi) - np.pi)
+        near = np.abs(np.sin(angles[:, 1] if sequence[0] == sequence[2]
+                             else angles[:, 1] + np.pi / 2))
         assert (apart.max(axis=1) * near < 64 * EPS).all(), sequence  # angles lose digits at locks
-        assert np.abs(ours[:, [0, 2]]).max() <= np.pi
+        assert np.abs(angles[:, [0, 2]]).max() <= np.pi
 
 
 @pytest.mark.parametrize("sequence", SEQUENCES)
@@ -179,7 +180,7 @@ def test_locked_angles_give_the_rotation_back(sequence):
 
 
 def test_the_papers_angles():
-    """(81) makes q of φ, θ, ψ: the other way round."""
+    """Equation (81) has q of φ, θ, ψ, which are the angles of q."""
     angles = np.random.default_rng(5).uniform((-3, 0.1, -3), (3, 3, 3), size=(50, 3))
     assert np.abs(euler_angles(euler_quaternion(*angles.T), "ZXZ") - angles).max() < 200 * EPS
 
@@ -214,13 +215,13 @@ def test_axis_order_does_not_matter(inertia):
 @given(triples)
 def test_means_lie_between_the_moments_and_harmonic_below_arithmetic(inertia):
     smallest, middle, largest = sorted(inertia)
-    up = 1 + 1e-15
-    assert smallest <= gs.gamma(inertia, "h") * up
-    assert gs.gamma(inertia, "h") <= gs.gamma(inertia) * up
-    assert gs.gamma(inertia) <= largest * up
-    assert middle <= gs.gamma(inertia, "ht") * up
-    assert gs.gamma(inertia, "ht") <= gs.gamma(inertia, "mt") * up
-    assert gs.gamma(inertia, "h") <= gs.gamma(inertia, "ht") * up
+    margin = 1 + 1e-15
+    assert smallest <= gs.gamma(inertia, "h") * margin
+    assert gs.gamma(inertia, "h") <= gs.gamma(inertia) * margin
+    assert gs.gamma(inertia) <= largest * margin
+    assert middle <= gs.gamma(inertia, "ht") * margin
+    assert gs.gamma(inertia, "ht") <= gs.gamma(inertia, "mt") * margin
+    assert gs.gamma(inertia, "h") <= gs.gamma(inertia, "ht") * margin
 
 
 @given(triples)

@@ -114,7 +114,7 @@ def pendulums():
 
 
 def test_two_rods_move_as_the_textbook_has_them():
-    """Mass matrix, accelerations, torques and inputs of joints, beside 50 digits."""
+    """Mass matrix, accelerations, torques and inputs of joints agree with 50 digits."""
     step, model = driven()
     state = (model.q0, model.p0)
     with mp.workdps(50):
@@ -175,11 +175,11 @@ def test_rows_and_times_are_those_of_single_states():
     for name, values in rows.quantities.items():
         assert np.array_equal(values, [alone.quantities[name] for alone in single])
     step, model = driven()
-    twice = step.accelerations([model.q0] * 2, [model.p0] * 2, parameters=model.parameters)
-    assert twice.joint("hinge0").shape == (2,)
-    assert twice.body("rod1")[0].shape == (2, 3)
-    for again in (pickle.loads(pickle.dumps(twice)), copy.deepcopy(twice)):
-        assert np.array_equal(again.joint("hinge1"), twice.joint("hinge1"))
+    pair = step.accelerations([model.q0] * 2, [model.p0] * 2, parameters=model.parameters)
+    assert pair.joint("hinge0").shape == (2,)
+    assert pair.body("rod1")[0].shape == (2, 3)
+    for copied in (pickle.loads(pickle.dumps(pair)), copy.deepcopy(pair)):
+        assert np.array_equal(copied.joint("hinge1"), pair.joint("hinge1"))
 
 
 def test_what_cannot_be_asked_is_said():
@@ -241,7 +241,7 @@ def test_robots_move_as_mujoco_has_them(tmp_path, monkeypatch, seed, loops):
     steps = []
 
     class Compiled(random_mjcf.Motion):
-        """Accelerations of quantities by a compiled stepper."""
+        """A motion with accelerations of quantities by a compiled stepper."""
 
         def __init__(self, model):
             super().__init__(model)

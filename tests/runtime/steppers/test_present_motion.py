@@ -96,7 +96,7 @@ def test_every_method_of_a_joint_returns_the_last_row_of_a_run(name):
 
 
 def test_angles_by_which_a_model_goes_are_its_quantities():
-    """Two ways: the kernels that were compiled from symbols, and floats; J is a tensor."""
+    """Kernels compiled from symbols agree with floats; J is a tensor."""
     model, step = systems.case("arm").system, systems.stepper("arm", "IMS")
     run = step.integrate(model.q0, model.p0, dt=5e-3, steps=40, parameters=model.parameters)
     sim = step.start(model.q0, model.p0, dt=5e-3, parameters=model.parameters)
@@ -112,7 +112,7 @@ def test_angles_by_which_a_model_goes_are_its_quantities():
 
 
 def test_rates_in_fifty_digits():
-    """Ω = J⁻¹ ½ L(q) p by mpmath, with J of the parameters as they are now."""
+    """Ω = J⁻¹ ½ L(q) p agrees with mpmath, with J of the present parameters."""
     sim, _ = advanced("heavy_top")
     moments = [sim.parameters[f"I{i}"] for i in (1, 2, 3)]
     for factor in (1, 3):
@@ -162,7 +162,7 @@ def test_what_is_not_there_is_refused():
 
 
 def test_inputs_are_those_of_advance():
-    """They have the same bits, recorded or not; methods of the mapping work as of a dict."""
+    """Inputs have the same bits, recorded or not; methods of the mapping work as of a dict."""
     model, step = systems.case("arm").system, systems.stepper("arm", "IMS")
     plain, recorded = (step.start(model.q0, model.p0, dt=5e-3, parameters=model.parameters,
                                   record=record) for record in (False, True))

@@ -32,7 +32,7 @@ def in_pieces(sim, count, steps):
 
 
 def assert_is(sim, run):
-    """Check a simulation, and its record, to the bit against the end of a run."""
+    """Check state, time and report of a simulation to the bit against the end of a run."""
     assert np.array_equal(sim.q, run.q[-1])
     assert np.array_equal(sim.p, run.p[-1])
     assert sim.t == run.t[-1]
@@ -81,7 +81,7 @@ def test_a_simulation_comes_from_a_stepper(gl3):
 
 
 def test_a_tableau_without_fixed_point_iterations():
-    """Newton's method makes every step."""
+    """Newton's method solves every step."""
     step = gs.stepper(tableau=ROOT / "examples" / "tableaux" / "radau_plain_2.json")
     sim = begun(step)
     sim.advance(5)
@@ -130,13 +130,13 @@ def test_parameters_change_between_steps(step):
     heavier = sim.parameters | {"mgl": 2 * PARAMETERS["mgl"]}
     sim.parameters = heavier
     assert sim.parameters == heavier
-    anew = step.integrate(sim.q, sim.p, dt=1e-3, steps=40, parameters=heavier)
+    fresh_run = step.integrate(sim.q, sim.p, dt=1e-3, steps=40, parameters=heavier)
     sim.advance(40)
-    assert abs(sim.q - anew.q[-1]).max() < 1e-13
-    assert abs(sim.p - anew.p[-1]).max() < 1e-13
+    assert abs(sim.q - fresh_run.q[-1]).max() < 1e-13
+    assert abs(sim.p - fresh_run.p[-1]).max() < 1e-13
     assert sim.report.energy_error_max < 2 * (before.energy_error_max
-                                              + anew.report.energy_error_max)
-    assert abs(sim.report.energy_start - anew.report.energy_start) < 1e-12 + \
+                                              + fresh_run.report.energy_error_max)
+    assert abs(sim.report.energy_start - fresh_run.report.energy_start) < 1e-12 + \
         2 * before.energy_error_max
 
 
@@ -176,9 +176,9 @@ def test_parameters_that_the_state_is_off(gl3):
 
 
 def test_a_controller_settles_as_its_poles_say(monkeypatch):
-    """The example's ends: an axis decays as the slowest root of its sampled, linear loop.
+    """At the end of the example an axis decays as the slowest root of its sampled, linear loop.
 
-    About each axis I θ̈ = −θ/4 − 4 θ̇, the right side held for h = 0.1 s: between two looks
+    About each axis I θ̈ = −θ/4 − 4 θ̇, the right side held for h = 0.1 s: between two samples
     (θ, θ̇) is multiplied by a matrix of two rows.
     """
     monkeypatch.chdir(ROOT)
@@ -233,13 +233,13 @@ def test_it_goes_on_after_a_failure(gl3):
     assert np.array_equal(sim.q, state[0])
     sim.parameters = PARAMETERS
     sim.advance(10)
-    anew = gl3.integrate(*state, dt=5e-3, steps=10, parameters=PARAMETERS)
-    assert abs(sim.q - anew.q[-1]).max() < 1e-12
+    fresh_run = gl3.integrate(*state, dt=5e-3, steps=10, parameters=PARAMETERS)
+    assert abs(sim.q - fresh_run.q[-1]).max() < 1e-12
     assert sim.report.constraint_max < 1e-15
 
 
 def before_each_piece(sim, action, monkeypatch):
-    """Do something before each piece of a long call."""
+    """Call a function before each piece of a long call."""
     advance = sim._run.advance
     monkeypatch.setattr(sim._run, "advance", lambda steps: (action(), advance(steps))[1])
 
@@ -328,7 +328,7 @@ def test_a_history_is_that_of_integrate(scheme, stages, solver, parts):
 
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 def test_a_history_ends_where_a_step_fails(gl3):
-    """It has all steps until then; a copy has its own."""
+    """The history has all steps until then; a copy has its own."""
     sim = begun(gl3, dt=0.08, record=True, solver=gs.Solver("fixed-point", max_iterations=30))
     copied = sim.copy()
     with pytest.raises(gs.StepFailed) as failed:
@@ -351,7 +351,7 @@ def test_a_history_is_asked_for(gl3):
 
 
 def test_a_history_grows_as_a_list_does(gl3):
-    """Room grows a logarithm of times; a call of many steps does it once."""
+    """Arrays grow a logarithm of times, in a call of many steps once."""
     sim, rooms = begun(gl3, record=True), set()
     for _ in range(500):
         sim.advance(1)

@@ -76,7 +76,7 @@ def test_a_choice_says_what_it_was_chosen_by():
 
 
 def test_where_a_frame_harms_none_is_taken_or_a_better_one():
-    """A point on a sphere in a field that two axes share: least squares alone harm it."""
+    """Least squares alone harm a point on a sphere, in a field that two axes share."""
     step, start = framed_point(), gs.Start([0.6, 0.0, 0.8], [0.4, 1.1, -0.3], FIELD)
     exact = step.integrate(start, dt=0.0125, steps=3200, every=8)
     error = {}
@@ -101,7 +101,7 @@ def test_a_motion_without_error_needs_no_frame():
     (("G-L", 2), "auto"), (("G-L", 2), "newton"),
     pytest.param(("IMS", None), "newton", marks=pytest.mark.slow)])  # a stepper for this
 def test_energy_is_the_work_of_drag_to_the_order_of_the_method(scheme, solver):
-    """F·q̇ has the part of q̇ that the frame moves by itself, Σ ω_i A_i q.
+    """The work F·q̇ includes the part of q̇ that the frame moves by itself, Σ ω_i A_i q.
 
     H and g are quadratic: with IMS nothing but rounding is left.
     """
@@ -191,7 +191,7 @@ def test_a_cone_of_any_angle_keeps_its_rate(angle):
 
 @pytest.mark.slow  # a certificate of a free body in a frame takes two seconds
 def test_what_does_not_commute_is_not_promised():
-    """A free body in a frame about e3: l along e3 is kept, and l across it is not."""
+    """A free body in a frame about e3 keeps l along e3, and not across it."""
     moments = {name: BODY.parameters[name] for name in ("I1", "I2", "I3")}
     free = gs.problems.Problem("free", moments, BODY.q0, BODY.p0, BODY.inertia, "free_body")
     certificate = gs.certify(free, "G-L", 2, frame="symmetries", dt=5e-3, steps=200,

@@ -87,7 +87,7 @@ def test_errors_are_those_of_the_axes():
 
 
 def test_where_the_error_does_not_grow_like_t_nothing_is_said_of_longer_runs():
-    """Seen to its end, γ helps the motion of a slow top by EMS, whose energy is round-off."""
+    """γ helps the complete motion of a slow top by EMS, whose energy is round-off."""
     step, m = gs.stepper("EMS"), gs.gamma(CHAOTIC.inertia)
     longer, complete = (tune(step, CHAOTIC, dt=5e-3, steps=steps) for steps in (1001, 1000))
     assert longer.parameters == {"gamma": m}
@@ -135,7 +135,7 @@ def test_no_rule_has_a_better_energy(body, method):
         (("LIIIA-B", 4), 10))),
 ], ids=name_of)
 def test_fast_top_gains(method, least_gain):
-    """The symmetric top: one γ cancels the error at every step; see erratum 25 for the zeros."""
+    """One γ cancels the error of the symmetric top at every step; erratum 25 has the zeros."""
     trial = trial_of(BODIES[0], *method)
     assert min(trial.energy_gain("γ_m"), trial.energy_gain("γ_h")) > least_gain
 

@@ -27,26 +27,26 @@ def largest(run, true):
     *(pytest.param(*row, marks=pytest.mark.slow) for row in (
         ("G-L", 3, 1e-9), ("G-L", 4, 1e-2), ("LIIIA-B", 3, 1e-6)))])
 def test_the_error_is_as_asked_for_and_not_much_smaller(scheme, stages, error):
-    """The reference has 8 stages; twice the step errs more, if there are such pilot runs."""
-    step, true = gs.stepper(scheme, stages), gs.stepper("G-L", 8)
+    """The reference has 8 stages; twice the step errs more, if it has more than 8 steps."""
+    step, fine_stepper = gs.stepper(scheme, stages), gs.stepper("G-L", 8)
     tuned = gs.tune(step, TOP, step_error=error, t_end=0.4)
     run = step.integrate(TOP, dt=tuned.dt, t_end=0.4)
     n = run.report.steps
     assert n * tuned.dt == Fraction(0.4)
     fine = -(-1000 // n)
-    there = true.integrate(TOP, dt=0.4 / n / fine, steps=n * fine, every=fine)
-    assert largest(run, there) <= 1.1 * error  # the largest between the rows that are compared
+    reference = fine_stepper.integrate(TOP, dt=0.4 / n / fine, steps=n * fine, every=fine)
+    assert largest(run, reference) <= 1.1 * error  # the largest between the rows that are compared
     rows = n // 16
-    assert largest(run.at(there.t[::rows]), there.at(there.t[::rows])) \
+    assert largest(run.at(reference.t[::rows]), reference.at(reference.t[::rows])) \
         == pytest.approx(tuned.error, rel=0.1)
     if n > 16:
         coarse = step.integrate(TOP, dt=0.8 / n, steps=n // 2)
-        assert largest(coarse, there.at(coarse.t)) > error
+        assert largest(coarse, reference.at(coarse.t)) > error
 
 
 @pytest.mark.slow  # a search of three kinds
 def test_gamma_and_a_frame_allow_larger_steps():
-    """The fast top in a frame: the step is searched again, and the error is still as asked for."""
+    """For the fast top in a frame the step is searched again, with the error as asked for."""
     step, options = systems.stepper("heavy_top_in_frame"), {"step_error": 1e-9, "t_end": 0.4}
     plain, moved = (gs.tune(step, TOP, **options, **rules) for rules in (
         {}, {"frame": "auto", "gamma": "auto"}))

@@ -45,11 +45,11 @@ def test_means_are_rules_too(gl3, rule):
 
 
 def test_arrays_and_merged_parameters_are_starts(gl3):
-    how = {"dt": 2e-3, "gamma": "auto", "pilot_steps": 50}
-    by_start, by_arrays = gs.tune(gl3, TOP, **how), gs.tune(gl3, TOP.q0, TOP.p0, **how,
-                                                            parameters=TOP.parameters)
+    options = {"dt": 2e-3, "gamma": "auto", "pilot_steps": 50}
+    by_start, by_arrays = gs.tune(gl3, TOP, **options), gs.tune(gl3, TOP.q0, TOP.p0, **options,
+                                                                parameters=TOP.parameters)
     assert by_start.parameters == by_arrays.parameters
-    heavier = gs.tune(gl3, TOP, **how, parameters={"I1": 0.003, "I2": 0.003})
+    heavier = gs.tune(gl3, TOP, **options, parameters={"I1": 0.003, "I2": 0.003})
     assert heavier.pilots[0].parameters["gamma"] == gs.gamma((0.003, 0.003, TOP.inertia[2]))
 
 
