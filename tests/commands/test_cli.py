@@ -93,7 +93,8 @@ def test_bad_value_is_refused_by_run(arguments, fragments, gyrospark):
 ])
 def test_files_that_cannot_be_written_are_refused_before_the_run(
         option, file, fragments, gyrospark, monkeypatch):
-    monkeypatch.setattr(gs.Stepper, "integrate", lambda *given, **more: pytest.fail("it runs"))
+    monkeypatch.setattr(gs.Stepper, "integrate",
+                        lambda *arguments, **options: pytest.fail("it runs"))
     refused(gyrospark(*IMS, option, *(file.split() or [""])), *fragments)
     assert not list(Path().iterdir())
 
@@ -259,7 +260,7 @@ def late_failure():
 @pytest.mark.filterwarnings("ignore:The fastest rotation")
 @pytest.mark.parametrize("options", [["--every", "3"], []], ids=" ".join)
 def test_failed_step_is_reported_and_all_before_it_kept(late_failure, options, gyrospark):
-    """Exit code 1; step, time and reason are on stderr, all states before in JSON and file."""
+    """Step, time and reason are on stderr, all states before in JSON and file; the code is 1."""
     failure, arguments = late_failure
     answer = gyrospark(*arguments, *options, "--json", "--out", "kept.npz")
     assert answer.code == 1
@@ -297,7 +298,7 @@ def test_failure_of_the_first_step(options, gyrospark):
     ["--dt", "1e300"], ["--dt", "1e-320"], ["--gamma", "1e-320"], ["--gamma", "1e308"],
     [*TWO, "--real", "float", "--dt", "1e-60"]], ids=" ".join)
 def test_json_has_no_nan(arguments, gyrospark):
-    """Numbers at the edge of the range: refused or failed in one line, or done; JSON stays JSON."""
+    """Numbers at the edge of the range are refused, fail in one line, or work; JSON stays JSON."""
     answer = gyrospark(*IMS, *arguments, "--json")
     assert answer.code in (0, 1, 2)
     assert answer.stderr.count("\n") == min(answer.code, 1)
@@ -319,7 +320,7 @@ def test_extreme_cones_end_in_one_line(setting, gyrospark):
 
 
 def test_a_result_that_cannot_be_saved_is_still_printed(gyrospark, monkeypatch):
-    """The disk fills up during the run: the numbers are not lost, the exit code says so."""
+    """The disk fills up during the run: numbers are printed, the exit code reports the loss."""
     def full(self, path, **options):
         raise gs.GyrosparkError(f"The trajectory cannot be written to {str(path)!r}: No space.")
 
@@ -557,7 +558,7 @@ def test_bad_tableau_file_is_refused(changes, fragments, gyrospark, generate):
 
 
 def test_tableau_runs(gyrospark):
-    """A run has the bits of Python, near another method; its first lines name lost properties."""
+    """A run has the bits of Python and is near another method; first lines name lost properties."""
     path = EXAMPLE.with_name("radau_plain_2.json")
     size = ("--dt", "1e-3", "--steps", "20", "--json")
     answer = gyrospark("run", "free-body", "--tableau", path, *size)
@@ -568,8 +569,8 @@ def test_tableau_runs(gyrospark):
     step = gs.stepper(tableau=path)
     run = step.integrate(gs.problems.free_body(), dt=1e-3, steps=20)
     assert answer.document["q"] == list(run.report.q)
-    named = gyrospark("run", "free-body", "--scheme", "G-L", "--stages", "2", *size).document
-    assert 1e-12 < np.abs(np.subtract(answer.document["q"], named["q"])).max() < 1e-3
+    other_method = gyrospark("run", "free-body", "--scheme", "G-L", "--stages", "2", *size).document
+    assert 1e-12 < np.abs(np.subtract(answer.document["q"], other_method["q"])).max() < 1e-3
 
 
 def test_verify_model(gyrospark):

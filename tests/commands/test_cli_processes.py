@@ -130,12 +130,12 @@ PENDULUM = ["run", str(ROOT / "examples" / "pendulum.toml"), "--scheme", "IMS", 
 @pytest.mark.slow  # derived and compiled for this; test_progress.py tests messages
 def test_first_compile_is_said_on_a_terminal(tmp_path):
     """The terminal names each derivation and compilation, at first without, then with its time."""
-    terminal, theirs = pty.openpty()
+    terminal, process_end = pty.openpty()
     process = subprocess.Popen(
-        gyrospark_command(*PENDULUM), stdout=subprocess.PIPE, stderr=theirs, cwd=tmp_path,
+        gyrospark_command(*PENDULUM), stdout=subprocess.PIPE, stderr=process_end, cwd=tmp_path,
         env=environment(TERM="xterm", COLUMNS="100", GYROSPARK_CACHE=str(tmp_path / "cache")),
         stdin=subprocess.DEVNULL)
-    os.close(theirs)
+    os.close(process_end)
     with process.stdout as stream:
         shown = read_until(terminal, b"no such word").decode()
         printed = stream.read().decode()

@@ -78,14 +78,14 @@ def test_text_fits_the_system(orbit, gyrospark, document):
 
 def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, document):
     text = PENDULUM.read_text(encoding="utf-8").replace('q = ["l", 0]', "q = [0.3, 0.4001]")
-    rough = tmp_path / "rough.toml"
-    rough.write_text(text, encoding="utf-8")
-    result = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5", "--json").document
+    path = tmp_path / "rough.toml"
+    path.write_text(text, encoding="utf-8")
+    result = gyrospark("run", path, "--scheme", "IMS", "--steps", "5", "--json").document
     assert 1e-5 < result["start_moved"] < 1e-3
     assert "start_moved" not in document("run", PENDULUM, "--scheme", "IMS", "--steps", "5")
-    warning = gyrospark("run", rough, "--scheme", "IMS", "--steps", "5").stderr
+    warning = gyrospark("run", path, "--scheme", "IMS", "--steps", "5").stderr
     assert "constraints" in warning
-    model, step = gs.load_model(rough), gs.stepper("IMS", system=rough)
+    model, step = gs.load_model(path), gs.stepper("IMS", system=path)
     with pytest.warns(gs.errors.InputWarning, match="y = 0.4001"):
         run = step.integrate(model, steps=5)
     assert run.q[-1].tolist() == result["q"]
@@ -95,7 +95,7 @@ def test_start_typed_with_few_digits_is_moved_and_told(tmp_path, gyrospark, docu
 
 @pytest.mark.parametrize("lengths", [[0.5, 0.6], [0.7, 0.7]])
 def test_a_model_starts_on_the_constraints_of_its_run(lengths):
-    """A start has the parameters of its run, in an ensemble the ones of its member."""
+    """A start is projected with the parameters of its run, in an ensemble with its member's."""
     model, step = gs.load_model(PENDULUM), gs.stepper("G-L", stages=2, system=PENDULUM)
     with pytest.warns(gs.errors.InputWarning, match="constraints"):
         ensemble = step.integrate_ensemble(model, steps=3, parameters={"l": lengths})

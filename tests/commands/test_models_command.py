@@ -52,8 +52,8 @@ def test_examples_are_copied_whole_and_run(gyrospark, tmp_path):
     assert gyrospark("examples", "copy", "all", "--to", str(tmp_path / "mine")).code == 0
     for path in (ROOT / "examples").rglob("*"):
         if path.is_file() and "__" not in str(path.relative_to(ROOT)):
-            there = tmp_path / "mine" / path.relative_to(ROOT / "examples")
-            assert there.read_bytes() == path.read_bytes()
+            copied = tmp_path / "mine" / path.relative_to(ROOT / "examples")
+            assert copied.read_bytes() == path.read_bytes()
     answer = gyrospark("run", str(tmp_path / "mine" / "pendulum.toml"), "--scheme", "IMS",
                        "--steps", "2", "--json")
     assert answer.code == 0, answer.stderr

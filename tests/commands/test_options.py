@@ -51,7 +51,7 @@ def options(words: str) -> list[click.Option]:
 
 
 def value_of(words: str, option: click.Option) -> object:
-    """Return the value of an option that is not given."""
+    """Return the value of an option that a command line leaves out."""
     context = command(words).make_context(words, ["x"], resilient_parsing=True)
     return context.params.get(option.name)
 

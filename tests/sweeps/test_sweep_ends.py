@@ -67,8 +67,8 @@ def test_ctrl_c_after_the_last_cell(gyrospark, monkeypatch, tmp_path):
     study_file(tmp_path, STUDY.replace("count = 40", "count = 4"))
     sweep = import_module("gyrospark.commands.sweep")  # the package has the command by that name
     summary = sweep._result
-    monkeypatch.setattr(sweep, "_result", lambda *given: (
-        os.kill(os.getpid(), signal.SIGINT), summary(*given))[1])
+    monkeypatch.setattr(sweep, "_result", lambda *arguments: (
+        os.kill(os.getpid(), signal.SIGINT), summary(*arguments))[1])
     answer = gyrospark("sweep", "study.toml")
     assert answer.code == 130
     assert "128 cells" in answer.stdout

@@ -126,7 +126,7 @@ def test_a_system_of_ones_own_with_forces_time_and_quantities():
 
 
 def test_no_fast_path_no_constraint_no_parameter():
-    """No cells are computed side by side, and no start has to be consistent."""
+    """The system has no lanes, no constraint and no parameter: cells are computed one by one."""
     model = model_of("swing")
     result = gs.sweep(model, {"dt": [0.01, 0.02, 0.05]}, scheme="EMS", steps=50, solver="newton")
     run = alone(systems.stepper("swing", "EMS"), {}, 0.05, 50, model.q0, model.p0,
@@ -202,9 +202,9 @@ def test_a_cell_with_an_inertia_that_no_body_has_is_refused():
 
 def test_a_model_that_starts_off_its_constraints_is_moved_with_a_warning():
     model = model_of("pendulum")
-    off = replace(model, q0=1.01 * np.array(model.q0, dtype=float))
+    moved = replace(model, q0=1.01 * np.array(model.q0, dtype=float))
     with pytest.warns(gs.errors.InputWarning, match=r"constraints.*moved"):
-        result = gs.sweep(off, {"g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=2)
+        result = gs.sweep(moved, {"g": [1.0, 2.0]}, scheme="G-L", stages=2, steps=2)
     assert result.status.values.tolist() == [0, 0]
 
 
@@ -305,7 +305,7 @@ def test_refusals_come_before_anything_is_computed(over, options, fragments, mon
 
 
 def test_a_parameter_named_as_the_step_cannot_be_an_axis():
-    """One axis would be the step and the strength."""
+    """One axis would be both the step and the strength."""
     with pytest.raises(gs.InputError, match="'dt' is a parameter"):
         gs.sweep(model_of("logarithm"), {"dt": [4.0, 9.0]}, scheme="G-L", stages=2, steps=1)
 
@@ -322,9 +322,9 @@ def test_a_system_without_a_start_is_refused_with_the_cure():
 
 def test_studies_and_stores_travel():
     study = plan(TOP, OVER, scheme="EMS", steps=5)
-    there = pickle.loads(pickle.dumps((study, StoreSink(Path("x")))))[0]
+    unpickled = pickle.loads(pickle.dumps((study, StoreSink(Path("x")))))[0]
     tile = next(tiles.tiles_of(study))
     fields = fields_of(study)
-    here = compute_tile.compute(study, fields, tile)
-    for name, values in compute_tile.compute(there, fields, tile).items():
-        assert np.array_equal(values, here[name])
+    expected = compute_tile.compute(study, fields, tile)
+    for name, values in compute_tile.compute(unpickled, fields, tile).items():
+        assert np.array_equal(values, expected[name])
