@@ -215,7 +215,7 @@ def test_a_dear_entry_is_not_run_to_its_end(monkeypatch):
 
     monkeypatch.setattr(fast_top, "stopwatch", lambda call: call() and 1.0)
     with pytest.raises(optional.Unavailable, match="100 s"):
-        prepared(dear, t_end=1000.0, most=99.0)
+        prepared(dear, t_end=1000.0, limit=99.0)
     assert set(ends) == {10.0}
 
 
