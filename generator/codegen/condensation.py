@@ -155,8 +155,8 @@ def _kinetic_blocks(structure: Structure) -> dict[int, set[int]] | None:
     for template in structure.templates:
         if template.p and not all(map(any, template.system.H_pp)):
             return None
-        for i in template.instances:
-            block_of |= {a: {*i.q, *i.p} for a in i.p}
+        for instance in template.instances:
+            block_of |= {a: {*instance.q, *instance.p} for a in instance.p}
     return block_of if len(block_of) == structure.system.n else None
 
 
@@ -172,8 +172,8 @@ def _jacobian_entries(
     nonzero: list[tuple[int, int]] = []
     for template, tables in zip(structure.constraint_templates, constraints, strict=True):
         places = _nonzero(tables, "jacobian")
-        for i in template.instances:
-            matrix = list(product(i.rows, i.q))
+        for instance in template.instances:
+            matrix = list(product(instance.rows, instance.q))
             stored += matrix
             nonzero += [matrix[k] for k in places]
     return stored, nonzero
@@ -206,21 +206,22 @@ def _couplings(
     by_momenta: list[set[int]] = [set() for _ in range(n)]
     elements: list[set[int]] = []
     for template in structure.templates:
-        for i in template.instances if template.p else ():
-            for a in (*i.p, *i.q):  # H_pp and H_pq; of a free coordinate, 1/m alone
-                by_momenta[a] |= {a} if a in free else {*i.p, *i.q} - free
+        for instance in template.instances if template.p else ():
+            for a in (*instance.p, *instance.q):  # H_pp and H_pq; of a free coordinate, 1/m alone
+                by_momenta[a] |= {a} if a in free else {*instance.p, *instance.q} - free
     for template in (*structure.templates, *structure.constraint_templates):
-        for i in template.instances:  # H_qq, and K = (Gᵀ λ)_q
-            elements.append({*i.q, *i.p} - free)
+        for instance in template.instances:  # H_qq, and K = (Gᵀ λ)_q
+            elements.append({*instance.q, *instance.p} - free)
             for a in elements[-1]:
                 columns[a] |= elements[-1]
     for template in structure.force_templates:
-        for i in template.instances:  # F_q, and C = −F_p H_pp⁻¹ of the blocks of these momenta
-            reached = set(i.q).union(*(block_of[a] for a in i.p))
-            elements.append((reached | set(i.rows)) - free)
-            for a in i.rows:
+        # F_q, and C = −F_p H_pp⁻¹ of the blocks of these momenta
+        for instance in template.instances:
+            reached = set(instance.q).union(*(block_of[a] for a in instance.p))
+            elements.append((reached | set(instance.rows)) - free)
+            for a in instance.rows:
                 columns[a] |= reached
-                by_momenta[a] = by_momenta[a].union(*(block_of[b] for b in i.p))
+                by_momenta[a] = by_momenta[a].union(*(block_of[b] for b in instance.p))
     return _Couplings(columns, by_momenta, elements)
 
 
@@ -236,9 +237,9 @@ def _tables(
     index_of = {entry: k for k, entry in enumerate(entries)}
     # Derivatives by free coordinates are 0 but for H_pp: their zeros go to the diagonal entry.
     for template in (*structure.templates, *structure.constraint_templates):
-        for i in template.instances:
-            for a in free.intersection((*i.q, *i.p)):
-                for b in (*i.q, *i.p):
+        for instance in template.instances:
+            for a in free.intersection((*instance.q, *instance.p)):
+                for b in (*instance.q, *instance.p):
                     index_of[a, b] = index_of[b, a] = index_of[a, a]
 
     def indices(rows: Sequence[int], columns: Sequence[int]) -> list[int]:
@@ -249,17 +250,20 @@ def _tables(
     for template in structure.templates:
         # H_pp, H_pq, H_qp and H_qq of each instance
         tables.append({"condensed": [
-            [*indices(i.p, i.p), *indices(i.p, i.q), *indices(i.q, i.p), *indices(i.q, i.q)]
-            for i in template.instances]})
+            [*indices(instance.p, instance.p), *indices(instance.p, instance.q),
+             *indices(instance.q, instance.p), *indices(instance.q, instance.q)]
+            for instance in template.instances]})
     start = 0  # the first entry of G of a template
     for template, constraint in zip(structure.constraint_templates, constraints, strict=True):
         curved = _nonzero(constraint, "curvature")
-        blocks = [indices(i.q, i.q) for i in template.instances]  # K of each instance
+        # K of each instance
+        blocks = [indices(instance.q, instance.q) for instance in template.instances]
         tables.append({"condensed": [[block[k] for k in curved] for block in blocks],
                        "curved": curved, "condensed_start": start})
-        start += sum(len(i.rows) * len(i.q) for i in template.instances)
+        start += sum(len(instance.rows) * len(instance.q) for instance in template.instances)
     for template in structure.force_templates:
-        tables.append({"condensed": [indices(i.rows, i.q) for i in template.instances]})  # F_q
+        tables.append({"condensed": [indices(instance.rows, instance.q)  # F_q
+                                     for instance in template.instances]})
     return tables
 
 
@@ -289,13 +293,13 @@ def _free_coordinates(structure: Structure, block_of: dict[int, set[int]]) -> fr
         coupled = len(template.p) > 1 or any(
             e.diff(y).free_symbols & {*template.q}
             for y in template.p for e in template.expressions)
-        for i in template.instances:
-            bound.update(i.q[k] for k in nonlinear)
-            bound.update(i.p if coupled else ())
+        for instance in template.instances:
+            bound.update(instance.q[k] for k in nonlinear)
+            bound.update(instance.p if coupled else ())
     # a force binds its own coordinate, those that it depends on, and the blocks of its momenta
     for template in structure.force_templates:
-        for i in template.instances if template.q or template.p else ():
-            bound.update(i.rows, i.q, *(block_of[a] for a in i.p))
+        for instance in template.instances if template.q or template.p else ():
+            bound.update(instance.rows, instance.q, *(block_of[a] for a in instance.p))
     return frozenset(range(structure.system.n)) - bound
 
 

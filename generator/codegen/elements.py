@@ -213,9 +213,9 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
 
     ``between``: the scheme is IMS or EMS, whose gradient and second derivatives, between two
     states, are in ``mean_term_kernels``. A kernel is emitted for one trajectory (NUMBERS), for
-    trajectories side by side (LANES), or for both.
-    H_p for numbers and H_pp serve the constraint on the momenta, G H_p + g_t = 0, of
-    ``constrained`` systems. Derivatives by q or p are left out where the term has no q or no p.
+    trajectories side by side (LANES), or for both. H_p for numbers and H_pp serve the constraint on
+    the momenta, G H_p + g_t = 0, of ``constrained`` systems. Derivatives by q or p are left out
+    where the term has no q or no p.
     """
     system = template.system
     arguments = local_inputs(template)
@@ -328,7 +328,7 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
     if np:
         kernels.append((Kernel("mean_velocity", "D_p", arguments, {"D_p": D_p}), LANES))
     if template.time is not None:
-        rate = sp.Integer(0)
+        rate = sp.Integer(0)  # of a term without time
         if template.system.is_time_dependent:
             # the slope by t follows the slopes by q and p
             *_, rate = mean_slopes_of(template.system, (qm, pm), (dq, dp), discrete)

@@ -434,6 +434,7 @@ class _PowerSplitter:
         # each (x ± y)ⁿ replaces n − 1 mixed terms
         terms_after = len(powers) + sum(present[x] != subtracted[x] for x in subtracted)
         terms_before = (n - 1) * len(powers) + sum(a != 0 for a in present.values())
+        # the share a of each xⁿ that is present: 0 < a/b ≤ 1; a missing one gives a/(−a) = −1
         is_covered = n % 2 == 0 and all(
             0 < quotient(a, present[x] or -a) <= 1 for x, a in subtracted.items())
         # a sum of squares is kept even where it is no shorter: it has no cancellation

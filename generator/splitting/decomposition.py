@@ -603,11 +603,12 @@ def _axis_rotations(
     if not all(map(_is_zero, across)):
         nonzero = [k for k, x in enumerate(across) if x != 0]
         if len(nonzero) == 1:  # without a root, and with the sign of c
-            rotations.append(AxisRotation(_unit_vector(nonzero[0]), _ZERO, across[nonzero[0]]))
+            k, = nonzero
+            rotations.append(AxisRotation(_unit_vector(k), d=_ZERO, c=across[k]))
         else:
             length = sp.sqrt(sp.Add(*(x**2 for x in across)))
             rotations.append(AxisRotation(
-                (across[0] / length, across[1] / length, across[2] / length), _ZERO, length))
+                (across[0] / length, across[1] / length, across[2] / length), d=_ZERO, c=length))
     return _AxisRotations(a, tuple(rotations[:1]), tuple(rotations[1:]))
 
 
