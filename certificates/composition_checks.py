@@ -124,7 +124,7 @@ def _size(interval: Any) -> str:
 def _interval_text(interval: Any) -> str:
     """Return an interval in three digits, rounded outwards."""
     bound_texts = [Context(prec=3, rounding=rounding).create_decimal(mp.nstr(mp.mpf(end), STORED))
-            for end, rounding in ((interval.a, ROUND_FLOOR), (interval.b, ROUND_CEILING))]
+                   for end, rounding in ((interval.a, ROUND_FLOOR), (interval.b, ROUND_CEILING))]
     return "[{:.2e}, {:.2e}]".format(*bound_texts)
 
 

@@ -58,7 +58,7 @@ def reversal(
     steps = run.report.steps
     try:
         reverse = stepper.integrate(run[-1], steps=steps, parameters=parameters,
-                                 **step_keyword(stepper, -run.dt))
+                                    **step_keyword(stepper, -run.dt))
         growth = max(_growth(stepper, trajectory, parameters, sizes)
                      for trajectory in (run, reverse))
     except GyrosparkError:
@@ -74,7 +74,8 @@ def _growth(
 ) -> float:
     """Return the largest factor by which neighbours separate from a run after its start.
 
-    Six neighbours, 1e-6 of the sizes away, in seeded directions; distances in units of the sizes.
+    There are six neighbours, 1e-6 of ``sizes`` (of q and of p) away in seeded directions; all
+    distances are in units of ``sizes``.
     """
     rng, count = np.random.default_rng(11), 6
     neighbours = [x[0].astype(float) + 1e-6 * size * rng.standard_normal((count, x.shape[1]))

@@ -149,28 +149,33 @@ def _flows() -> Iterator[_Flow]:
     W, w = [a * x for x in l], [(_RATE + c) * x for x in e]
     # C = cos(½ a t |l|), Z = sin(½ a t |l|)/|l|
     yield _Flow(
-        "sphere", "(exp(½ t a l) q, l)", sphere, W, zero, quaternion_product(left_quaternion, q), l,
-        (W, zero), {C: -half * a * l_squared * Z, Z: half * a * C}, {C: 1 - l_squared * Z**2})
+        "sphere", "(exp(½ t a l) q, l)", sphere, left=W, right=zero,
+        q=quaternion_product(left_quaternion, q), l=l, along=(W, zero),
+        rates={C: -half * a * l_squared * Z, Z: half * a * C}, squares={C: 1 - l_squared * Z**2})
     # D = cos(½ t (d (e·m) + c)), Y = sin(½ t (d (e·m) + c))
     yield _Flow(
-        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, zero, w,
-        quaternion_product(q, right_quaternion), l, (zero, [(rate + c) * x for x in e]),
-        {D: -half * (rate + c) * Y, Y: half * (rate + c) * D}, unit | {D: 1 - Y**2})
+        "axis", "(q exp(½ t (d (e·m) + c) e), l)", axis, left=zero, right=w,
+        q=quaternion_product(q, right_quaternion), l=l,
+        along=(zero, [(rate + c) * x for x in e]),
+        rates={D: -half * (rate + c) * Y, Y: half * (rate + c) * D},
+        squares=unit | {D: 1 - Y**2})
     # s = (1 − e^(−kt))/k has ṡ = E = e^(−kt): both angles with s in place of t, but c t
     yield _Flow(
         "symmetric body with drag", "(exp(½ s a l) q exp(½ (s d (e·m) + c t) e), E l)",
-        sphere + axis, W, w, quaternion_product(left_quaternion, q, right_quaternion),
-        [E * x for x in l], ([E * x for x in W], [(E * rate + c) * x for x in e]),
-        {C: -half * a * E * l_squared * Z, Z: half * a * E * C, D: -half * (rate * E + c) * Y,
-         Y: half * (rate * E + c) * D, E: -k * E},
-        unit | {C: 1 - l_squared * Z**2, D: 1 - Y**2}, drag=k, force=[-k * x for x in l])
+        sphere + axis, left=W, right=w,
+        q=quaternion_product(left_quaternion, q, right_quaternion), l=[E * x for x in l],
+        along=([E * x for x in W], [(E * rate + c) * x for x in e]),
+        rates={C: -half * a * E * l_squared * Z, Z: half * a * E * C,
+               D: -half * (rate * E + c) * Y, Y: half * (rate * E + c) * D, E: -k * E},
+        squares=unit | {C: 1 - l_squared * Z**2, D: 1 - Y**2}, drag=k, force=[-k * x for x in l])
     # C = cos(½ t |ω|), Z = sin(½ t |ω|)/|ω|
     back = [C, *(-Z * x for x in omega)]
     velocity = [-x for x in omega]
     yield _Flow(
-        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), velocity, zero,
-        quaternion_product(back, q), list(rotation_matrix(back) * sp.Matrix(l)), (velocity, zero),
-        {C: -half * omega_squared * Z, Z: half * C}, {C: 1 - omega_squared * Z**2},
+        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), left=velocity,
+        right=zero, q=quaternion_product(back, q), l=list(rotation_matrix(back) * sp.Matrix(l)),
+        along=(velocity, zero), rates={C: -half * omega_squared * Z, Z: half * C},
+        squares={C: 1 - omega_squared * Z**2},
         force=list(-sp.Matrix(omega).cross(sp.Matrix(l))))
 
 

@@ -53,8 +53,8 @@ def _list(context: click.Context, parameter: click.Parameter, value: bool) -> No
 def _line(target: Target) -> str:
     """Return a target, its description, and missing tools with their cure."""
     missing_tools = [f"to {action} it: {TOOLS[name].cure}"
-               for action, names in (("build", target.needs), ("check", target.checks))
-               for name in names if TOOLS[name].find() is None]
+                     for action, names in (("build", target.needs), ("check", target.checks))
+                     for name in names if TOOLS[name].find() is None]
     return f"{target.name:<9}{target.about}" + "".join(f"\n{'':9}{line}" for line in missing_tools)
 
 

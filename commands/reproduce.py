@@ -73,8 +73,8 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
     """Return the folder of the report, or None, and a line on why there is no report, or "".
 
-    A missing package or a folder that cannot be written shows before hours of computing. Raises
-    InputError or MissingDependencyError if it cannot be written.
+    Raises InputError or MissingDependencyError if it cannot be written: a missing package or such
+    a folder is reported before hours of computing.
     """
     from ..runtime.plotting.trajectory_plots import figure_class
 

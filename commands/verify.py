@@ -249,7 +249,7 @@ def _draw(
         "order": None if spec.composition else spec.order,
         "composition": spec.composition or None})
     study = accuracy(step, problem.q0, problem.p0, dt=certificate.dt, steps=certificate.steps,
-                        parameters=certificate.parameters)
+                     parameters=certificate.parameters)
     draw(certificate.model, study, plot)
     return {"plot": str(plot), "accuracy": asdict(study)}
 

@@ -39,7 +39,7 @@ class FlowFunction(ABC):
     Raises
     ------
     InputError
-        For a stepper of another type of numbers, and for a number of steps that is none.
+        For a stepper of another type of numbers, and unless ``steps`` is a whole number.
 
     Attributes
     ----------

@@ -111,10 +111,9 @@ def resume(
     Parameters
     ----------
     path : path
-        What ``integrate(..., out=...)`` or ``gyrospark run --out X.zarr`` began.
+        The store that ``integrate(..., out=...)`` or ``gyrospark run --out X.zarr`` began.
     t_end, steps : number, int
-        An end of the run later than before, as of ``Stepper.integrate``; by default that which it
-        has.
+        A later end of the run, as for ``Stepper.integrate``; by default its end stays as it is.
     progress : callable or bool, optional
         As of ``Stepper.integrate``.
 

@@ -246,6 +246,7 @@ class Recording(Trajectory):
     @property
     def grid_end(self) -> Start:
         """The state of the last whole step; see ``Trajectory``."""
+        # without a rest, a shorter last step, the last row is the one to ask
         if self.status != COMPLETE or "rest" not in self.attributes["run"]:
             return super().grid_end
         binding, run, real = self.stepper.binding, self.attributes["run"], self.manifest.real
@@ -321,7 +322,7 @@ class Recording(Trajectory):
         manifest, run = self.manifest, self.attributes["run"]
         refuse_missing_blocks(self.path, self._group, row_range.start, row_range.stop)
         missing_names = [name for output in OUTPUTS for name in names_in_files(output, manifest)
-                   if name not in self.attributes["arrays"]]
+                         if name not in self.attributes["arrays"]]
         if missing_names:
             raise written_by(self.path, run.get("gyrospark"), f"it has no {join_or(missing_names)}")
         arrays: dict[str, Any] = {}

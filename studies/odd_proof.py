@@ -59,11 +59,11 @@ def variational(tableau: Tableau) -> bool:
     times_b = nodes.multiply(b)
     symplectic_defect = times_b * A_hat + (times_b * A).transpose() - b * b.transpose()
     weighted = times_b * node_slope(nodes)
-    closing = weighted.transpose() * nodes.trace * A_hat
+    radial_defect = weighted.transpose() * nodes.trace * A_hat
     square = nodes.multiply(node_slope(nodes)) * weighted
     mu = node_numbers(tableau.s).mu
-    constant = square - nodes.one * QQ.from_sympy(mu)
-    return all(matrix.is_zero_matrix for matrix in (symplectic_defect, closing, constant))
+    mu_defect = square - nodes.one * QQ.from_sympy(mu)
+    return all(defect.is_zero_matrix for defect in (symplectic_defect, radial_defect, mu_defect))
 
 
 def variational_claim(stages: Sequence[int]) -> Claim:

@@ -144,7 +144,7 @@ def law_growth(s: int) -> tuple[Law, Law]:
     """
     gamma = mean_inertia(fast_top().inertia)
     motion = run("G-L", 4, dt=turning_time() / 72, steps=72, parameter=gamma)
-    law = energy_law(s, top_along(motion, [0, 36, 72]))
+    law = energy_law(s, top_along(motion, rows=[0, 36, 72]))
     terms = (law.A, law.B, law.C, law.X, law.Y)
     middle, peak = (Law(*(term[k] - term[0] for term in terms)) for k in (1, 2))
     return middle, peak
@@ -282,6 +282,7 @@ is then ΔH = h²({a2:.5g} {c2:+.5g}/γ) for s = 2 and ΔH = {a3:.5g}h⁴ {b3:+.
 def _effect_of_gamma(three: GammaSweep, hidden: Claim) -> str:
     """Return whether a γ can cancel the error; ``three`` is the sweep of s = 3 at its peak.
 
+    ``hidden`` is the claim on the 1/γ term that vanishes at the turning points.
     h⁴ ΔA + h⁶ γ ΔB = 0 at γ = −ΔA/(h² ΔB).
     """
     cancelling = -float(three.law.A) / (three.dt**2 * float(three.law.B))

@@ -112,11 +112,11 @@ def zero_claim(law: ErrorLine) -> Claim:
     """Return the claim that the line is straight and has its zero within 0.5 % of erratum 25's."""
     expected = law.case.expected or float("nan")
     quantity = "l₃" if law.case.scheme == "EMS" else "energy"
-    straight = law.line.r_squared
+    r_squared = law.line.r_squared
     return Claim(
         f"{law.case.name}-γ: zero of the {quantity} error in 1/γ, Δt = {law.case.dt:g} s.",
-        f"{law.zero:.1f} (R² = {straight:.6f})", f"{expected:g} ± 0.5 %, R² ≥ 0.999",
-        abs(law.zero / expected - 1) < 0.005 and straight >= 0.999,
+        f"{law.zero:.1f} (R² = {r_squared:.6f})", f"{expected:g} ± 0.5 %, R² ≥ 0.999",
+        abs(law.zero / expected - 1) < 0.005 and r_squared >= 0.999,
     )
 
 

@@ -72,7 +72,7 @@ def _run(
             _project_starts(study, stepper, equal_constraints, structs, q0, p0)
             q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # e of the projected start
         outcome = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
-                _run_without_events(study, stepper, steps, structs, dt, q0, p0))
+                   _run_without_events(study, stepper, steps, structs, dt, q0, p0))
         q, p, reports, status = outcome.q, outcome.p, outcome.reports, outcome.status
         unusable = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
         unusable |= ~np.isfinite(reports["energy_start"])

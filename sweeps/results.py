@@ -144,6 +144,7 @@ def _refuse_result_names(study: Study, fields: list[StoredField]) -> None:
              *(dimension for field in fields for dimension, _ in field.inner)}
     for axis in study.axes:
         for name in (axis.name, *axis.columns):
+            # columns q and p of starts have names of their own in the dataset
             if name in names and axis.name != START:
                 raise InputError(f"{name!r} along the axis {axis.name!r} is the name of a result "
                                  "of this sweep, or of a dimension of one; give it another name.")
@@ -435,7 +436,7 @@ def summary(study: Study, path: Path, name: str) -> dict[str, Any]:
             if end not in extrema or better(extremum, extrema[end][0]):
                 # the index of the cell in the whole grid
                 extrema[end] = extremum, tuple(s.start + int(i) for s, i in
-                                            zip(tile.slices, index, strict=True))
+                                               zip(tile.slices, index, strict=True))
     if not extrema:
         return {"least": None, "most": None}
     return {end: extremum for end, (extremum, _) in extrema.items()} | {

@@ -117,7 +117,7 @@ class Study:
 
     @property
     def time_steps(self) -> Array:
-        """Δt of the cells: of the axis that varies it, or the one of all."""
+        """Δt of the cells: the values of the axis that varies it, or the one Δt of all cells."""
         name = self.step_name
         column = next((a.columns[name] for a in self.axes if name in a.columns), [self.dt])
         return np.array(column, dtype=float)
@@ -189,7 +189,7 @@ def _checked_parameters(study: Study) -> dict[str, float]:
     shared = {name: number for name, number in study.parameters.items() if not study.has_axis(name)}
     # the first cell stands for all: the columns of axes have been checked
     first_cell = shared | {name: float(axis.columns[name][0]) for axis in study.axes
-                          for name in axis.columns if name in domains}
+                           for name in axis.columns if name in domains}
     doubles = as_parameters(first_cell, domains, symmetries=stepper.symmetries)
     warn_of_negative(doubles | {name: values for axis in study.axes
                                 for name, values in axis.columns.items() if name in domains})

@@ -33,7 +33,7 @@ _MOST_FRAMES = 2000
 #: Pixels of the bodies; the energy below has a quarter of the height.
 _SIZE, _DPI = (480, 360), 80
 #: Frames that the camera has in view, and bytes of meshes: each frame is drawn anew.
-_IN_VIEW, _BUDGET = 24, 60_000
+_VIEW_FRAMES, _BUDGET = 24, 60_000
 #: States of a trace.
 _TRACE = 1000
 
@@ -55,7 +55,7 @@ def animate(
     fps : int
         Pictures a second, each a stored state; where fewer are stored it has fewer pictures.
     shape : {"auto", "box", "ellipsoid"}
-        Of the bodies: as ``picture`` draws them, or the box or ellipsoid of their inertia.
+        What bodies look like: as in ``picture``, or the box or ellipsoid of their inertia.
 
     Raises
     ------
@@ -75,7 +75,7 @@ def animate(
     shown_frames = np.unique(np.linspace(0, len(scene.t) - 1, frames).astype(int)).tolist()
     meshes: dict[str, IndexedMesh] = {}
     if shape == "auto":
-        scene, meshes = with_visuals(trajectory, scene, "small", _BUDGET)
+        scene, meshes = with_visuals(trajectory, scene, meshes="small", budget=_BUDGET)
     else:
         scene = _with_inertia_shapes(scene, shape)
     width, height = _SIZE
@@ -144,7 +144,7 @@ class _Stage:
 
         self.scene = scene
         # the camera stands still: it is placed so that these frames fit
-        in_view = [*frames[::max(1, len(frames) // _IN_VIEW)], frames[-1]]
+        in_view = [*frames[::max(1, len(frames) // _VIEW_FRAMES)], frames[-1]]
         self.drawing = SceneDrawing(scene, meshes, in_view, size=_SIZE)
         self.image = figure.figimage(np.zeros((*_SIZE[::-1], 3), np.uint8), 0, _SIZE[1] // 4)
         self.energy = figure.add_axes((0.14, 0.085, 0.83, 0.08))
@@ -152,6 +152,7 @@ class _Stage:
         # visuals of a model have colours of their own
         legend_entries = [(body.name, colour) for body, colour in zip(scene.parts, cycle(COLOURS))
                           if not body.own]
+        # one body needs no name, and more than ten would cover the scene
         if 1 < len(legend_entries) <= 10:
             patches = [Patch(color=colour, label=name) for name, colour in legend_entries]
             figure.legend(handles=patches, fontsize=8, loc="upper right", framealpha=0.5)

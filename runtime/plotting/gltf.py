@@ -51,11 +51,11 @@ def export_gltf(
     Parameters
     ----------
     trajectory : Trajectory
-        Of at least one rigid body; of more than 3600 states as many, evenly.
+        Of at least one rigid body. Of more than 3600 states, 3600 are written, evenly spread.
     path : path
         A name that ends in .glb.
     meshes : {"small", "full", "none"}
-        Of the meshes of a robot's file, as for ``view``.
+        Which meshes of a robot's file are written, as for ``view``.
 
     Raises
     ------

@@ -97,12 +97,11 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     path : path, optional
         A name that ends in .html.
     shape : {"auto", "box", "ellipsoid"}
-        Of the bodies to begin with, which the page changes: as they are best told apart, or the
-        uniform box or ellipsoid of the inertia of each.
-
+        What bodies look like at first; the page can change it. The uniform box or ellipsoid with
+        the inertia of each, or by "auto" the shapes that distinguish them best.
     meshes : {"small", "full", "none"}
-        Of the meshes of a robot's file: as many triangles as fit into 0.7 MB, all of them, or the
-        bodies without them. Those that cannot be read are named on the page.
+        How much is shown of the meshes of a robot's file: as many triangles as fit into 0.7 MB,
+        all of them, or none. Meshes that cannot be read are named on the page.
 
     Raises
     ------

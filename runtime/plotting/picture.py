@@ -136,7 +136,7 @@ def draw_picture(
     size : (int, int)
         Width and height in pixels, from 16 to 4096.
     time : float, optional
-        Of the state shown, the nearest stored one; default: the one of largest extent.
+        The stored state nearest to this time is shown; default: the one of largest extent.
     azimuth, elevation : float, optional
         Direction of the camera in degrees: about the vertical, and above the horizon, from −90
         to 90. Default: a motion in a plane is seen from the front.
@@ -164,7 +164,7 @@ def draw_picture(
         nearest = int(np.argmin(np.abs(t - shown_time)))
         scene = scene_of(trajectory, count, include=nearest)
         frame = int(np.argmin(np.abs(scene.t - t[nearest])))
-    scene_with_visuals, meshes = with_visuals(trajectory, scene, "small")
+    scene_with_visuals, meshes = with_visuals(trajectory, scene, meshes="small")
     picture = draw_scene(scene_with_visuals, meshes, size=size, frame=frame, azimuth=azimuth,
                          elevation=elevation, background=background, traces=traces)
     if target is not None:
@@ -495,6 +495,7 @@ def _pivots(scene: Scene) -> Iterator[_Pivot]:
         if is_held(scene.parts, scene.ties, i):
             yield _Pivot(body, body.x[0], axis=None)
     for tie in scene.ties:
+        # the ground has the index −1
         if min(tie.a, tie.b) < 0 and tie.kind in ("ball", "hinge") and not tie.slides:
             body = scene.parts[max(tie.a, tie.b)]
             axis = tie.axis  # in the axes of b

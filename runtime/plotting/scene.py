@@ -154,7 +154,7 @@ class Scene:
         points = []
         for i, body in enumerate(self.parts):
             tie_ends = [end for tie in self.ties
-                    for end in ((tie.a, tie.on_a), (tie.b, tie.on_b))]
+                        for end in ((tie.a, tie.on_a), (tie.b, tie.on_b))]
             points_of_body = np.array([body.centre, *(r for k, r in tie_ends if k == i)])
             R = rotation_matrix(body.q[frames])
             points.append(body.x[frames][:, None] + np.einsum("kij,nj->kni", R, points_of_body))
@@ -272,7 +272,7 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
     rim = None
     if mass is None and not columns.x and not columns.centre:
-        w = _weight(trajectory, moments, axes)
+        w = _weight_times_centre(trajectory, moments, axes)
         if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
             k = int(np.argmax(np.abs(w)))  # the weight is on a principal axis
             order = [(k + 1) % 3, (k + 2) % 3, k]
@@ -316,7 +316,7 @@ def _sizes_of(moments: Array, mass: float | None) -> dict[str, Array]:
     """Return half edges of the box, and semi-axes of the ellipsoid, of equal inertia, (3,) each.
 
     ``moments`` are the principal moments, shape (3,), kg m², ``mass`` is in kg. a_i² = S_i/(factor
-    · m), S_i = I_j + I_k − I_i; without a mass the largest is 1, of the box as of the ellipsoid.
+    · m), S_i = I_j + I_k − I_i; without a mass the largest length is 1 in both.
     """
     lengths = np.sqrt(_second_moments(moments) / (1.0 if mass is None else mass))
     lengths = np.maximum(lengths, _THIN * lengths.max())  # a flat body is drawn with a thickness
@@ -385,7 +385,7 @@ def _up(trajectory: Trajectory) -> Array | None:
     return -gravity / size if size else None
 
 
-def _weight(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None:
+def _weight_times_centre(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None:
     """Return m g times the centre of mass of a body on a fixed point, in its principal axes.
 
     V = H − T is fitted to c + w · (third row of R) by least squares over states of the run, with T

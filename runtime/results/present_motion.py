@@ -152,7 +152,7 @@ class PresentJoint(_SingleState, JointMotion):
     def angle(self, *, degrees: bool = False) -> Any:
         """Return by how much b is turned against a about their axis, in rad or degrees.
 
-        Equal to ``JointMotion.angle`` in its first state: one state does not tell whole turns,
+        Equal to ``JointMotion.angle`` in its first state: one state does not determine whole turns,
         which ``sim.trajectory.joint(name).angle()`` counts. If the model depends on the angle, it
         is unique up to two turns; otherwise it lies in (−π, π].
 

@@ -200,9 +200,9 @@ class Trajectory(Shown):
 
         A slice, ``run[::10]``, is a run of some of the states.
 
-        To go on from it gives the states of one longer run to round-off; a ``Simulation`` and a
-        store go on to the bit. Of inputs that change, it has those of the step that ended there.
-        γ and α by a rule are computed again for other moments.
+        A run from this start has the states of one longer run to round-off; a ``Simulation`` and a
+        store continue to the bit. If inputs change, the start has those of the step that ended
+        there. γ and α by a rule are computed again for other moments.
 
         Raises
         ------
@@ -343,8 +343,8 @@ class Trajectory(Shown):
         Parameters
         ----------
         stepper : Stepper, optional
-            What made the trajectory, for ``of_motion``; known of what ``integrate`` returned in
-            this process.
+            The stepper that made the trajectory, for ``of_motion``; only needed if ``integrate``
+            did not return it in this process.
 
         Raises
         ------
@@ -526,16 +526,17 @@ class Trajectory(Shown):
 
         Each is a real step of a part of Δt from the state before (after whole steps, where the run
         did not store each): on its constraints to round-off, and as near to the motion as the
-        states of the run. At a time of a stored state it is that state. The states do not go on
-        from each other, so that their order does not matter, and their number costs a step each.
-        Multipliers and iterations are those of the steps that end there, without the first row's.
+        states of the run. At a time of a stored state it is that state. The states do not continue
+        each other: their order does not matter, and each costs a step. Multipliers and iterations
+        are those of the steps that end there, without the first row's.
 
         Parameters
         ----------
         times : float, or array_like of shape (N,)
             In seconds, in any order, within the run. The state at one time comes as a ``Start``.
         stepper : Stepper, optional
-            What made the trajectory; known of what ``integrate`` returned in this process.
+            The stepper that made the trajectory; only needed if ``integrate`` did not return it in
+            this process.
 
         Raises
         ------
@@ -568,7 +569,8 @@ class Trajectory(Shown):
         cotangents : mapping
             Derivatives of the function by the stored states: {"q": ..., "p": ...}.
         stepper : Stepper, optional
-            What made the trajectory; known of what ``integrate`` returned in this process.
+            The stepper that made the trajectory; only needed if ``integrate`` did not return it in
+            this process.
         options
             ``loss``, ``wrt``, ``memory`` and ``solver``.
 

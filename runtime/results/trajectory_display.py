@@ -43,8 +43,7 @@ class Shown:
         report_rows = [*self._extent(),
                        ("bodies", ", ".join(run.bodies) or "none"),
                        ("iterations",
-                        f"{report.iterations_mean:.1f} a step, {report.iterations_max} "
-                               "at most"),
+                        f"{report.iterations_mean:.1f} a step, {report.iterations_max} at most"),
                        (f"largest |H − H₀{work_term}|", f"{report.energy_error_max:.2e}"),
                        ("largest |g(q)|", f"{report.constraint_max:.2e}"),
                        ("largest |g_q H_p|", f"{report.momentum_constraint_max:.2e}")]

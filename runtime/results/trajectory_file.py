@@ -140,7 +140,7 @@ def load_npz(path: Path) -> Trajectory:
             manifest = about["manifest"] = parse_manifest(about["manifest"])
             # outputs that this version has and the file has not; without "t" it is no run at all
             missing_outputs = [output.attribute for output in OUTPUTS
-                       if output.attribute not in file and names_in_files(output, manifest)]
+                               if output.attribute not in file and names_in_files(output, manifest)]
             if missing_outputs and "t" in file:
                 raise InputError(
                     f"{str(path)!r} has no {join_or(missing_outputs)}: it was written by gyrospark "
@@ -184,7 +184,7 @@ def load_netcdf(path: Path) -> Trajectory:
             if names := names_in_files(output, manifest):
                 arrays_of_output = [read(name)[output.of_steps :] for name in names]
                 arrays[output.attribute] = array_from_files(output, arrays_of_output, state_count,
-                                                    real.dtype)
+                                                            real.dtype)
         # every event has a variable event_NAME_elapsed
         affixes = ("event_", "_elapsed")
         events = [name[len(affixes[0]) : -len(affixes[1])] for name in file.variables
@@ -194,7 +194,7 @@ def load_netcdf(path: Path) -> Trajectory:
             columns["rising"] = columns["rising"].astype(bool)
         # a stored run that was written as a file has them among its events
         laws = impacts_of_json(run.get("impacts", run.get("events", {})))
-        return _trajectory(_fields(about, arrays, {}) | _events(about, crossings)
+        return _trajectory(_fields(about, arrays, labels={}) | _events(about, crossings)
                            | {"_laws": laws})
 
 

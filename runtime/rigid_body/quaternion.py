@@ -98,7 +98,7 @@ def angular_velocity(q: ArrayLike, p: ArrayLike, inertia: InertiaLike) -> Floats
     twice_l = np.einsum("...ij,...j->...i", left_matrix(q), _vectors(p, 4, "momentum p"))
     if is_tensor(moments):
         omega_of_tensor: Floats = np.linalg.solve(inertia_matrix(moments),
-                                                 twice_l[..., None] / 2)[..., 0]
+                                                  twice_l[..., None] / 2)[..., 0]
         return omega_of_tensor
     omega: Floats = twice_l / (2 * np.array(moments))
     return omega

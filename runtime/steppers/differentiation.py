@@ -381,7 +381,8 @@ class Differentiation(Evaluation):
         Parameters
         ----------
         run : Trajectory
-            What this stepper integrated, or what was read of it. Its steps are done again.
+            A run that this stepper integrated, or that was read from its file. Its steps are
+            repeated.
         cotangents : mapping
             "q" and "p": derivatives of the function by the rows of the run, shape (rows, n), or
             (n,) for the last one alone; "t": by their times, (rows,), or a number. "multipliers":
@@ -396,9 +397,9 @@ class Differentiation(Evaluation):
             Among "start" (coordinates of the tangent space), "q", "p", parameters, "dt", "t0",
             "inputs"; by default the start and all parameters. It orders ``Gradient.vector``.
         memory : str
-            Bytes that steps may take, "256 MB"; beyond, checkpoints, and pieces of the run are done
-            again. "none" runs backwards in time and keeps nothing, and refuses a gradient where
-            this does not lead back to the start.
+            Bytes that the stored steps may take, such as "256 MB"; a longer run stores checkpoints,
+            and its pieces are repeated. "none" runs backwards in time and stores nothing, and
+            refuses a gradient where this does not lead back to the start.
         solver : {"auto", "newton", "fixed-point"}
             Solver of the run.
 

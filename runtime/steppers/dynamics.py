@@ -45,9 +45,10 @@ class Dynamics(Differentiation):
             q̇ = H_p,   ṗ = F − H_q − g_qᵀ λ,   d/dt (g_q H_p + g_t) = 0,
             q̈ = H_pq q̇ + H_pp ṗ + H_pt
 
-        exact but for rounding: there are no differences in it. ``.joint(name)`` is the acceleration
+        They are exact but for rounding, without differences. ``.joint(name)`` is the acceleration
         of a hinge or a slide, ``.body(name)`` that of a body and the rate of its angular velocity,
-        ``.quantities[name]`` the rate of a quantity. What MuJoCo calls ``qacc``, Pinocchio ``aba``.
+        ``.quantities[name]`` the rate of a quantity. MuJoCo calls d²q/dt² ``qacc``, Pinocchio's
+        function for it is ``aba``.
 
         Parameters
         ----------
@@ -56,9 +57,9 @@ class Dynamics(Differentiation):
             ``integrate`` and ``project`` return them.
         p : array_like, shape (..., n), optional
         parameters : mapping
-            Values that replace those of the start; together all, inputs among them.
+            Values that replace those of the start; the two together have all parameters and inputs.
         t : number or array_like, shape (...)
-            One time for all states, or one for each; by default that of the start, 0 of arrays.
+            One time for all states, or one for each; by default that of the start, 0 for arrays.
 
         Raises
         ------
@@ -72,7 +73,7 @@ class Dynamics(Differentiation):
         shape, q_rows, p_rows = self._state_rows(state.q, state.p)
         times, values = self._times(state.t, shape), self._values(state.parameters)
         motions = tuple(StateMotion(self._motion_binding(), values, *row)
-                       for row in zip(times, q_rows, p_rows, strict=True))
+                        for row in zip(times, q_rows, p_rows, strict=True))
 
         def rows(name: str, width: int) -> Array:
             """Return an attribute of the motion at each state, shape (*leading axes, width)."""
@@ -145,21 +146,21 @@ class Dynamics(Differentiation):
         """Return the forces that must be added for given accelerations, or the inputs that do.
 
         ``inverse_dynamics(start, accelerations)`` or ``inverse_dynamics(q, p, accelerations)``.
-        Forces of the system act as they do, those of inputs at their values in ``parameters``. What
-        MuJoCo calls ``mj_inverse``, Pinocchio ``rnea``:
+        The forces of the system act too, with the inputs that ``parameters`` has. MuJoCo calls
+        this ``mj_inverse``, Pinocchio ``rnea``:
 
-            τ = M (ÿ − ÿ(0)),   M as of ``mass_matrix``, ÿ(0) without τ
+            τ = M (ÿ − ÿ(0)),   M the ``mass_matrix``, ÿ(0) the accelerations without τ
 
         Parameters
         ----------
         start : Start, or q and p, array_like of shape (n,)
             A start as of ``integrate``.
         accelerations : mapping of str to number or array_like, or array_like of shape (n,)
-            Of joints and bodies by their names, of as many numbers as they have rows in
-            ``mass_matrix``; no force acts on others. Or d²q/dt² of all coordinates.
+            Those of joints and bodies by their names, each with as many numbers as it has rows in
+            ``mass_matrix``; no force is added to others. Or d²q/dt² of all coordinates.
         inputs : str or sequence of str, optional
             Inputs of the system, as many as there are rows, whose values are wanted in place of
-            forces on the joints. They may enter forces as a sum, each times a number.
+            forces on the joints. The forces must be linear in them.
         parameters, t
             As of ``accelerations``.
 

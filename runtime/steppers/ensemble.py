@@ -201,7 +201,8 @@ class Ensemble:
         """Draw values and the energy error against time, a line for each trajectory.
 
         The arguments are those of ``Trajectory.plot``; by default the first six quantities are
-        drawn, or coordinates where there are none. Of more than 200 trajectories as many, evenly.
+        drawn, or coordinates where there are none. Of more than 200 trajectories, 200 are drawn,
+        evenly spread.
         """
         from ..plotting.trajectory_plots import draw_ensemble, names_and_path
 
@@ -315,7 +316,7 @@ def _side_by_side(
         if runs.rests is not None and not interrupts.is_requested:
             last_runs = runs.last_parts(stepper.binding, batches.q, batches.p, batches.status)
             parts = EnsembleStates.at_start(stepper, last_runs,
-                                      detectors_for(stepper, levels, last_runs))
+                                            detectors_for(stepper, levels, last_runs))
             fill(parts)
             ensemble = _with_last_parts(stepper, ensemble, runs, _ensemble(
                 stepper, parts, _crossings(stepper, levels, parts, fill), event_tuple), event_tuple)
@@ -537,7 +538,7 @@ def _ensemble(
                               _origin=Origin(runs[i], event_tuple))
 
     failures = {i: failure_of(binding, runs[i], member(i),
-                               Diagnosis.bare(int(states.status[i])), states.q[i])
+                              Diagnosis.bare(int(states.status[i])), states.q[i])
                 for i in np.flatnonzero(states.status).tolist()}
     events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown_crossings])
               for name in (shown_crossings[0] if shown_crossings else ())}

@@ -306,7 +306,10 @@ class Evaluation:
     def _state_rows(
         self, q: ArrayLike, p: ArrayLike, second: str = "p"
     ) -> tuple[tuple[int, ...], Array, Array]:
-        """Return the leading axes of q and p, and both as rows, shape (states, n)."""
+        """Return the leading axes of q and p, and both as rows, shape (states, n).
+
+        ``second`` is the name of p in messages.
+        """
         q_rows, p_rows = self.binding.numbers("q", q), self.binding.numbers(second, p)
         shape = q_rows.shape
         if shape[-1:] != (self.n,) or p_rows.shape != shape:

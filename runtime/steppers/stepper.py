@@ -226,10 +226,10 @@ class Stepper(Dynamics):
 
         The arguments are those of ``integrate``.
         ``sim.advance(10)`` takes ten steps of ``dt``; ``sim.t``, ``sim.q``, ``sim.p``,
-        ``sim.report`` and ``sim.quantity(name)`` say where they led. What ``integrate`` gives for
-        as many steps it gives to the bit, in calls of however many. With ``record=True`` it keeps
-        every state, and ``sim.trajectory`` is what ``integrate`` returns, with the inputs that
-        ``advance`` was given.
+        ``sim.report`` and ``sim.quantity(name)`` are the state after them. It is, to the bit, the
+        state of ``integrate`` after as many steps, into however many calls they are divided. With
+        ``record=True`` every state is kept, and ``sim.trajectory`` is what ``integrate`` returns,
+        with the inputs that ``advance`` was given.
 
         Raises
         ------
@@ -719,7 +719,7 @@ class Stepper(Dynamics):
         run = replace_fields(run, parameters=self.check_parameters(run.parameters))
         run = in_scaled_time(self.binding, run)
         if self.manifest.system.velocity_names:
-            with np.errstate(over="ignore", invalid="ignore"):  # steps judge what is not finite
+            with np.errstate(over="ignore", invalid="ignore"):  # steps refuse what is not finite
                 refuse_singular_mass(self.binding, self.manifest, run)
         refuse_inconsistent(self.binding, self.manifest, run)
         refuse_undefined_energy(self.binding, run)

@@ -316,7 +316,7 @@ class Pilots:
             base_sizes = root_mean_squares(base_errors.motion[: self.rows], paths)
             # paths that are exact with the base have no ratio
             worst_ratio = float((motion[base_sizes > 0]
-                           / base_sizes[base_sizes > 0]).max(initial=-math.inf))
+                                 / base_sizes[base_sizes > 0]).max(initial=-math.inf))
         return Pilot(label, parameters, dt, float(motion.max()),
                      worst_ratio if math.isfinite(worst_ratio) else math.nan,
                      float(root_mean_squares(errors.energy, [[0]])[0]))

@@ -139,10 +139,10 @@ class StepSearch:
         self.pilots.append(Pilot(label, parameters={}, dt=dt, motion=error))
 
     def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:
-        """Measure n (e/error)^(1/r) steps between two pilot runs; return whether they suffice.
+        """Run a number of steps between two pilot runs; return whether they suffice.
 
-        The coarser run is ``best`` − 1, and ``finest`` has q of the finest one. If fewer steps are
-        worth a run, its pilot is added.
+        The number follows from e ∝ n^−r. The coarser run is ``best`` − 1, and ``finest`` has q of
+        the finest one. If fewer steps are worth a run, its pilot is added.
         """
         coarse_error = self.pilots[best - 1].motion
         if not math.isfinite(coarse_error):

@@ -357,7 +357,7 @@ class _Rules:
         """
         length = pilot_limit if longer else max(self.run.steps, _LEAST)
         pilot = self.stepper._checked_run(replace(self.run.pilot(length),
-                                                 parameters=self.initial_parameters()))
+                                                  parameters=self.initial_parameters()))
         parameters = {name: float(pilot.parameters[name]) for name in (*self.gammas, *self.rates)}
         moments = {name: self.moments[name] for name, rule in self.gammas.items() if rule in AIMS}
         directions = self._directions(pilot, longer=longer)
