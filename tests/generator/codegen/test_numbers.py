@@ -87,11 +87,11 @@ def test_units_complete_each_other():
     assert {number.unit for number in silent.values()} == {None}
 
 
-@pytest.mark.parametrize(("units", "said"), [
+@pytest.mark.parametrize(("units", "message"), [
     ('q = "kg"', "'q'"), ('m = "pound"', "'pound'"), ("m = 3", "is 3"),
 ])
-def test_bad_units_are_refused(units, said):
-    with pytest.raises(InputError, match=rf"spring\.toml.*{said}"):
+def test_bad_units_are_refused(units, message):
+    with pytest.raises(InputError, match=rf"spring\.toml.*{message}"):
         parse_model(PENDULUM.replace("UNITS", units), "spring.toml")
 
 

@@ -117,16 +117,16 @@ def spun_by(q):
     return R.reshape(3, 3)
 
 
-@pytest.mark.parametrize(("content", "said"), [
+@pytest.mark.parametrize(("content", "message"), [
     (obj(FACES[1:]), "closed"), (obj([f[::-1] for f in FACES]), "volume is -"),
     (b"v 0 0", "no OBJ|no triangles"), (b"", "no triangles"), (None, "box.obj"),
     (b"v 0 0 0\nv 1 0 0\nv 0 1 0\n" + b"f 1 2 3\n" * 2_000_001, "2000001"),
 ], ids=["open", "inside out", "cut off", "empty", "missing", "two million"])
-def test_bad_meshes_are_refused(tmp_path, content, said):
+def test_bad_meshes_are_refused(tmp_path, content, message):
     (tmp_path / "m").mkdir()
     if content is not None:
         (tmp_path / "m" / "box.obj").write_bytes(content)
-    with pytest.raises(gs.InputError, match=said) as caught:
+    with pytest.raises(gs.InputError, match=message) as caught:
         gs.Multibody.from_file(written(tmp_path, MESH.replace("FILE", "box.obj")), ignore="all")
     assert "\n" not in str(caught.value)
     assert "box.obj" in str(caught.value)
@@ -244,9 +244,9 @@ def test_files_are_included_from_their_folder_and_the_example_is_what_it_says(tm
     assert [shape.kind for shape in build._visuals["b"]] == ["sphere"]
 
 
-@pytest.mark.parametrize(("rates", "said"), [
+@pytest.mark.parametrize(("rates", "message"), [
     ("2 1", None), ("0 0", None), ("2 0", r"'a'.*\[0, 1\.6, 0\].*\[0, 2, 0\]")])
-def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, said):
+def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, message):
     """For a = 2 b and equal inertias, least squares reduce a rate of a to 4/5, with a warning."""
     body = '<body name="{0}"><joint name="{0}" axis="0 1 0"/><geom size=".1"/></body>'
     path = written(tmp_path, f'<worldbody>{body.format("a")}{body.format("b")}</worldbody>'
@@ -254,8 +254,8 @@ def test_rates_that_loops_move_are_warned_of(tmp_path, recwarn, rates, said):
                    f'<keyframe><key qpos="0 0" qvel="{rates}"/></keyframe>')
     gs.load_model(path, keyframe=0, ignore="contact")
     messages = [str(warning.message) for warning in recwarn]
-    assert len(messages) == (said is not None)
-    assert re.search(said or "", " ".join(messages))
+    assert len(messages) == (message is not None)
+    assert re.search(message or "", " ".join(messages))
 
 
 # ---------------------------------------------------------------- files
@@ -344,8 +344,8 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("inside", "said"), BAD, ids=lambda x: "")
-def test_bad_files_are_refused(tmp_path, inside, said):
+@pytest.mark.parametrize(("inside", "message"), BAD, ids=lambda x: "")
+def test_bad_files_are_refused(tmp_path, inside, message):
     """A bad file ends in one sentence unless its part may be ignored; no file outside is opened."""
     (tmp_path / "model" / "sub").mkdir(parents=True)
     for name, text in {
@@ -355,11 +355,11 @@ def test_bad_files_are_refused(tmp_path, inside, said):
         (tmp_path / "model" / name).write_text(text)
     (tmp_path / "outside.xml").write_text("<mujocoinclude/>")
     (tmp_path / "model" / "link.xml").symlink_to(tmp_path / "outside.xml")
-    with pytest.raises(gs.InputError, match=said) as caught:
+    with pytest.raises(gs.InputError, match=message) as caught:
         gs.load_model(written(tmp_path / "model", inside))
     assert "robot.xml" in str(caught.value)
     assert "\n" not in str(caught.value)
-    ignorable = BAD.index((inside, said)) < [row[1] for row in BAD].index(
+    ignorable = BAD.index((inside, message)) < [row[1] for row in BAD].index(
         "jnt_stiffnesspoly.*2 of them")
     if ignorable:
         build = gs.Multibody.from_file(tmp_path / "model" / "robot.xml", ignore="all")
@@ -404,14 +404,14 @@ def test_a_missing_compiler_is_told(tmp_path, monkeypatch, gyrospark):
     assert (failed.code, failed.stderr.count("\n")) == (2, 1)
 
 
-@pytest.mark.parametrize(("options", "said"), [
+@pytest.mark.parametrize(("options", "message"), [
     ({"keyframe": "hom"}, "'hom'.*home"), ({"keyframe": 3}, "3.*home"),
     ({"angles": {"i": 1}}, "'i'"), ({"angles": {"j": "x"}}, "'x'"), ({"ignore": "limit"}, "limits"),
     ({"rates": {"j": [1, 2]}}, "'j'"), ({"gravity": 3}, "gravity"), ({"rep": "beta"}, "'beta'"),
 ])
-def test_bad_starts_are_refused(tmp_path, options, said):
+def test_bad_starts_are_refused(tmp_path, options, message):
     path = written(tmp_path, ONE + '<keyframe><key name="home" qpos="1"/></keyframe>')
-    with pytest.raises(gs.InputError, match=said):
+    with pytest.raises(gs.InputError, match=message):
         gs.load_model(path, **options)
 
 

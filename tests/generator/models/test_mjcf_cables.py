@@ -21,12 +21,12 @@ BOX = '<geom type="box" size="1 .006 .004" contype="0" conaffinity="0"/>'
 ARC = 'curve="cos(s) sin(s)" size="1 .3 1.9" count="9 1 1"'
 
 
-def cable(curve='curve="s" count="6 1 1"', geom=ROUND, config=CONFIG, more="", around="{}",
+def cable(curve='curve="s" count="6 1 1"', geom=ROUND, config=CONFIG, inside="", around="{}",
           after="", gravity="0 0 0"):
     return (f'<mujoco><option gravity="{gravity}"/><extension><plugin plugin="{PLUGIN}"/>'
             "</extension><worldbody>" + around.format(
                 f'<composite type="cable" prefix="c" {curve}><plugin plugin="{PLUGIN}">{config}'
-                f"</plugin>{geom}{more}</composite>") + f"</worldbody>{after}</mujoco>")
+                f"</plugin>{geom}{inside}</composite>") + f"</worldbody>{after}</mujoco>")
 
 
 def path_of(tmp_path, text):
@@ -118,7 +118,7 @@ def test_a_load_hangs_on_the_end(tmp_path, ends):
     load = ('<body name="load" pos="1 0 -.1"><freejoint/><geom size=".05" contype="0" '
             'conaffinity="0"/><site name="hook" pos="0 0 .1"/></body>')
     model = gs.load_model(path_of(tmp_path, cable(
-        more='<joint kind="main" damping=".015"/>', around="{}" + load, gravity="0 0 -9.81",
+        inside='<joint kind="main" damping=".015"/>', around="{}" + load, gravity="0 0 -9.81",
         after=f"<equality><connect {ends}/></equality>")))
     assert len(model.system.constraints) == 6 + 3 * 6
     still = Motion(model)
@@ -126,7 +126,7 @@ def test_a_load_hangs_on_the_end(tmp_path, ends):
         9.81 * (1000 * 4 / 3 * math.pi * 0.05**3 * -0.1), rel=1e-12)
 
 
-@pytest.mark.parametrize(("text", "said"), [
+@pytest.mark.parametrize(("text", "message"), [
     (cable().replace('type="cable"', 'type="grid"'), "flexcomp"),
     (cable('curve="s" count="2 1 1"'), "count"), (cable('curve="s" count="3 3 1"'), "count"),
     (cable('curve="s" count="1000 1 1"'), "200"), (cable('curve="t" count="6"'), "curve"),
@@ -142,16 +142,16 @@ def test_a_load_hangs_on_the_end(tmp_path, ends):
     (cable(geom=ROUND.replace("size", 'pos="0 0 1" size')), "pos"),
     (cable(config='<config key="bend" value="-1"/>'), "bend"),
     (cable(config='<config key="young" value="1"/>'), "young"),
-    (cable(more='<joint kind="twist"/>'), "kind"), (cable(more="<tendon/>"), "tendon"),
-    (cable(more='<plugin plugin="other"/>'), "other"),
-    (cable(more='<joint kind="main" stiffness="1"/>'), "stiffness"),
+    (cable(inside='<joint kind="twist"/>'), "kind"), (cable(inside="<tendon/>"), "tendon"),
+    (cable(inside='<plugin plugin="other"/>'), "other"),
+    (cable(inside='<joint kind="main" stiffness="1"/>'), "stiffness"),
     (cable(around='<body childclass="k">{}</body>'), "childclass"),
     (cable(around='<replicate count="2" offset="0 1 0">{}</replicate>'), "replicate"),
     (cable().replace("<worldbody>", "<default><geom density='1'/></default><worldbody>"),
      "default"),
     (cable(around='<body><joint/>' + ROUND + f'<plugin plugin="{PLUGIN}"/></body>'), "composite"),
 ], ids=lambda x: "")
-def test_bad_cables_are_refused(tmp_path, text, said):
-    with pytest.raises(gs.InputError, match=said) as caught:
+def test_bad_cables_are_refused(tmp_path, text, message):
+    with pytest.raises(gs.InputError, match=message) as caught:
         gs.Multibody.from_file(path_of(tmp_path, text))
     assert "\n" not in str(caught.value)

@@ -117,14 +117,14 @@ def test_angles_move_the_tree(tmp_path):
     assert fixed.system.n - fixed.system.m == 2
 
 
-@pytest.mark.parametrize(("base", "said"), [
+@pytest.mark.parametrize(("base", "message"), [
     ("floating", "floating.*'crank_pin'"), ("fixd", "'fixd'.*fixed or floating")])
-def test_what_hangs_on_the_world_does_not_float(tmp_path, base, said):
-    with pytest.raises(gs.InputError, match=said):
+def test_what_hangs_on_the_world_does_not_float(tmp_path, base, message):
+    with pytest.raises(gs.InputError, match=message):
         gs.load_model(written(tmp_path, LINKS + JOINTS), base=base)
 
 
-@pytest.mark.parametrize(("inside", "said"), [
+@pytest.mark.parametrize(("inside", "message"), [
     ("<robot/>", "<robot>.*<sdf>"), ("<sdf version='1.7'/>", "0 models"),
     ("<sdf version='1.7'><model name='a'/><model name='b'/></sdf>", "2 models"),
     ("", "<link>"), (LINKS + JOINTS.replace("revolute", "gearbox"), "'gearbox'"),
@@ -159,11 +159,11 @@ def test_what_hangs_on_the_world_does_not_float(tmp_path, base, said):
         "<child>rocker", "<child>world"), "'loop'.*'world'.*swap"),
     (LINKS + JOINTS.replace("<parent>world", "<parent>rocker"), "cycle.*swap <parent>"),
 ])
-def test_bad_files_are_refused(tmp_path, inside, said):
+def test_bad_files_are_refused(tmp_path, inside, message):
     path = written(tmp_path, inside)
     if inside.startswith(("<sdf", "<robot")):
         path.write_text(inside)
-    with pytest.raises(gs.InputError, match=said) as caught:
+    with pytest.raises(gs.InputError, match=message) as caught:
         gs.load_model(path)
     assert "bars.sdf" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -219,16 +219,16 @@ def test_a_link_may_be_without_weight(tmp_path):
     assert both == pytest.approx(FREE_FALL / 2, rel=1e-13)
 
 
-@pytest.mark.parametrize(("pose", "told", "share"), [
+@pytest.mark.parametrize(("pose", "attributes", "share"), [
     ("<pose>1 2 3 .5 0 .3</pose>", "", np.cos(0.5)),
     ("<pose degrees='true'>1 2 3 0 60 0</pose>", "", 0.5),
     ("<pose rotation_format='quat_xyzw'>0 0 0 .6 0 0 .8</pose>", "", 0.28),
     ("<pose>0 0 0 .5 0 0</pose><frame name='f'><pose>1 0 0 .2 0 0</pose></frame>",
      " placement_frame='f'", np.cos(0.3)),
 ])
-def test_the_model_is_at_its_pose(tmp_path, pose, told, share):
+def test_the_model_is_at_its_pose(tmp_path, pose, attributes, share):
     """Gravity turns a hinge tilted by the pose with its share normal to the axis."""
-    acceleration = turning(tmp_path, model(pose + ARM.format(link="") + HELD, told))
+    acceleration = turning(tmp_path, model(pose + ARM.format(link="") + HELD, attributes))
     assert acceleration == pytest.approx(share * FREE_FALL, rel=1e-13)
 
 

@@ -285,12 +285,12 @@ BAD = [
 ]
 
 
-@pytest.mark.parametrize(("pairs", "said"), BAD, ids=lambda x: x if isinstance(x, str) else "")
-def test_bad_files_are_refused(tmp_path, pairs, said):
+@pytest.mark.parametrize(("pairs", "message"), BAD, ids=lambda x: x if isinstance(x, str) else "")
+def test_bad_files_are_refused(tmp_path, pairs, message):
     path = changed(tmp_path, *(pairs if isinstance(pairs, list) else ()))
     if isinstance(pairs, str):
         path.write_text(pairs, encoding="utf-8")
-    with pytest.raises(gs.InputError, match=said) as caught:
+    with pytest.raises(gs.InputError, match=message) as caught:
         gs.load_model(path, ignore="all")
     assert ".urdf" in str(caught.value)
     assert "\n" not in str(caught.value)
@@ -391,7 +391,7 @@ def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
                 gs.load_model(robot, angles=ANGLES)
 
 
-@pytest.mark.parametrize(("text", "said"), [
+@pytest.mark.parametrize(("text", "message"), [
     ("", "[[joints]]"),
     (CLOSING.replace("rocker", "rockr"), "'rockr'"),
     (CLOSING.replace("on_a", "onn"), "onn"), (CLOSING.replace("revolute", "hinge"), "'hinge'"),
@@ -401,13 +401,13 @@ def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
     (CLOSING.replace("bodies =", "links ="), "bodies"), ("joints = 3", "joints"),
     (CLOSING + "\n[run]\ndt = 1", "run"),
 ])
-def test_bad_loops_are_refused(tmp_path, text, said):
+def test_bad_loops_are_refused(tmp_path, text, message):
     robot, loops = tmp_path / "bars.urdf", tmp_path / "loops.toml"
     robot.write_text(FOUR_BAR)
     loops.write_text(text)
     with pytest.raises(gs.InputError) as caught:
         gs.load_model(robot, loops=loops, angles=ANGLES)
-    assert said in str(caught.value)
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)
     assert "loops.toml" in str(caught.value)
 

@@ -172,16 +172,16 @@ BOMB = """<?xml version="1.0"?>
 
 
 @pytest.mark.parametrize(("ending", "root"), [("urdf", "robot"), ("sdf", "sdf"), ("xml", "mujoco")])
-@pytest.mark.parametrize(("text", "said"), [
+@pytest.mark.parametrize(("text", "message"), [
     (BOMB, "line 2.*type"), ("<x>" + "<link>" * 100_000, "64"), (" " * 10_000_000, "1048576"),
     ("<x>" + "<a/>" * 60_000 + "</x>", "50000"), ("", "element"), ("<svg/>", "<svg>"),
 ], ids=["bomb", "deep", "ten megabytes", "many", "empty", "another format"])
-def test_files_cannot_grow(tmp_path, ending, root, text, said):
+def test_files_cannot_grow(tmp_path, ending, root, text, message):
     if ending == "xml":
         pytest.importorskip("mujoco")
     path = tmp_path / f"bad.{ending}"
     path.write_text(text.replace("<x", f"<{root}").replace("</x", f"</{root}"), encoding="utf-8")
-    with pytest.raises(gs.InputError, match=said):
+    with pytest.raises(gs.InputError, match=message):
         gs.load_model(path)
 
 

@@ -157,14 +157,14 @@ def test_a_rate_is_kept_where_a_quaternion_is_off_by_round_off():
     np.testing.assert_allclose(omega, (0, 1, 0), atol=ROUNDING)
 
 
-@pytest.mark.parametrize(("given", "message"), [
+@pytest.mark.parametrize(("hinges", "message"), [
     pytest.param({"h0": {"angle": 0.5}, "h1": {"angle": 0.0}}, "'h0'.*0.5.*'h1'",
                  marks=pytest.mark.slow),  # a search for two seconds
     ({"h0": {"rate": 3.0}, "h3": {"rate": 1.0}}, "'h.'.*nearest"),
 ])
-def test_contradicting_joints_are_refused(given, message):
+def test_contradicting_joints_are_refused(hinges, message):
     with pytest.raises(InputError, match=message):
-        four_bar(**given).model(redundant="leave out")
+        four_bar(**hinges).model(redundant="leave out")
 
 
 def test_degrees_and_positions_that_are_moved_are_warned_of():

@@ -101,15 +101,15 @@ def test_schemes_without_equations_for_them_are_refused(scheme, stages):
         gs.stepper(scheme, stages, system=sleigh())
 
 
-@pytest.mark.parametrize(("given", "named"), [
+@pytest.mark.parametrize(("options", "named"), [
     ({"spec": Spec.from_arguments("G-L", 2).with_profile("control")}, "control"),
     ({"spec": Spec.from_arguments("G-L", 2).with_profile("run")}, "run"),
     ({"spec": Spec.from_arguments("G-L", 2).with_frame("symmetries")}, "frame"),
     ({"derivatives": True}, "[Dd]erivatives"), ({"structured": True}, "structured"),
     ({"tableau": gs.tableau("G-L", 2)}, "tableau")])
-def test_what_does_not_know_them_is_refused(given, named):
+def test_what_does_not_know_them_is_refused(options, named):
     with pytest.raises(InputError, match=rf"{named}[^.]*sleigh|sleigh[^.]*{named}"):
-        generate(**{"spec": Spec.from_arguments("G-L", 2)} | given, system=sleigh())
+        generate(**{"spec": Spec.from_arguments("G-L", 2)} | options, system=sleigh())
 
 
 def test_derivatives_of_steps_are_refused():

@@ -129,16 +129,16 @@ def test_a_file_names_inputs(gyrospark, tmp_path):
         assert answer.stderr.count("\n") == 1
 
 
-@pytest.mark.parametrize(("inputs", "hold", "said"), [
+@pytest.mark.parametrize(("inputs", "hold", "message"), [
     (np.zeros((7, 2)), 1, r"\(7, 2\).*\(2,\) or shape \(8, 2\)"),
     (np.zeros((8, 2)), 3, r"shape \(3, 2\)"), (np.zeros((8, 3)), 1, r"shape \(8, 3\)"),
     ({"push": np.zeros(7), "pull": 0}, 1, r"push.*\(7,\)"), ({"push": 1}, 1, "'pull'"),
     ({"push": 1, "pul": 2}, 1, "'pul'"), ([1, np.nan], 1, "not finite"),
     ([1, 2j], 1, "real numbers"), ([1, 2], 0, "hold"),
 ])
-def test_inputs_of_wrong_shape_are_refused(inputs, hold, said):
+def test_inputs_of_wrong_shape_are_refused(inputs, hold, message):
     step = stepper("pushed_pendulum")
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         step.integrate(*START, dt=0.02, steps=8, parameters={"k": 2.0},
                        inputs=gs.Inputs(inputs, hold=hold))
 

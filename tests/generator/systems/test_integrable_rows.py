@@ -28,7 +28,7 @@ def car(*rows, **options):
                      velocity_constraints=rows, **options)
 
 
-@pytest.mark.parametrize(("rows", "found"), [
+@pytest.mark.parametrize(("rows", "combination"), [
     (CAR, {"A0": 1, "A1": -1}),
     ((ACROSS,), None),
     ((vx - y * w, vy + x * w), None),  # x²+y² is kept, but by coefficients that are not constant
@@ -39,10 +39,11 @@ def car(*rows, **options):
     ((sp.exp(y) * (vx - r * w1),), {"A0": 1}),
     ((vx - sp.cos(2 * t),), {"A0": 1}),
 ])
-def test_combinations_that_are_rates(rows, found):
+def test_combinations_that_are_rates(rows, combination):
     system = car(*rows, **({"time": t} if any(e.has(t) for e in rows) else {}))
     integrals = row_integrals(system)
-    assert [integral.rows for integral in integrals] == ([] if found is None else [found])
+    assert [integral.rows for integral in integrals] == (
+        [] if combination is None else [combination])
     for integral in integrals:  # its rate is a multiple of the combination
         phi = integral.expression
         rate = sp.Add(*(phi.diff(s) * u for s, u in zip(q, v, strict=True)), phi.diff(t))

@@ -169,7 +169,7 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
     return gs.System.from_lagrangian(L, q, v, parameters, *more, **named)
 
 
-@pytest.mark.parametrize(("arguments", "said"), [
+@pytest.mark.parametrize(("arguments", "message"), [
     ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "quadratic"), ({"L": FREE + VX**3}, "quadratic"),
     ({"L": M * VX**2 / 2}, r"singular.*\bvy\b"),
     ({"L": M * (VX + X * VY) ** 2 / 2}, "singular.*vx, vy"), ({"L": FREE * sp.Abs(X)}, "switches"),
@@ -180,8 +180,8 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
     ({"forces": (VX, sp.Symbol("k"))}, "Force 1.*unknown"),
     ({"forces": (VX,)}, "1 forces.*2 coordinates"), ({"constraints": (X * VX,)}, "holonomic"),
 ])
-def test_bad_input_is_refused(arguments, said):
-    with refused(said):
+def test_bad_input_is_refused(arguments, message):
+    with refused(message):
         lagrangian(**arguments)
 
 

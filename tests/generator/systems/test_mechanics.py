@@ -225,12 +225,12 @@ def without_bodies():
     return me.KanesMethod(me.ReferenceFrame("N"), [q], [u], [q.diff(T) - u])
 
 
-@pytest.mark.parametrize(("make", "said"), [
+@pytest.mark.parametrize(("make", "message"), [
     (with_function, r"f\(t\)"),
     (without_bodies, "KanesMethod.*bodies"),
     (me.System, "System.*bodies"),
     (lambda: 3, "method = 3.*LagrangesMethod, KanesMethod or System"),
 ])
-def test_what_is_no_system_is_refused(make, said):
-    with refused(said):
+def test_what_is_no_system_is_refused(make, message):
+    with refused(message):
         gs.from_mechanics(make())

@@ -28,7 +28,7 @@ LENGTH, T = sp.sqrt(x**2 + y**2), (u**2 + v**2) / 2
 JUMP, KINK, SMOOTH = Continuity.JUMP, Continuity.KINK, Continuity.SMOOTH
 
 
-@pytest.mark.parametrize(("e", "wanted"), [
+@pytest.mark.parametrize(("e", "expected"), [
     (sp.Abs(x), [KINK]), (sp.Abs(x) ** 3, [SMOOTH]), (sp.Max(x, y), [KINK]),
     (sp.Max(0, LENGTH - a) ** 2, [SMOOTH]), (H(x), [JUMP]), (x * H(x), [KINK]),
     (P((x**2, x < 0), (2 * x**2, True)), [SMOOTH]), (sp.sqrt(sp.Max(x, 0)), [KINK]),
@@ -36,9 +36,9 @@ JUMP, KINK, SMOOTH = Continuity.JUMP, Continuity.KINK, Continuity.SMOOTH
     (P((0, (x > -1) & (x < 1)), ((x**2 - 1) ** 2, True)), [SMOOTH, SMOOTH]),
     (sp.Abs(x - 1) + sp.sign(y) * y**2, [KINK, SMOOTH]),
 ])
-def test_how_sides_meet(e, wanted):
+def test_how_sides_meet(e, expected):
     e = as_switches(e)
-    assert [continuity(e, w, (x, y)) for w in switches_of([e])] == wanted
+    assert [continuity(e, w, (x, y)) for w in switches_of([e])] == expected
 
 
 def on_curve(profile, **options):
@@ -118,7 +118,7 @@ def test_a_step_without_a_solution_says_so(solver):
     assert str(again) == str(end.value)
 
 
-@pytest.mark.parametrize(("H_0", "forces", "kept"), [
+@pytest.mark.parametrize(("H_0", "forces", "expected"), [
     (k * sp.Max(0, LENGTH - a) ** 2 / 2, (), ["-u*y + v*x"]),
     (P((LENGTH**2, x < 5), (y, True)), (), []),
     (P((LENGTH**2, LENGTH < 5), (LENGTH**3 / 5, True)), (), ["-u*y + v*x"]),
@@ -128,11 +128,11 @@ def test_a_step_without_a_solution_says_so(solver):
     (LENGTH**2, (P((0, x < 50), (1, True)), 0), []),
     (LENGTH**2, (P((0, LENGTH < 50), (-y, True)), P((0, LENGTH < 50), (x, True))), []),
 ])
-def test_momentum_maps_of_every_side(H_0, forces, kept):
+def test_momentum_maps_of_every_side(H_0, forces, expected):
     """Maps need every side, also far from the start: a potential round near it alone has none."""
     system = gs.System((x, y), (u, v), (k, a), T + H_0, forces=forces)
     maps = momentum_maps(system, {"k": 3.0, "a": 0.5}, [1, 0.2], [0.3, 0.1])
-    assert [str(J.J) for J in maps] == kept
+    assert [str(J.J) for J in maps] == expected
     assert all(J.any_parameters and J.everywhere and J.proof == "expanded" for J in maps)
 
 

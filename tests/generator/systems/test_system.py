@@ -33,7 +33,7 @@ def system(**changes):
     return System(**(arguments | changes))
 
 
-@pytest.mark.parametrize(("changes", "said"), [
+@pytest.mark.parametrize(("changes", "message"), [
     *(({"name": name}, f"{name!r}.*identifier")
       for name in ("", "two words", "1body", "kreisel-α", "γ", "a-b")),
     ({"p": p[:2]}, "3 coordinates.*2 momenta"), ({"q": q[:1]}, "1 coordinates.*3 momenta"),
@@ -52,26 +52,26 @@ def system(**changes):
     ({"quantities": {"two words": x}}, "'pendulum'.*'two words'.*letters"),
     ({"constraints": (x, y - c)}, "Constraint 1.*'pendulum'.*'c'.*holonomic"),
     ({"constraints": (x - px,)}, "Constraint 0.*'pendulum'.*'px'.*holonomic"),
-    *(({key: value} | more, "symbol")
+    *(({key: value} | further, "symbol")
       for name in ("two words", "I'", "γ", "double", "", "_k", "NAN", "bool", "1st")
-      for key, value, more in (
+      for key, value, further in (
           ("parameters", (m, grav, sp.Symbol(name, real=True)), {}),
           ("q", (sp.Symbol(name, real=True), y, z), {"H": py**2, "constraints": ()}))),
 ])
-def test_what_is_no_system_is_refused(changes, said):
-    with pytest.raises(InputError, match=said):
+def test_what_is_no_system_is_refused(changes, message):
+    with pytest.raises(InputError, match=message):
         system(**changes)
 
 
-@pytest.mark.parametrize(("changes", "said"), [
+@pytest.mark.parametrize(("changes", "message"), [
     ({"parameters": {"m": 1.0, "g": 1.0, "k": 2.0}}, "'k'.*g, m"),
     ({"parameters": {"m": 1.0}}, "'g'"),
     ({"rules": {"m": "m"}}, "'m'"), ({"rules": {"m": "n"}}, "'n'.*h"),
     ({"visuals": {"": [3]}}, "3.*Shape"), ({"visuals": {"bob": []}}, "'bob'.*''"),
 ])
-def test_what_is_no_model_is_refused(changes, said):
+def test_what_is_no_model_is_refused(changes, message):
     model = {"parameters": {"m": 1.0, "g": 1.0}, "q0": [1, 0, 0], "p0": [0, 0, 0]} | changes
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         gs.Model(system(), **model)
 
 

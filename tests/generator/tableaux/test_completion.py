@@ -84,8 +84,8 @@ def test_five_stages_in_decimals_keep_their_order():
 
 @pytest.mark.parametrize(("parts", "order", "p"), [
     ({**HEUN, "A_hat": HEUN["A"]}, 2, 1), *(
-        pytest.param(*given, marks=pytest.mark.slow)  # three more orders to measure
-        for given in ((RUNGE_KUTTA, 2, 1), (TRAPEZOID, 2, 1), ({"A": [[1]], "b": [1]}, 1, 1)))])
+        pytest.param(*case, marks=pytest.mark.slow)  # three more orders to measure
+        for case in ((RUNGE_KUTTA, 2, 1), (TRAPEZOID, 2, 1), ({"A": [[1]], "b": [1]}, 1, 1)))])
 def test_the_proved_order_is_measured(parts, order, p):
     """Where nodes c coincide or a weight b is zero, there is one interval of constraint nodes."""
     tableau = gs.tableau(**parts)
