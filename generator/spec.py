@@ -95,8 +95,8 @@ class Spec:
     ) -> Spec:
         """Return a spec from a user's arguments, each of them checked; None takes its default.
 
-        ``system`` is a name, or the path of a model file.
-        Raises InputError naming the value, the allowed ones and the cure.
+        ``system`` is a name, or the path of a model file. Raises InputError naming the value, the
+        allowed ones and the cure.
         """
         if tableau is not None:
             if scheme is not None or stages is not None or order is not None:

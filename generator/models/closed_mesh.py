@@ -57,14 +57,14 @@ def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
     out.
     """
     # the common point of the tetrahedra: near the surface fewer digits are lost
-    start = triangles.reshape(-1, 3).mean(axis=0)
+    apex = triangles.reshape(-1, 3).mean(axis=0)
     if overlaps:
         areas = np.linalg.norm(np.cross(triangles[:, 1] - triangles[:, 0],
                                         triangles[:, 2] - triangles[:, 0]), axis=1)
-        start = areas @ triangles.mean(axis=1) / areas.sum() if areas.any() else start
+        apex = areas @ triangles.mean(axis=1) / areas.sum() if areas.any() else apex
     else:
         _refuse_open(triangles)
-    corners = triangles - start
+    corners = triangles - apex
     volumes = np.linalg.det(corners) / 6
     volumes = np.abs(volumes) if overlaps else volumes
     volume = float(volumes.sum())
@@ -76,9 +76,9 @@ def mesh_volume(triangles: Floats, *, overlaps: bool = False) -> Volume:
     centre = volumes @ sums / 4 / volume
     squares = (np.einsum("k,ki,kj->ij", volumes, sums, sums)
                + np.einsum("k,kci,kcj->ij", volumes, corners, corners)) / 20 / volume
-    # about the centre instead of the start (Steiner)
+    # about the centre instead of the apex (Steiner)
     squares -= np.outer(centre, centre)
-    return Volume(volume, start + centre, np.trace(squares) * np.eye(3) - squares)
+    return Volume(volume, apex + centre, np.trace(squares) * np.eye(3) - squares)
 
 
 def _refuse_open(triangles: Floats) -> None:

@@ -148,7 +148,7 @@ def divisors(expression: sp.Expr) -> set[sp.Symbol]:
     denominators, stack = set(), [expression]
     while stack:
         e = stack.pop()
-        # a symbol alone: SymPy can be told that it is not 0, but not so of a sum
+        # symbols alone: a symbol can be declared nonzero, a sum cannot
         if e.is_Pow and e.base.is_Symbol and e.exp.is_number and e.exp.is_negative:
             denominators.add(e.base)
         # the two sides of an if(...), not its condition

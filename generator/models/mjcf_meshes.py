@@ -160,8 +160,9 @@ def _reference(mesh: Any) -> Placement:
 def _stretch(mesh: Any) -> tuple[Placement, Floats | None]:
     """Return the placement of a mesh's file in the mesh's axes, and its scale, shape (3,).
 
-    The mesh has the points S Rᵀ (v − x) for points v of the file. M = S Rᵀ is a rotation times a
-    scale along the file's axes if its columns are perpendicular; the scale is None otherwise.
+    The mesh has the points S Rᵀ (v − x) for points v of the file, with S of its scale, and R and x
+    of ``_reference``. M = S Rᵀ is a rotation times a scale along the file's axes if its columns are
+    perpendicular; the scale is None otherwise.
     """
     axes = _reference(mesh)
     M = np.diag(mesh.scale) @ axes.R.T

@@ -615,6 +615,7 @@ class RobotBuilder:
                 self.joint_names.free(f"{connection.name}_spring"), connection,
                 damping=loop.damping, stiffness=loop.stiffness, rest=loop.rest)
         if None not in (self.robot.limits, loop.range):
+            # the range is not None here, which type checkers do not see
             self._add_limits(connection.name, connection, loop.range or (0.0, 0.0))
 
     def _add_limits(self, name: str, connection: Connection, bounds: tuple[float, float]) -> None:

@@ -122,6 +122,7 @@ def robot_model(
     builder, loops = _read_robot(text, path, rep, options)
     if loops is not None:
         return loops.model(builder)
+    # a URDF file without loops is a tree, whose constraints are independent
     if robot_format(text, path).name == "URDF" and _LOOP not in text:
         return builder.model()
     return _without_redundant(builder, path)

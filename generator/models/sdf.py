@@ -374,8 +374,9 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     if damping < 0:
         raise InputError(f"line {axis.line}: the damping of joint {shown(name)} is {damping:g}, "
                          "which would add energy; write 0 or more.")
-    return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(direction), damping,
-                       stiffness, rest_angle, _range(axis), _follower(name, axis))
+    return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(direction),
+                       damping=damping, stiffness=stiffness, rest=rest_angle, range=_range(axis),
+                       follower=_follower(name, axis))
 
 
 def _follower(name: str, axis: Element) -> Follower | None:

@@ -96,9 +96,9 @@ def _read_formulas(
     uses_time = "forces" in table or "quantities" in content or "time" in table or any(
         e.has(*time.values()) for e in (H, *constraints, *velocity_constraints, *scales))
     # only a file with a time is refused for a coordinate called t
-    for symbol in time if uses_time else ():
-        if symbol in state:
-            raise table.error("time", f"is {symbol!r}, which is a coordinate or momentum; choose "
+    for name in time if uses_time else ():
+        if name in state:
+            raise table.error("time", f"is {name!r}, which is a coordinate or momentum; choose "
                                       "another name.")
     forces = formulas.read_all(table, "forces", state | time, count=len(q)) if (
         "forces" in table) else []

@@ -548,7 +548,8 @@ class Assembly:
             if not body.q:
                 poses[body] = replace(pose, x=x)
                 continue
-            # the motion from the described pose to this one: r ↦ R(t) (r − x°) + x, t = q q̄°
+            # the motion from the described pose, q° and x°, to this one: r ↦ R(t) (r − x°) + x with
+            # the turn t = q q̄°
             turn = RigidMotion(
                 np.array(quaternion_product(attitude, conjugate(described.q))), np.zeros(3))
             assert described.x is not None

@@ -410,7 +410,8 @@ def frames_along(
     Raises
     ------
     InputError
-        For a normal along the tangent, and a curve that turns back.
+        For a normal along the tangent, a curve that turns back, and a twist of more than 90° from
+        section to section.
     """
     t = tangents / np.linalg.norm(tangents, axis=1)[:, None]
     q = onto(t[0])

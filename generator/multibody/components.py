@@ -126,30 +126,31 @@ class Components:
 
         ``label`` begins the message for anything else.
         """
-        names = {candidate.name: candidate for candidate in self.bodies
-                 if not isinstance(candidate, FlywheelBody)}
-        names |= {end.name: end.segment for end in self.ends.values()}
+        bodies_by_name = {candidate.name: candidate for candidate in self.bodies
+                          if not isinstance(candidate, FlywheelBody)}
+        bodies_by_name |= {end.name: end.segment for end in self.ends.values()}
         if isinstance(body, BeamEnd):
             body = body.segment
-        if isinstance(body, str) and body in names:
-            return names[body]
-        if isinstance(body, Body) and body in names.values():
+        if isinstance(body, str) and body in bodies_by_name:
+            return bodies_by_name[body]
+        if isinstance(body, Body) and body in bodies_by_name.values():
             return body
         raise InputError(
             f"{label} connects {shown(body)}, which is no body of Multibody {self.name!r}; pass "
-            f"what body(...) returned, or a name: {', '.join(names) or 'there is none yet'}"
-            f"{proposal(body, names)}.")
+            "what body(...) returned, or a name: "
+            f"{', '.join(bodies_by_name) or 'there is none yet'}{proposal(body, bodies_by_name)}.")
 
     def joint(self, joint: Any, label: str) -> Connection:
         """Return a joint, given as an object or by name; ``label`` begins the message."""
-        names = {link.name: link for link in self.connections}
-        if isinstance(joint, str) and joint in names:
-            return names[joint]
+        joints_by_name = {link.name: link for link in self.connections}
+        if isinstance(joint, str) and joint in joints_by_name:
+            return joints_by_name[joint]
         if isinstance(joint, Connection) and joint in self.connections:
             return joint
         raise InputError(f"{label} connects {shown(joint)}, which is no joint of Multibody "
                          f"{self.name!r}; pass a joint, or a name: "
-                         f"{', '.join(names) or 'there is none yet'}{proposal(joint, names)}.")
+                         f"{', '.join(joints_by_name) or 'there is none yet'}"
+                         f"{proposal(joint, joints_by_name)}.")
 
     def turning_joint(self, name: str, joint: Connection | str) -> Connection:
         """Return a joint with a hinge or a flywheel's angle, for the gear or drive ``name``."""

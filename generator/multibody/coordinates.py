@@ -114,7 +114,10 @@ class Coordinate(Connection):
         return body.x[0] if quantity == self.kind else body.rate
 
     def multiple_angle(self, count: int, poses: Poses, store: Store) -> tuple[sp.Expr, sp.Expr]:
-        """Return cos kθ and sin kθ of the turn θ = c − c₀ since the described pose."""
+        """Return cos kθ and sin kθ of the turn θ = c − c₀ since the described pose.
+
+        k is ``count``.
+        """
         begin = named_number(f"{self.name}_start", self.value, store)
         angle = count * (self.measure(self.kind, poses, store) - begin)
         return sp.cos(angle), sp.sin(angle)
@@ -173,9 +176,9 @@ class Flywheel(Coordinate):
                            joint_value - joint.measure("travel", poses, store))
             return
         hinge = hinge_of(joint)
-        turn = joint_value - named_number(f"{self.name}_begin", hinge.angle, store)
+        target = joint_value - named_number(f"{self.name}_begin", hinge.angle, store)
         cosine, sine = cosine_and_sine(hinge, poses, store)
-        yield Equation(f"{self.name}: ratio", sine * sp.cos(turn) - cosine * sp.sin(turn))
+        yield Equation(f"{self.name}: ratio", sine * sp.cos(target) - cosine * sp.sin(target))
 
     @property
     def displacement(self) -> float:

@@ -222,7 +222,7 @@ def _minimise_on_constraints(
 ) -> Array:
     """Return the q with g(q) = 0 and the least |r(q)|, by Gauss-Newton steps; r are the sines.
 
-    Each step δ satisfies G δ = −g, and has the least |r_q δ + r| among all such steps.
+    Each step δ satisfies g_q δ = −g, and has the least |r_q δ + r| among all such steps.
     """
     for _ in range(_STEPS):
         step = nearest_step(as_dense(constraints.G(q)), constraints.g(q),
@@ -262,6 +262,7 @@ def warn_of_moved_bodies(
     """Warn of given positions and attitudes that a projection moved by more than round-off."""
     corrections: list[tuple[float, str]] = []  # relative change, text
     for body, initial in bodies.items():
+        # tops have no x of their own, flywheels have coordinates that are no position
         for quantity, is_given, attribute in (
                 ("position", initial.x is not None and len(body.x) == 3, "x"),
                 ("attitude", initial.is_turned, "q")):

@@ -1329,6 +1329,7 @@ class Multibody:
             f"path of {name!r}", path))
         point = MovingPoint(name, (x, y, z), three_expressions(
             f"velocity of {name!r}", [derivative(e, TIME) for e in (x, y, z)]))
+        # refuses a path without a finite place and velocity at t = 0
         self._components.start_of_point(point)
         self._components.moving_points.append(point)
         return point

@@ -245,8 +245,8 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
 def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
     """Return a q with g(q) = 0 to round-off, shape (n,), by Gauss-Newton steps from q.
 
-    q ← q − f G⁺ g with the pseudoinverse G⁺ and f halved until |g| falls. None if sixty steps do
-    not reach g = 0, or |g| has a minimum there that is not 0.
+    q ← q − f G⁺ g with the pseudoinverse G⁺ and f, ``fraction``, halved until |g| falls. None if
+    sixty steps do not reach g = 0, or |g| has a minimum there that is not 0.
     """
     if not constraints.expressions:
         return q

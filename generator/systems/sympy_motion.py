@@ -51,7 +51,7 @@ class FrameMotion:
 
     def _energy_of(self, body: Any) -> sp.Expr:
         """Return T = ½ m v·v + ½ Ω·J·Ω, with Ω in the axes of the body; 0 for a body at rest."""
-        v = self.velocity(body.masscenter)[0]
+        v, _ = self.velocity(body.masscenter)
         rates = self.turning(body.frame) if isinstance(body, me.RigidBody) else []
         # constant, or a function of t alone: such an energy has no effect on the motion
         if not any(isinstance(subexpression, AppliedUndef)

@@ -120,6 +120,7 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
     dimensions |= {symbols[name]: _without_angles(base_units(unit))
                    for name, unit in given_units.items() if name in symbols}
     solver = _Solver(dimensions)
+    # without any unit but that of the time, no unit follows
     if dimensions.keys() - {system.time}:
         _solve(solver, system)
     # J and N m are one dimension: a parameter of forces alone is a torque
