@@ -179,10 +179,12 @@ def lyapunov(
     step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), minimum=1)
     size = 2 * (stepper.n - stepper.m)  # dimension of the tangent spaces of the constraints
     vector_count = size if count is None else as_positive_count("count", count, minimum=1)
-    if vector_count > size or not size:
+    if not size:
+        raise InputError(f"{stepper.name} has no exponents: it has as many constraints as "
+                         "coordinates, so that nothing moves.")
+    if vector_count > size:
         raise InputError(f"count = {vector_count} is more than the dimension 2 (n − m) = {size} of "
-                         f"the tangent spaces of {stepper.name}"
-                         + (f"; give at most {size}." if size else ": nothing moves."))
+                         f"the tangent spaces of {stepper.name}; give at most {size}.")
     with_covariant = as_flag("covariant", covariant)
     as_progress(progress)
     run = stepper._resolve(stepper._run_arguments(

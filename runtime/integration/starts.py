@@ -352,8 +352,8 @@ def steps_of_all(
         else:
             spans.append(span_of(steps, t_end, start_time, step))
     if len({(count, bool(remainder)) for count, remainder in spans}) > 1:
-        totals = [count + bool(remainder) for count, remainder in spans]
-        low, high = min(totals), max(totals)
-        raise InputError(f"t_end = {shown(t_end)} is after {low:,} steps of one trajectory and "
-                         f"{high:,} of another; give steps, or runs of their own.")
+        fewest, most = (f"{count:,} steps{' and a shorter one' * bool(remainder)}"
+                        for count, remainder in (min(spans), max(spans)))
+        raise InputError(f"t_end = {shown(t_end)} is after {fewest} of one trajectory and after "
+                         f"{most} of another; give steps, or runs of their own.")
     return spans[0][0], [remainder for _, remainder in spans]
