@@ -104,7 +104,7 @@ def endings(*kinds: Kind) -> list[str]:
 def format_of(path: Path, label: str, *kinds: Kind) -> FileFormat:
     """Return the format that a name asks for.
 
-    Raises InputError where none of these kinds has its ending, naming ``label`` is to be written.
+    Raises InputError where none of these kinds has its ending; ``label`` begins its message.
     """
     for file_format in FORMATS:
         if file_format.kind in kinds and file_format.ending == ending_of(path):

@@ -285,7 +285,8 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
             # beyond the rim, so that the trace is outside of the drawn top
             tip = axes[:, 2] * (rim.distance + max(0.75 * float(rim.semi_axes.max()),
                                                    0.35 * rim.distance))
-        elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():  # a T: its stem
+        # a flat body is drawn as a T: the end of its stem
+        elif sizes["box"].min() < 0.05 * sizes["box"].max() and not centre.any():
             k = int(np.argsort(sizes["box"])[1])
             tip = -1.35 * sizes["box"][k] * axes[:, k]
     return ScenePart(name, trajectory.q[state_indices][:, columns.q].astype(float), x, centre,
@@ -449,7 +450,7 @@ def _attachments(
 ) -> Iterator[Held]:
     """Yield the places where joints, or the ground without a joint, hold body i, in its axes.
 
-    ``sizes`` are the largest half edges of the bodies, by which a joint is on the outer body.
+    ``sizes`` are the largest half edges of the bodies, which decide which of two is the outer one.
     """
     for tie in ties:
         if tie.kind not in ("ball", "hinge"):
@@ -459,7 +460,7 @@ def _attachments(
                 yield Held(r, _axis_in(parts, tie, i), slides=tie.slides,
                            outer=other_body < 0 or sizes[other_body] > sizes[i])
     if is_held(parts, ties, i):
-        yield Held(np.zeros(3), None, outer=True, slides=False)
+        yield Held(np.zeros(3), axis=None, outer=True, slides=False)
 
 
 def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:

@@ -73,6 +73,7 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
     else:
         _coordinates(figure.add_subplot(grid[:, 0]), trajectory)
     panel_cells = [grid[row, 1] for row in range(row_count)]
+    # a single panel takes both rows
     if len(error_panels) + len(output_panels) < row_count:
         panel_cells = [grid[:, 1]]
     panels: list[Callable[..., None]] = [*error_panels, *(

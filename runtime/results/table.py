@@ -183,9 +183,9 @@ def table_of_run(
                             for name, x in arrays.items()}
 
     return Table({"time": len(run)}, inner_dimensions, descriptions, read, manifest,
-                 run._attributes(), labels, titles,
-                 [_table_of_event(manifest, name, [crossings])
-                  for name, crossings in (run.events | run.impacts).items()])
+                 attributes=run._attributes(), labels=labels, titles=titles,
+                 parts=[_table_of_event(manifest, name, [crossings])
+                        for name, crossings in (run.events | run.impacts).items()])
 
 
 def _output_dimensions(
@@ -261,9 +261,10 @@ def table_of_ensemble(ensemble: Ensemble) -> Table:
                               by_trajectory=True) for name in ensemble.events]
     return Table({"trajectory": len(members), "state": ensemble.t.shape[1]}, first_table.inner,
                  first_table.descriptions, read, first_table.manifest,
-                 {"stepper": first_table.manifest.name, "gyrospark": __version__,
-                  "every": members[0].every, "manifest": first_table.manifest.as_json()},
-                 first_table.labels,
+                 attributes={"stepper": first_table.manifest.name, "gyrospark": __version__,
+                             "every": members[0].every,
+                             "manifest": first_table.manifest.as_json()},
+                 labels=first_table.labels,
                  parts=[_table_of_trajectories(ensemble), *events])
 
 

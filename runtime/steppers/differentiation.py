@@ -443,10 +443,10 @@ class Differentiation(Evaluation):
             As of ``gradient``; not by "q", "p" or "inputs", not of events and states within steps.
             All steps are kept.
         slopes : callable, optional
-            The second derivatives of the function by the states of the run: of directions
+            The second derivatives of the function by the states of the run. For directions
             {"q": (rows, n), "p": (rows, n), "t": (rows,), "parameters": {name: number}} it returns
-            how the cotangents change, in their form. None where they do not, as of a function that
-            is linear in the states; an expression of SymPy in ``loss`` needs none.
+            the changes of the cotangents, in their form. None where they do not change, as for a
+            function that is linear in the states; an expression of SymPy in ``loss`` needs none.
 
         Returns
         -------

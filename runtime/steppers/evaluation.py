@@ -128,7 +128,7 @@ class Evaluation:
         """Return H(q, p, t) in the stepper's own representation, at a start or at states (q, p).
 
         Leading axes are kept. ``t``, which matters where H has it, is one time for all states, or
-        one for each; by default that of the start, 0 of arrays.
+        one for each; by default that of the start, 0 for arrays.
 
         With ``of_motion`` it is the energy of the motion, H(q, Pp, t): P projects p along g_qᵀ onto
         f = 0, f = g_q H_p (+ g_t). For an H quadratic in p and f = g_q H_p, with W = g_q H_pp g_qᵀ,
@@ -162,8 +162,8 @@ class Evaluation:
         """Return the momenta p = L_v(q, v, t) of velocities, of a system from its Lagrangian.
 
         Leading axes are kept; ``t``, which matters where L has it, is one time for all states, or
-        one for each. On constraints velocities have g_q v + g_t = 0: ``integrate`` says where they
-        have not, ``project`` moves the momenta to where they have.
+        one for each. On constraints velocities satisfy g_q v + g_t = 0: ``integrate`` names the
+        constraints where they do not, ``project`` moves the momenta so that they do.
 
         Raises
         ------

@@ -77,20 +77,22 @@ class RunDefaults:
     def of_problem(cls, problem: Problem) -> RunDefaults:
         """Return the numbers of a built-in problem, one rigid body."""
         inertia = list(problem.inertia)
-        return cls(problem.name, problem.description, problem.parameters, problem.q0.tolist(),
-                   problem.p0.tolist(), bodies={"gamma": inertia, "alpha": inertia}, dt=None,
+        return cls(problem.name, problem.description, problem.parameters, q0=problem.q0.tolist(),
+                   p0=problem.p0.tolist(), bodies={"gamma": inertia, "alpha": inertia}, dt=None,
                    steps=None)
 
     @classmethod
     def of(cls, model: Any) -> RunDefaults:
         """Return the numbers of a ``gyrospark.Model``, or of an object with its attributes."""
         return cls(
-            model.name, model.description, {k: knowing(x) for k, x in model.parameters.items()},
-            [knowing(x) for x in model.q0], [knowing(x) for x in model.p0],
-            {name: [_map_leaves(list(x), knowing) if isinstance(x, tuple) else knowing(x)
-                    for x in inertia] for name, inertia in model.bodies.items()},
-            None if model.dt is None else knowing(model.dt), model.steps,
-            {**model.rules, **({"frame": "start"} if model.frame else {})},
+            model.name, model.description,
+            parameters={name: knowing(x) for name, x in model.parameters.items()},
+            q0=[knowing(x) for x in model.q0], p0=[knowing(x) for x in model.p0],
+            # a tensor has rows, which are tuples
+            bodies={name: [_map_leaves(list(x), knowing) if isinstance(x, tuple) else knowing(x)
+                           for x in inertia] for name, inertia in model.bodies.items()},
+            dt=None if model.dt is None else knowing(model.dt), steps=model.steps,
+            rules={**model.rules, **({"frame": "start"} if model.frame else {})},
             events=tuple(model.events), visuals=dict(getattr(model, "visuals", {})),
         )
 

@@ -321,9 +321,9 @@ class Simulation:
     def advance_to(self, t: Number, **inputs: Number) -> None:
         """Take steps of dt to the last time t0 + k dt that is not beyond ``t``.
 
-        A controller of any period calls it with its own times; a time that is a step's but for the
-        rounding of decimals is that step's. Inputs hold from these steps on, as in ``advance``,
-        whose errors it raises.
+        A controller of any period calls it with its own times; a time that differs from a step's
+        by the rounding of decimals alone counts as the step's. Inputs hold from these steps on, as
+        in ``advance``, whose errors it raises.
 
         Raises
         ------
