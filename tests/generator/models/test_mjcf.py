@@ -198,22 +198,27 @@ PAIR = """<worldbody>
 <geom size=".1" mass="2" pos=".2 0 0"/></body></worldbody>"""
 
 
-@pytest.mark.parametrize(("equality", "law"), [
-    ('<joint joint1="a" joint2="b" polycoef="0.1 -2 0 0 0"/>', lambda b: 0.1 - 2 * b),
-    ('<joint joint1="a" joint2="b" polycoef="0 1 0.5 0 -1"/>', lambda b: b + b**2 / 2 - b**4),
-    ('<tendon tendon1="s" tendon2="t" polycoef="0 1.5 0 0 0"/>', lambda b: 1.5 * b / 2),
+@pytest.mark.parametrize(("equality", "law", "slope"), [
+    ('<joint joint1="a" joint2="b" polycoef="0.1 -2 0 0 0"/>',
+     lambda b: 0.1 - 2 * b, lambda b: -2),
+    ('<joint joint1="a" joint2="b" polycoef="0 1 0.5 0 -1"/>',
+     lambda b: b + b**2 / 2 - b**4, lambda b: 1 + b - 4 * b**3),
+    ('<tendon tendon1="s" tendon2="t" polycoef="0 1.5 0 0 0"/>',
+     lambda b: 1.5 * b / 2, lambda b: 1.5 / 2),
 ])
-def test_laws_of_joints_are_kept(tmp_path, equality, law):
-    """q_a = f(q_b − ref) holds at the start, whose rates are zero."""
+def test_laws_of_joints_are_kept(tmp_path, equality, law, slope):
+    """q_a = f(q_b − ref) and its rate, f′ times that of q_b, hold at a start that has them."""
     path = written(tmp_path, PAIR + '<tendon><fixed name="s"><joint joint="a" coef="2"/></fixed>'
                    '<fixed name="t"><joint joint="b" coef="1"/></fixed></tendon>'
                    f"<equality>{equality}</equality>")
-    model = gs.load_model(path, ignore="contact", angles={"a": law(0.4),
-                                                           "b": 0.4 + math.radians(10)})
+    model = gs.load_model(path, ignore="contact", angles={
+        "a": law(0.4), "b": 0.4 + math.radians(10)}, rates={"a": slope(0.4) * 0.7, "b": 0.7})
     motion = Motion(model)
     b = motion.value("b_angle") - math.radians(10)
     assert motion.value("a_angle") == pytest.approx(law(b), abs=1e-14)
-    assert motion.value("a_rate") == pytest.approx(0, abs=1e-14)
+    # Rates that the constraint does not have would be projected to it, and both would change.
+    assert motion.value("b_rate") == pytest.approx(0.7, rel=16 * EPS)
+    assert motion.value("a_rate") == pytest.approx(slope(b) * 0.7, rel=16 * EPS)
 
 
 def test_a_weld_to_the_world_holds_a_body_as_it_stands(tmp_path):
