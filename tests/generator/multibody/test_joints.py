@@ -9,7 +9,8 @@ import sympy as sp
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
-from gyrospark.generator.multibody.joints import Align, Connection, Joint, Revolute, Rod, Spring
+from gyrospark.generator.multibody.coordinates import Arm, Chain
+from gyrospark.generator.multibody.joints import Align, Connection, Revolute, Rod, Spring
 from gyrospark.generator.multibody.multibody import JOINTS
 from gyrospark.generator.systems.numeric_system import numeric
 from robots import Motion
@@ -357,10 +358,17 @@ def test_align_in_a_file(tmp_path):
         gs.load_model(tmp_path / "tops.toml")
 
 
-@pytest.mark.parametrize("kind", [Align, Joint, Revolute, Rod, Spring])
-def test_connections_say_what_they_do(kind):
-    """Every kind defines its equations or its energy itself, so that nothing asks for its kind."""
-    assert issubclass(kind, Connection)
-    defined = {name for base in kind.__mro__ if base not in (Connection, object)
-               for name in vars(base)}
-    assert defined & {"equations", "energy"}
+def kinds_of(base):
+    """Yield the kinds of connections under a base, and theirs, that have no kinds under them."""
+    for kind in base.__subclasses__():
+        yield from kinds_of(kind) if kind.__subclasses__() else [kind]
+
+
+def test_each_kind_of_connection_contributes_to_the_system():
+    """A kind gives equations, an energy or forces; the arm of a universal joint is measured."""
+    kinds = set(kinds_of(Connection)) - {Arm}
+    assert kinds >= {Align, Revolute, Rod, Spring, Chain}
+    for kind in kinds:
+        defined = {name for base in kind.__mro__ if base not in (Connection, object)
+                   for name in vars(base)}
+        assert defined & {"equations", "energy", "forces"}, kind
