@@ -93,7 +93,8 @@ class MomentumMap:
         """Return |p| (|A| |q| + |a|), the size of the terms of J, to which its round-off is
         relative.
 
-        Norms, not terms: a motion in a plane rounds out of it by ε of its size.
+        Norms are taken, not sums of terms: rounding moves a motion out of its plane by ε of its
+        size.
         """
         used_rows, used_columns = self.A.any(axis=1) | (self.a != 0), self.A.any(axis=0)
         reach = np.linalg.norm(q[..., used_columns], axis=-1) * np.linalg.norm(self.A)
@@ -269,6 +270,7 @@ def _fraction(x: float) -> Fraction:
 def with_name(field: LinearField, system: System) -> LinearField:
     """Return a field with a name: a motion of space about or along an axis, otherwise its J."""
     motions = motions_of_space(system)  # rotations about three axes, then translations
+    # in space there are three rotations, in a plane one
     if sum(bool(f.A.any()) for f in motions) == 3:
         # an entry of (A | a) belongs to one motion alone, so it gives this motion's weight
         entries = (next(iter(motion.weights.items())) for motion in motions)

@@ -183,7 +183,8 @@ def create(
     _create_along(group, "time", fields, rows, block_rows(fields, rows))
     for name, event_fields in (events or {}).items():
         _create_along(group, f"event_{name}", event_fields, rows=0, block=block_rows(
-            event_fields, _MOST_EVENTS, _BLOCK_OF_EVENTS, _MOST_EVENTS))
+            event_fields, rows=_MOST_EVENTS, most_bytes=_BLOCK_OF_EVENTS,
+            most_rows=_MOST_EVENTS))
     create_array(group, CHECKPOINT, shape=(checkpoint_bytes,), chunks=(checkpoint_bytes,),
                  dtype="u1", fill=0, dimensions=["checkpoint_byte"],
                  attributes={"long_name": "from which the run goes on; see gyrospark"})

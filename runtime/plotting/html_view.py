@@ -87,8 +87,8 @@ def view(trajectory: Trajectory, path: str | os.PathLike[str] | None = None, *,
     """Return the trajectory as a page that moves, and write it where a path is given.
 
     Bodies are boxes or ellipsoids of their inertia, joints, rods and springs stand between them,
-    their centres leave traces; beside it the energy error, a slider, the speed. A drag turns the
-    scene, a wheel or two fingers bring it nearer.
+    and their centres leave traces. Beside the scene are the energy error, a slider and the speed. A
+    drag turns the scene, a wheel or two fingers bring it nearer.
 
     Parameters
     ----------

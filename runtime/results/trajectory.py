@@ -315,8 +315,8 @@ class Trajectory(Shown):
     def elapsed(self) -> Array:
         """Times since the start, which have more digits than t where that is late.
 
-        Those of a run; of states from a file, and of states between steps, differences of t. In
-        scaled time they are those of τ.
+        An integrated run has its own; for states from a file, and for states between steps, they
+        are differences of t. In scaled time they are those of τ.
         """
         times = self.tau if self.manifest.system.clock is not None else self.t
         stored_times = None if self._states is None else self._states.elapsed
@@ -496,7 +496,7 @@ class Trajectory(Shown):
         Raises
         ------
         InputError
-            Where there are coordinates of others than bodies that move freely, or joined to such.
+            Unless all coordinates belong to bodies with a quaternion and a position.
         """
         return total_momenta(self)[0]
 

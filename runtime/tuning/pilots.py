@@ -309,7 +309,7 @@ class Pilots:
                                      self.parameters(self.trials[index]))
         dt = float(self.arguments.dt)
         if errors is None:
-            return Pilot(label, parameters, dt, math.inf, math.inf, math.inf)
+            return Pilot(label, parameters, dt, motion=math.inf, worst=math.inf, energy=math.inf)
         paths, base_errors, worst_ratio = self._motion.paths, self._errors[0], math.nan
         motion = root_mean_squares(errors.motion[: self.rows], paths)
         if base_errors is not None:
@@ -317,9 +317,9 @@ class Pilots:
             # paths that are exact with the base have no ratio
             worst_ratio = float((motion[base_sizes > 0]
                                  / base_sizes[base_sizes > 0]).max(initial=-math.inf))
-        return Pilot(label, parameters, dt, float(motion.max()),
-                     worst_ratio if math.isfinite(worst_ratio) else math.nan,
-                     float(root_mean_squares(errors.energy, [[0]])[0]))
+        return Pilot(label, parameters, dt, motion=float(motion.max()),
+                     worst=worst_ratio if math.isfinite(worst_ratio) else math.nan,
+                     energy=float(root_mean_squares(errors.energy, [[0]])[0]))
 
     def rows_before(self, index: int, angle: float) -> int:
         """Return the number of rows before an attitude differs by more than ``angle``, in rad.

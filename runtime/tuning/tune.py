@@ -373,8 +373,8 @@ class _Rules:
         with before_start("the parameters"):
             best_run, reason = Search(pilots, velocities, moments).best()
         return Tuned(parameters | pilots.parameters(pilots.trials[best_run]), self.run.dt,
-                     pilots.largest(best_run), pilots.gain(best_run),
-                     "; ".join([*self.reasons, reason]), pilots.pilots())
+                     error=pilots.largest(best_run), gain=pilots.gain(best_run),
+                     reason="; ".join([*self.reasons, reason]), pilots=pilots.pilots())
 
     def tuned_step(
         self, span: Fraction, bound: float, pilot_limit: int, t_end: Any = None

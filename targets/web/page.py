@@ -169,9 +169,9 @@ def playground(
 ) -> View:
     """Return a page in which a model moves, integrated while it is looked at.
 
-    The bodies in space, sliders for step, start and parameters, the errors of energy and
-    constraints. The page is one file without network; Jupyter shows it where it is the last value
-    of a cell, ``save`` writes it.
+    It shows the bodies in space, sliders for step, start and parameters, and the errors of energy
+    and constraints. The page is one file without network; Jupyter shows it where it is the last
+    value of a cell, ``save`` writes it.
 
     Parameters
     ----------
