@@ -133,7 +133,7 @@ def generate(
 def _in_normal_form(system: System, *, framed: bool) -> tuple[System, CoMovingFrame | None]:
     """Return the system in normal form and in scaled time, and its co-moving frame or None.
 
-    If it is ``framed``, the system is in that frame.
+    If it is ``framed``, the system is in that frame. Work of the time is accumulated in it.
     """
     system = scale_time(canonical(system))
     frame = frame_of(system) if framed else None
@@ -154,7 +154,7 @@ def _method(
     """Return the method of a spec.
 
     ``reduced`` is the system with subexpressions that are constant in a run as ``constants``;
-    ``tableau`` is None for IMS and EMS.
+    ``tableau`` is None for IMS, EMS and splittings.
     """
     if spec.order is not None:
         scheme = splitting_scheme(system, reduced, constants, spec.order, spec.composition)
@@ -209,7 +209,7 @@ def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[Sys
 
 
 def tableau_of(spec: Spec) -> Tableau | None:
-    """Return the tableau of a spec, exact; None for IMS and EMS."""
+    """Return the tableau of a spec, exact; None for IMS, EMS and splittings, which have none."""
     if spec.tableau is not None:
         return read_tableau(Path(spec.tableau))
     make = scheme_named(spec.scheme).tableau

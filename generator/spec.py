@@ -226,7 +226,7 @@ def _composition(scheme: Scheme, order: Any, named: Any) -> tuple[int | None, st
                 raise InputError(f"{option} = {shown(value)} belongs to scheme splitting, and "
                                  f"{scheme.name} has its order from its stages; leave it out.")
         return None, ""
-    # their exact numbers are read from a file, which other schemes do not need
+    # numbers of compositions are read from a file, which other schemes do not need
     from .tableaux.compositions import composition, composition_named
 
     if named is None:

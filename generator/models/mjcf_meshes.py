@@ -61,13 +61,13 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
         # MuJoCo fits a capsule or a box that names a mesh to it, which would need the file
         is_fitted = geom.type not in (kinds.mjGEOM_MESH, kinds.mjGEOM_SDF)
         outer = _replace_mesh(kinds, spec, geom, mesh, is_fitted, folder, volumes)
-        # a name, by which the geom is identified in the compiled model
+        # the geom is found in the compiled model by its name
         if not geom.name:
             geom.name = next(name for k in count(number) if (name := f"mesh{k}") not in names)
             names.add(geom.name)
-        inner, size = _stretch(mesh)
-        geoms.append(MeshGeom(geom.name, outer.then(inner), None if is_fitted or size is None else
-                              partial(_shape, size, _file(mesh, spec.strippath).as_posix())))
+        inner, scale = _stretch(mesh)
+        geoms.append(MeshGeom(geom.name, outer.then(inner), None if is_fitted or scale is None else
+                              partial(_shape, scale, _file(mesh, spec.strippath).as_posix())))
     _remove_elements_of_files(kinds, spec, meshes)
     return geoms
 
@@ -160,18 +160,18 @@ def _reference(mesh: Any) -> Placement:
 def _stretch(mesh: Any) -> tuple[Placement, Floats | None]:
     """Return the placement of a mesh's file in the mesh's axes, and its scale, shape (3,).
 
-    The mesh has the points S Rᵀ (v − x) for points v of the file, with S of its scale, and R and x
-    of ``_reference``. M = S Rᵀ is a rotation times a scale along the file's axes if its columns are
-    perpendicular; the scale is None otherwise.
+    The mesh has the points S Rᵀ (v − x) for points v of the file: S is the diagonal matrix of its
+    scale, and R and x are of ``_reference``. M = S Rᵀ is a rotation times a scale along the file's
+    axes if its columns are perpendicular; the scale is None otherwise.
     """
     axes = _reference(mesh)
     M = np.diag(mesh.scale) @ axes.R.T
-    # a reflection has a negative scale, so that M / size is a rotation
-    size = np.linalg.norm(M, axis=0) * (1 if np.linalg.det(M) > 0 else -1)
+    # a reflection has a negative scale, so that M / scale is a rotation
+    scale = np.linalg.norm(M, axis=0) * (1 if np.linalg.det(M) > 0 else -1)
     square = M.T @ M
-    if not all(size) or np.abs(square - np.diag(size**2)).max() > 1e-12 * square.max():
+    if not all(scale) or np.abs(square - np.diag(scale**2)).max() > 1e-12 * square.max():
         return IDENTITY, None
-    return Placement(-M @ axes.x, M / size), size
+    return Placement(-M @ axes.x, M / scale), scale
 
 
 def _file(mesh: Any, strip: bool) -> Path:

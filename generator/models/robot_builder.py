@@ -316,6 +316,7 @@ class RobotBuilder:
         for loop in robot.loops:
             name = self.joint_names.free(loop.name, "loop")
             self._add_loop_springs(loop, loop.close(self.builder, name, mounts))
+        # angles of joints that a user adds move bodies to them, as in any Multibody
         self.builder._describes_start = False
         return self.builder
 

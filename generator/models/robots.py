@@ -147,10 +147,10 @@ def _read_robot(
 def read_settings(settings: Mapping[str, str], text: str, path: str | Path) -> dict[str, Any]:
     """Return the options of a robot's file for the settings of a command, key → text.
 
-    ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``, ``limits=stops``,
-    ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``, several numbers
-    for ball and free joints, ``root=0,0,1,1,0,0,0``; and the keys of a format, ``base=floating``,
-    ``keyframe=home``.
+    Settings are ``ignore=limits,collision``, ``gravity=0,0,-1.62``, ``limits=1000``,
+    ``limits=stops``, ``JOINT=0.5`` or ``JOINT="30 deg"`` for an angle or travel, ``JOINT.rate=1``,
+    several numbers for ball and free joints, ``root=0,0,1,1,0,0,0``; and the keys of a format,
+    ``base=floating``, ``keyframe=home``.
     """
     keys = robot_format(text, path).options
     options: dict[str, Any] = {"angles": {}, "rates": {}}

@@ -261,6 +261,7 @@ class _Scopes:
         # unknown names and circles are refused by ``place``, with a sentence
         if element is None or name in below or element.name == "link":
             return name
+        # by default a frame of the world is attached to the world, and any other to the model
         home = "world" if name in self.outside else _MODEL
         above = _text(element, "child") if element.name == "joint" else element.attributes.get(
             "attached_to") or home
@@ -517,7 +518,7 @@ def _numbers(element: Element, count: int, endless: bool = False) -> list[float]
 def _number(
     element: Element, name: str, default: float | None = None, endless: bool = False
 ) -> float:
-    """Return the number of a child element, or the default."""
+    """Return the number of a child element, or ``default``; ``endless`` allows infinity."""
     child = element.first(name)
     if child is None:
         if default is None:

@@ -166,8 +166,8 @@ class Flywheel(Coordinate):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield φ/n − s = 0 of a joint that slides, else sin(θ − (φ/n − θ₀)) = 0.
 
-        θ is the turn of the joint since its described pose, θ₀ its angle there. Values of
-        parameters go into ``store``.
+        φ is the coordinate of the flywheel, n its ``ratio``, s the travel of the joint, θ its turn
+        since the described pose and θ₀ its angle there. Values of parameters go into ``store``.
         """
         (joint,), coordinate = self.joints, self.measure(self.kind, poses, store)
         joint_value = coordinate / named_number(f"{self.name}_ratio", self.ratio, store, UNIT)

@@ -57,16 +57,17 @@ def gaps_of_plane(
 ) -> list[sp.Expr]:
     """Return the gap φ = R_b n · d − ϱ of each point of a, or sphere about it, to a plane of b.
 
-    ``frames`` are a and b; ``points`` are in axes of a; ``on_b`` is a point of the plane, and
-    ``normal`` n, in axes of b. Values of parameters go into ``store``. Raises InputError for a
-    normal of length 0 and for a negative radius.
+    d leads to the point from a point of the plane, and ϱ is ``radius``. ``frames`` are a and b;
+    ``points`` are in axes of a; ``on_b``, the point of the plane, and ``normal`` n in axes of b.
+    Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
+    negative radius.
     """
     direction = vector(f"normal of {name!r}", normal)
     if not direction.any():
         raise InputError(f"The normal of {name!r} is zero; give its direction.")
-    (size,) = _radii(name, radius, 1, store)
+    (sphere_radius,) = _radii(name, radius, 1, store)
     n = frames[1].direction(unit_vector(f"{name}_normal", unit(direction), store))
-    return [dot(n, d) - size for d in _distances(name, frames, points, on_b, store)]
+    return [dot(n, d) - sphere_radius for d in _distances(name, frames, points, on_b, store)]
 
 
 def gaps_of_spheres(
@@ -74,7 +75,8 @@ def gaps_of_spheres(
 ) -> list[sp.Expr]:
     """Return the gap φ = |d| − ϱ_a − ϱ_b of each sphere of a to a sphere of b.
 
-    ``frames`` are a and b, ``points`` and ``on_b`` the centres of the spheres in their axes.
+    d leads from centre to centre. ``frames`` are a and b, ``points`` and ``on_b`` the centres of
+    the spheres in their axes.
     ``radius`` is one number for both bodies, or ϱ_a and ϱ_b. Values of parameters go into
     ``store``. Raises InputError for negative radii, and where both are 0.
     """

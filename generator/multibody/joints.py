@@ -905,7 +905,7 @@ class RheonomicConstraint(Connection):
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
         """Yield sin(f(t) − f₀ − θ) = 0, θ the turn and f₀ the angle of the described pose.
 
-        Values of parameters go into ``store``.
+        f is the ``law``. Values of parameters go into ``store``.
         """
         hinge = hinge_of(self)
         c, s = cosine_and_sine(hinge, poses, store)
@@ -949,7 +949,10 @@ class Coupling(Connection):
         yield Equation(f"{self.name}: ratio", c2 - k * c1 - offset)
 
     def _sine_of_turns(self, ratio: Fraction, poses: Poses, store: Store) -> sp.Expr:
-        """Return sin(n θ₂ − z θ₁ − φ) for a ratio z/n: 0 whatever the number of turns."""
+        """Return sin(n θ₂ − z θ₁ − φ) for a ratio z/n: 0 whatever the number of turns.
+
+        θ₁ and θ₂ are the turns since the described pose, φ follows from the angles there.
+        """
         joint1, joint2 = self.joints
         z, n = ratio.numerator, ratio.denominator
         cosine, sine = sum_of_angles(*(joint.multiple_angle(k, poses, store)

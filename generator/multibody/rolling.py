@@ -178,7 +178,7 @@ class Rolling(Connection):
         their values of ``store``.
         """
         body, omega = self.body, pose.R.T @ (np.zeros(3) if pose.spin is None else pose.spin)
-        # q̇ = ½ L(q)ᵀ Ω
+        # q̇ = ½ L(q)ᵀ Ω; ``velocities`` are q̇, then ẋ = 0
         rates = numbers(left_matrix(pose.q.tolist())).T @ omega / 2
         assert pose.x is not None
         values = zip((*body.q, *body.velocities, *body.x),

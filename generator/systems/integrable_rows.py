@@ -87,7 +87,7 @@ def with_row_integrals(system: System) -> System:
     """
     remaining = dict(zip(system.velocity_constraint_names, system.velocity_constraints,
                          strict=True))
-    g, names, levels = [], [], []
+    g, names, start_values = [], [], []
     for integral in row_integrals(system):
         # φ = φ₀ replaces one of its rows, which follows from it and from the other ones
         name = next(row for row in integral.rows if row in remaining)
@@ -95,11 +95,12 @@ def with_row_integrals(system: System) -> System:
         del remaining[name]
         g.append(integral.expression - phi_0)
         names.append(name)
-        levels.append(phi_0)
+        start_values.append(phi_0)
     if not g:
         return system
     extended: System = replace(
-        system, parameters=(*system.parameters, *levels), constraints=(*system.constraints, *g),
+        system, parameters=(*system.parameters, *start_values),
+        constraints=(*system.constraints, *g),
         constraint_names=(*system.constraint_names, *names),
         velocity_constraints=tuple(remaining.values()), velocity_constraint_names=tuple(remaining))
     return extended
