@@ -86,8 +86,8 @@ class OrderConditions:
         palindromes = [composition.weights] if composition.base else [
             composition.drifts, composition.kicks, composition.gradients]
         # the first half of each list; the one in the middle of a list with a given sum follows
-        return [x for (size, summed),
-                palindrome in zip(self._palindromes, palindromes, strict=False)
+        return [x for (size, summed), palindrome in zip(self._palindromes, palindromes,
+                                                        strict=False)
                 for x in palindrome[: (size + 1) // 2 - summed]]
 
     @cached_property

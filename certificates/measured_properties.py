@@ -210,9 +210,9 @@ class Examination:
         # without a number only algebra can refute the invariant
         if loop is None or not loop.is_resolved:
             why = f"refuted in exact algebra: {guarantee.refuted}; " if guarantee.refuted else ""
-            return CertificateLine(quantity, "no loop could be followed", "-",
-                                   False if guarantee.refuted else None,
-                        f"{why}neighbours of the start part too fast, or some have no step")
+            return CertificateLine(
+                quantity, "no loop could be followed", "-", False if guarantee.refuted else None,
+                f"{why}neighbours of the start part too fast, or some have no step")
         # relative to the effect of ε in the states, as the bound is
         drift, bound = loop.drift / loop.scale, rounded.walk
         measured = f"{loop.start:.6g}, drift {loop.drift:.1e}, {loop.points} points"
@@ -390,8 +390,9 @@ class Examination:
         if not guarantee.guaranteed:
             crossed = self.switching.description
             why = f"; each crossing of {crossed} leaves an error of its own" if crossed else ""
-            return info_line(quantity, measured, f"O(Δt^{self.step.order})"
-                        f"{' between crossings' if crossed else ''}", guarantee.why + why, largest)
+            return info_line(
+                quantity, measured, f"O(Δt^{self.step.order})"
+                f"{' between crossings' if crossed else ''}", guarantee.why + why, largest)
         waits = self.run.report.energy_waits  # steps for which no θ makes the energy exact
         if waits:
             return info_line(quantity, f"{measured}; {waits} steps without a small θ",
@@ -490,8 +491,9 @@ class Examination:
                              "fewer than three errors |y_h − y_(h/2)| stand out of it")
         if not measurement.agrees:
             slopes = ", ".join(f"{slope:.2f}" for slope in measurement.slopes)
-            return info_line(quantity, f"slopes {slopes}", str(derived_order),
-                        "no two neighbours agree to 0.2: steps are too long for the order to show")
+            return info_line(
+                quantity, f"slopes {slopes}", str(derived_order),
+                "no two neighbours agree to 0.2: steps are too long for the order to show")
         estimate = f"{measurement.order:.2f} at Δt = {measurement.dt:.2g}"
         if self.switching.description:
             return info_line(quantity, estimate, f"{derived_order} between crossings",

@@ -45,8 +45,7 @@ def files(
                     # gcc contracts a·b + c by default where the processor has fma: other bits
                     "build": {"flags": "-ffp-contract=off"},
                     # files beside these, such as the manifest, are not part of the library
-                    "export": {"include": ["src", "examples",
-             "library.properties"]}}
+                    "export": {"include": ["src", "examples", "library.properties"]}}
     return {**{f"src/{file}": text for file, text in sources.items() if not file.endswith("json")},
             f"extras/{name}.json": sources[f"{name}.json"],
             "library.json": json.dumps(library_json, indent=2) + "\n",

@@ -109,7 +109,7 @@ def compile_module(folder: Path, module: Path, level: str = "-O2") -> None:
     objects = [f"{manifest.name}.o" for manifest in manifests]
     exports = [f"-Wl,--export={function}" for manifest in manifests
                for function in exported_functions(
-        manifest.name, (folder / f"{manifest.name}.h").read_text(encoding="utf-8"))]
+                   manifest.name, (folder / f"{manifest.name}.h").read_text(encoding="utf-8"))]
     # without the C library, unless a function of mathematics is missing then
     for target in (_WITHOUT_LIBRARY, _WITH_LIBRARY):
         try:
