@@ -7,6 +7,7 @@ import pickle
 import runpy
 import signal
 import threading
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -350,15 +351,22 @@ def test_a_history_is_asked_for(gl3):
     assert len(sim.trajectory) == 1
 
 
-def test_a_history_grows_as_a_list_does(gl3):
-    """Arrays grow a logarithm of times, in a call of many steps once."""
-    sim, rooms = begun(gl3, record=True), set()
-    for _ in range(500):
-        sim.advance(1)
-        rooms.add(len(sim._run._rows.iterations))
-    assert len(rooms) <= 6
-    assert max(rooms) < 2 * 500
-    sim.advance(20_000)
+def test_a_history_grows_as_a_list_does(gl3, monkeypatch):
+    """Arrays grow to twice their size at least, and never to twice as many rows as steps."""
+    sim = begun(gl3, record=True)
+    rooms, move_rows = [len(sim._run._inputs)], type(sim._run)._move_rows
+
+    def moved(run, room, *rows):
+        assert room < 2 * (run.steps + steps)
+        rooms.append(room)
+        move_rows(run, room, *rows)
+
+    monkeypatch.setattr(type(sim._run), "_move_rows", moved)
+    for steps in (*[1] * 500, 20_000):
+        sim.advance(steps)
+    assert len(rooms) > 2
+    assert all(later >= 2 * earlier for earlier, later in pairwise(rooms))
+    assert len(sim._run._rows.iterations) == rooms[-1] + 1
     assert_is(sim, sim.trajectory)
 
 
@@ -402,13 +410,18 @@ def test_anything_else_starts_anew(gl3):
 
 
 def test_results_belong_to_the_caller(gl3):
-    """Writing into results changes nothing of the held trajectory, and is noticed."""
+    """Writing into results changes nothing of the held trajectory; written ones start anew."""
     q, p = loop(gl3, 5)
     run = gl3.integrate(TOP.q0, TOP.p0, steps=6, **RUN)
     state = q.copy()
     q[:] = 0
     again = gl3.step(state, p, **RUN)
     assert np.array_equal(again[0], run.q[-1])
+    q, p = loop(gl3, 70)
+    q[:], p[:] = TOP.q0, TOP.p0
+    anew = gl3.step(q, p, **RUN)
+    assert np.array_equal(anew[0], run.q[1])
+    assert np.array_equal(anew[1], run.p[1])
 
 
 def test_threads_do_not_share_what_is_held(gl3):
