@@ -607,7 +607,7 @@ def test_folders_that_others_can_write_to(mode, above, owner, trusted, own_cache
 
 
 def test_cache_folder_is_the_users(monkeypatch, tmp_path):
-    """The folder is the chosen or the default one; a build's folder in it is private."""
+    """The folder is the chosen or the default one; others can read neither it nor builds in it."""
     assert build_cache.cache_folder() == tmp_path / "cache"
     monkeypatch.delenv("GYROSPARK_CACHE")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "xdg"))
@@ -616,8 +616,9 @@ def test_cache_folder_is_the_users(monkeypatch, tmp_path):
     monkeypatch.setenv("GYROSPARK_CACHE", "")
     assert build_cache.cache_folder().name == "gyrospark"
     with build_cache.build_folder() as private:
-        assert stat.S_IMODE(private.stat().st_mode) == 0o700
         assert Path(private).parent == build_cache.cache_folder()
+        for folder in (private, build_cache.cache_folder()):
+            assert stat.S_IMODE(folder.stat().st_mode) == 0o700
     assert not private.exists()
 
 
