@@ -246,6 +246,7 @@ def test_missing_package_is_named(gyrospark, monkeypatch, tmp_path):
     """The refusal comes before a step is taken."""
     assert gyrospark(*RUN, "--out", "run.zarr").code == 0
     monkeypatch.setitem(sys.modules, "h5netcdf", None)
+    monkeypatch.setattr(gs.Stepper, "integrate", lambda *_, **__: pytest.fail("steps are taken"))
     refused(gyrospark(*RUN, "--out", "x.nc"), "h5netcdf>=")
     refused(gyrospark("export", "run.zarr", "x.nc"), "h5netcdf>=")
     with pytest.raises(gs.errors.MissingDependencyError):
