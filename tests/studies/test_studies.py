@@ -352,7 +352,7 @@ CLAIMS = {
     ("unknown", 1, "FAILS: s: f (wanted: w)\n"),
 ])
 def test_exit_code_tells_what_is_known_from_what_is_not(claim, code, words, monkeypatch, tmp_path):
-    """If piped, the command reports its progress on stderr."""
+    """The report has what is known, too; progress is on stderr if piped, and none with --json."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(study_registry, "RESULTS", {
         f"table-{n}": lambda engine, n=n: Table(n, "t", "a", [], [CLAIMS[claim]] * 2)
