@@ -348,13 +348,13 @@ class Manifest:
     def _check(self) -> None:
         """Raise UnfitError for sizes that do not fit each other, and unusable symmetries."""
         system, n = self.system, len(self.system.coordinates)
-        for name, length, expected in (
+        for name, count, expected in (
                 ("momenta", len(system.momenta), n),
                 ("velocity_names", len(system.velocity_names) or n, n),
                 ("constraint_names", len(system.constraint_names), len(system.constraints)),
-                ("coordinates", 4 if system.rigid_body else n, n)):
-            if length != expected:
-                raise UnfitError(f"has {expected} where {length} belong", f"system.{name}")
+                ("coordinates", n, 4 if system.rigid_body else n)):
+            if count != expected:
+                raise UnfitError(f"has {count} where {expected} belong", f"system.{name}")
         if system.clock is not None and system.clock.scale not in system.quantities:
             raise UnfitError("is no quantity", "system.clock.scale")
         if not self.fast_path.available and self.fast_path.reason is None:

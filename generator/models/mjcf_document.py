@@ -46,7 +46,7 @@ def check_document(text: str, path: Path) -> tuple[Element, dict[str, bytes]]:
     if top.name != "mujoco":
         raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
                          "not <mujoco>; give an MJCF file.")
-    guard.check(top, len(text))
+    guard.check(top, len(text.encode()))
     return top, guard.files
 
 
@@ -165,7 +165,7 @@ class _Guard:
         try:
             text = read_text(self.folder / path, MAX_BYTES - self.bytes)
             self.files[name] = text.encode()
-            return read_xml(text), len(text)
+            return read_xml(text), len(self.files[name])
         except (UnusableFileError, InputError) as error:
             raise refuse(f"which is not usable: {error}") from None
 

@@ -152,12 +152,12 @@ class Components:
                          f"{', '.join(joints_by_name) or 'there is none yet'}"
                          f"{proposal(joint, joints_by_name)}.")
 
-    def turning_joint(self, name: str, joint: Connection | str) -> Connection:
-        """Return a joint with a hinge or a flywheel's angle, for the gear or drive ``name``."""
-        hinged = self.joint(joint, f"Gear {name!r}")
+    def turning_joint(self, label: str, joint: Connection | str) -> Connection:
+        """Return a joint with a hinge or a flywheel's angle; ``label`` names the gear or drive."""
+        hinged = self.joint(joint, label)
         self.refuse_measure(hinged, "angle")
         if isinstance(hinged, Arm):
-            raise InputError(f"{name!r} needs a joint with a hinge, and {hinged.name!r} is an arm "
+            raise InputError(f"{label} needs a joint with a hinge, and {hinged.name!r} is an arm "
                              "of a universal joint; name another joint, or write a law or couple.")
         return hinged
 

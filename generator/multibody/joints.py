@@ -889,8 +889,7 @@ class Gear(Connection):
         phase = sum(z * joint.displacement for z, joint in zip(
             self.teeth, self.joints, strict=True))
         phi = named_number(f"{self.name}_phase", phase, store)
-        yield Equation(f"{self.name}: mesh", sine * sp.cos(phi) - cosine * sp.sin(phi)
-                       if phase else sine)
+        yield Equation(f"{self.name}: mesh", sine * sp.cos(phi) - cosine * sp.sin(phi))
 
 
 @dataclass(eq=False, repr=False)

@@ -857,7 +857,8 @@ class Multibody:
         # as 34 and 86 mesh like 17 and 43; no count is None here, which type checkers do not see
         whole_numbers = [int(z or 0) for z in counts]
         z1, z2 = (z // math.gcd(*whole_numbers) for z in whole_numbers)
-        joint1, joint2 = (self._components.turning_joint(name, joint) for joint in (first, second))
+        joint1, joint2 = (self._components.turning_joint(f"Gear {name!r}", joint)
+                          for joint in (first, second))
         return self._join(Gear(name, joint1.b, joint2.b, joints=(joint1, joint2), teeth=(z1, z2)))
 
     def couple(
@@ -1057,7 +1058,7 @@ class Multibody:
             If the law has no finite value or rate at t = 0, or the joint starts at another rate
             or angle.
         """
-        hinge_joint = self._components.turning_joint(name, joint)
+        hinge_joint = self._components.turning_joint(f"Drive {name!r}", joint)
         if isinstance(hinge_joint, Flywheel):
             # its angle is ratio times that of its joint, which is driven in its place
             angle = as_expression(angle) / hinge_joint.ratio

@@ -264,7 +264,7 @@ def from_lagrangian(
     input_symbols = _symbols("inputs", inputs, name)
     _refuse_unknown(name, L, F,
                     {*coordinates, *speeds, *constants, *input_symbols, *filter(None, [time])})
-    names = {str(s) for s in (*coordinates, *speeds, *constants, *input_symbols, time)}
+    names = {str(s) for s in (*coordinates, *speeds, *constants, *input_symbols, time) if s}
     system = LagrangianSystem(
         coordinates, tuple(_momentum(x, names) for x in coordinates), constants,
         g, L=L, velocities=speeds, forces=F, time=time, name=name,

@@ -163,10 +163,12 @@ def filled_page(
     # "</script>" in a name would end the script
     data = json.dumps(content, allow_nan=False).replace("<", "\\u003c")
     page = template
-    for name, text in {"STYLE": page_file("view.css"), "DRAWING": compact(drawing()), **parts,
-                       "TITLE": html.escape(title), "CONTENT": data}.items():  # the longest last
+    for name, text in {"STYLE": page_file("view.css"), "DRAWING": compact(drawing()),
+                       **parts}.items():
         page = page.replace(f"@{name}@\n" if text.endswith("\n") else f"@{name}@", text)
-    return page
+    # both at once: a title may contain "@CONTENT@"
+    texts = {"@TITLE@": html.escape(title), "@CONTENT@": data}
+    return re.sub("|".join(texts), lambda match: texts[match[0]], page)
 
 
 def page_file(name: str) -> str:

@@ -73,7 +73,7 @@ def plane_system(H, q, p, *parameters, g=(), **more):
 
 
 X, Y, Z, PX, PY, PZ = sp.symbols("x y z p_x p_y p_z", real=True)
-A1, A2, K = sp.symbols("a1 a2 k", real=True)
+A1, A2, K, AXIS = sp.symbols("a1 a2 k axis", real=True)
 
 
 def test_a_top_has_its_own_axis_and_the_vertical():
@@ -118,7 +118,10 @@ def test_a_bodys_own_axis_costs_one_addition():
     (plane_system((PX**2 + PY**2 + PZ**2) / 2 + A1 * X**2 + A2 * Y**2 + K * Z**2, (X, Y, Z),
                   (PX, PY, PZ), A1, A2, K, g=(X**2 + Y**2 + Z**2 - 1,)),
      {"omega_space": ["a1 = a2"]}),
-], ids=["Kepler", "oscillator", "Neumann"])
+    # names of coordinates do not matter
+    (plane_system((PX**2 + PY**2) / 2 - K / sp.sqrt(AXIS**2 + Y**2), (AXIS, Y), (PX, PY), K),
+     {"omega_space": []}),
+], ids=["Kepler", "oscillator", "Neumann", "axis"])
 def test_symmetries_of_any_system(system, expected):
     assert names_of(system) == expected
 

@@ -60,7 +60,7 @@ def macros(folder):
 @pytest.fixture(scope="module")
 def suspicious(tmp_path_factory):
     """Return keywords, macros, cffi's types, and every word of the templates."""
-    texts = [*(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").glob("*.h")]
+    texts = [*(ROOT / "templates").glob("*.jinja"), *(ROOT / "engine").rglob("*.h")]
     words = {word for path in texts
              for word in re.findall(r"\b[A-Za-z]\w*", path.read_text(encoding="utf-8"))}
     defined = macros(tmp_path_factory.mktemp("macros"))
