@@ -41,7 +41,7 @@ from ..symbolic.shared_subexpressions import substitute
 from ..systems.lagrangian import LagrangianSystem
 from ..systems.moving_frame import CoMovingSystem, in_sums
 from ..systems.system import System
-from .linear_fields import LinearField, known_fields, motions_of_space
+from .linear_fields import LinearField, known_fields, motions_of_space, spins_of_bodies
 from .rotations import Rotation, commute, rotation_of
 from .symmetry_conditions import SymmetrySpace
 
@@ -181,10 +181,8 @@ class _SymmetrySearch:
         If several have as few, axis 3 comes first, then 2, then 1.
         """
         name_of = {body.q: body.name for body in self.system.bodies}
-        # rotations of one body about its own axes, by their names
-        spins = [f for f in self._candidates() if ", the" not in f.name and "axis" in f.name]
         spins_of: dict[tuple[int, ...], list[LinearField]] = {}  # by the indices of a quaternion
-        for field in spins:
+        for field in spins_of_bodies(self.system):
             spins_of.setdefault(tuple(sorted({i for i, _ in field.weights})), []).append(field)
         for indices, fields in spins_of.items():
             body = name_of.get(tuple(self.system.q[i] for i in indices), "")

@@ -19,7 +19,7 @@ from ...core.records import dataclass
 from ..multibody.rigid_body import left_matrix
 from ..systems.system import System
 
-__all__ = ["LinearField", "known_fields", "motions_of_space"]
+__all__ = ["LinearField", "known_fields", "motions_of_space", "spins_of_bodies"]
 
 _AXES = ("e1", "e2", "e3")
 
@@ -92,27 +92,43 @@ def known_fields(system: System) -> list[LinearField]:
     n = system.n
     fields = [_shift(n, [[i]], k=0, name=f"momentum {p}") for i, p in enumerate(system.p)]
 
-    def text_of(block: list[int]) -> str:
-        """Return the names of the coordinates of a block."""
-        return ", ".join(str(system.q[i]) for i in block)
-
     for blocks in _block_layouts(system):
-        fields += _motions(n, blocks)
-        for block in blocks.quaternions:
-            axis = ("the body's axis" if len(blocks.quaternions) == 1 else
-                    f"the axis of body ({text_of(block)}),")
-            fields += [_spin(n, block, k, f"angular momentum about {axis} {k + 1}")
-                       for k in range(3)]
+        fields += [*_motions(n, blocks), *_spins(system, blocks)]
         for block in blocks.points:
             for motion in _motions(n, _Blocks(quaternions=[], points=[block], size=blocks.size)):
-                name = f"{motion.name} of ({text_of(block)})"
+                name = f"{motion.name} of ({_coordinates(system, block)})"
                 fields.append(LinearField(name, n, motion.weights))
         for block in blocks.quaternions:
             for motion in _motions(n, _Blocks(quaternions=[block], points=[], size=blocks.size)):
                 if motion.A.any():  # a quaternion alone has rotations, and no translations
-                    name = f"{motion.name} of body ({text_of(block)})"
+                    name = f"{motion.name} of body ({_coordinates(system, block)})"
                     fields.append(LinearField(name, n, motion.weights))
     return fields
+
+
+def spins_of_bodies(system: System) -> list[LinearField]:
+    """Return the rotations of each body about its own axes 1, 2 and 3.
+
+    The list is empty if the coordinates cannot be divided into bodies and points.
+    """
+    layouts = _block_layouts(system)
+    return _spins(system, layouts[0]) if layouts else []
+
+
+def _spins(system: System, blocks: _Blocks) -> list[LinearField]:
+    """Return the rotations of the bodies of a division into blocks about their own axes."""
+    fields = []
+    for block in blocks.quaternions:
+        axis = ("the body's axis" if len(blocks.quaternions) == 1 else
+                f"the axis of body ({_coordinates(system, block)}),")
+        fields += [_spin(system.n, block, k, f"angular momentum about {axis} {k + 1}")
+                   for k in range(3)]
+    return fields
+
+
+def _coordinates(system: System, block: list[int]) -> str:
+    """Return the names of the coordinates of a block."""
+    return ", ".join(str(system.q[i]) for i in block)
 
 
 def motions_of_space(system: System) -> list[LinearField]:
