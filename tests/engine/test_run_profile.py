@@ -193,7 +193,7 @@ def test_quantities(programs):
 
 
 def test_nothing_but_what_the_header_declares(programs):
-    """The text has no batches, no lanes, no residual, and no static function that nothing calls."""
+    """The text has no batches, no lanes, and no static function that nothing calls."""
     program = programs("G-L2 double", "run")
     source = made("G-L2 double")
     functions = set(re.findall(rf"\b{source.name}_(\w+)\(", read_declarations(source.header)))
@@ -204,8 +204,12 @@ def test_nothing_but_what_the_header_declares(programs):
                if words[-2] == "T" and words[-1].startswith(source.name)}
     assert defined == functions
     assert source.source.count("\n") <= 1850
-    for word in ("vector_size", "__asm__", "batch", "trajectories_", "malloc"):
+    for word in ("vector_size", "__asm__", "lanes", "batch", "trajectories_", "malloc"):
         assert word not in source.source
+    named = re.findall(r"^static [^;{(]*?\b(\w+)\(", source.source, re.MULTILINE)
+    assert len(named) > 50
+    for function in named:
+        assert len(re.findall(rf"\b{function}\b", source.source)) > named.count(function), function
 
 
 def test_header_is_for_cplusplus(programs, tmp_path):
