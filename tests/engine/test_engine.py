@@ -412,11 +412,15 @@ def predictions(toy, values):
 
 
 def test_polynomials_are_continued_exactly(toy):
-    """The order rises with the steps: three series, cubic and lower, are exact in the end."""
+    """The order rises with the steps, to what the first series needs: a cubic takes four values."""
     k = np.arange(16.0)
-    values = np.stack([2 + k, 1 - k**2, k**3 / 8], axis=1)
+    values = np.stack([k**3 / 8, 1 - k**2, 2 + k], axis=1)  # whose differences are not rounded
     predicted = predictions(toy, values)
-    np.testing.assert_allclose(predicted[8:, 0], values[8:, 0], rtol=0, atol=1e-9)
+    assert np.any(predicted[:5] != values[:5], axis=1).all()
+    assert np.array_equal(predicted[5:], values[5:])
+    lower = predictions(toy, values[:, ::-1].copy())
+    assert np.array_equal(lower[3:, 0], values[3:, 2])
+    assert np.all(lower[3:, 1:] != values[3:, 1::-1])  # as straight lines
 
 
 def test_sums_of_exponentials_obey_the_fitted_recurrence(toy):
