@@ -188,17 +188,25 @@ def test_pace_follows_what_steps_cost():
 
 @pytest.mark.parametrize("every", [3, 100])
 def test_pace_grows_where_few_states_are_kept(every):
-    """A call ends at a stored state where intervals between these are shorter than a call."""
-    top, calls = gs.problems.fast_top(), []
+    """Calls end at stored states once these are no further apart than a call."""
+    top, counts = gs.problems.fast_top(), []
     step = gs.stepper("G-L", 2, rep="gamma")
     integrate = step.binding.integrate
-    step.binding.integrate = lambda *a: (calls.append(a), integrate(*a))[1]
+
+    def counted(constants, steps, *values, **named_values):
+        counts.append(steps)
+        return integrate(constants, steps, *values, **named_values)
+
+    step.binding.integrate = counted
     try:
         step.integrate(top.q0, top.p0, dt=1e-3, steps=30000, every=every,
                        parameters=top.parameters)
     finally:
         del step.binding.integrate
-    assert len(calls) < 30
+    ends = np.cumsum(counts)
+    assert ends[-1] == 30000
+    assert not np.any(ends[ends >= every] % every)
+    assert len(counts) < 30
 
 
 LONG = ["run", "fast-top", "--scheme", "G-L", "--stages", "3", "--dt", "1e-3", "--steps",
