@@ -195,21 +195,23 @@ def test_a_step_that_fails_keeps_what_was_before_it():
     assert np.array_equal(ensemble.q[2], single.q)
 
 
-def test_what_a_splitting_does_not_have_is_refused():
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"order": 7}, "order = 7"), ({}, "order"), ({"stages": 3, "order": 4}, "stages = 3"),
+    ({"scheme": "G-L", "stages": 2, "order": 4}, "order = 4.*G-L"),
+    ({"order": 6, "composition": "G4"}, "G4.*order"),
+    ({"composition": "SABAG6"}, "SABAG6.*'heavy_top'"),  # I2 may differ from I1
+])
+def test_methods_that_are_no_splitting_are_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        gs.stepper(**{"scheme": "splitting"} | arguments)
+
+
+def test_a_splitting_has_neither_a_residual_nor_solvers():
     step = gs.stepper("splitting", order=4)
-    for call in (
-        lambda: gs.stepper("splitting", order=7),
-        lambda: gs.stepper("splitting"),
-        lambda: gs.stepper("splitting", stages=3, order=4),
-        lambda: gs.stepper("G-L", stages=2, order=4),
-        lambda: gs.stepper("splitting", order=6, composition="G4"),
-        lambda: gs.stepper("splitting", composition="SABAG6"),  # I2 may differ from I1
-        lambda: step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC),
-        lambda: step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC,
-                               solver="newton"),
-    ):
-        with pytest.raises(InputError):
-            call()
+    with pytest.raises(InputError, match="residual"):
+        step.residual([], TOP.q0, TOP.p0, dt=1e-3, parameters=SYMMETRIC)
+    with pytest.raises(InputError, match="solver = 'newton'"):
+        step.integrate(TOP.q0, TOP.p0, dt=1e-3, steps=1, parameters=SYMMETRIC, solver="newton")
 
 
 @pytest.mark.parametrize(("system", "choice", "words"), [
