@@ -395,9 +395,11 @@ def test_function_without_a_C_name_is_refused(e):
         printed(e)
 
 
-@pytest.mark.parametrize("e", [sp.I * x, sp.oo * sp.I, sp.zoo, sp.nan, x + sp.I])
-def test_number_that_is_not_real_and_finite_is_refused(e):
-    with pytest.raises(InputError):
+@pytest.mark.parametrize(("e", "number"), [
+    (sp.I * x, "ImaginaryUnit"), (sp.oo * sp.I, "Infinity"), (sp.zoo, "ComplexInfinity"),
+    (sp.nan, "NaN"), (x + sp.I, "ImaginaryUnit")])
+def test_number_that_is_not_real_and_finite_is_refused(e, number):
+    with pytest.raises(InputError, match=f"'{number}'"):
         printed(e)
 
 

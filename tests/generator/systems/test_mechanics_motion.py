@@ -259,13 +259,13 @@ def test_inputs_of_loads_are_held_over_a_step_and_bodies_are_placed(tmp_path):
     now = step.start(run.q[-1], run.p[-1], dt=0.1, parameters=values | {"F": 0.0}).body("wheel")
     np.testing.assert_allclose(now.position(), motion.position()[-1], atol=1e-14)
     np.testing.assert_allclose(now.rotation_matrix(), R, atol=1e-14)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="'wheel'"):
         now.angular_velocity()
     np.testing.assert_allclose(motion.rotation_matrix()[-1], R, atol=1e-14)
     assert np.abs(np.diff(motion.attitude, axis=0)).max() < 0.2
     np.testing.assert_allclose(motion.position((0, 0, 1))[-1], motion.position()[-1] + R[:, 2],
                                atol=1e-14)
-    with pytest.raises(InputError):
+    with pytest.raises(InputError, match="'wheel'"):
         motion.angular_velocity()
     run.show(tmp_path / "wagon.html")
     assert "wheel" in (tmp_path / "wagon.html").read_text(encoding="utf-8")

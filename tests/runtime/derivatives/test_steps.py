@@ -74,7 +74,7 @@ def test_a_loss_may_be_an_expression():
     for name, size in (("m", 1.1), ("c", 0.3), ("dt", 0.02)):
         low, high = (value(**{name: size * (1 + s * 1e-5)}).value for s in (-1, 1))
         assert gradient[name] == pytest.approx((high - low) / (2e-5 * size), rel=1e-7)
-    with pytest.raises(gs.InputError):
+    with pytest.raises(gs.InputError, match="'z'"):
         step.integrate(gs.Start(start.q, start.p, VALUES, 0.3), dt=0.02, steps=2).gradient(
             loss=sp.Symbol("z"))
 

@@ -126,7 +126,7 @@ def test_no_times_and_times_in_any_order(tmp_path):
     assert len(empty.energy_error()) == len(empty.table()) == 0
     for ending in (".npz", ".nc"):
         assert gs.load(empty.save(tmp_path / f"none{ending}")).q.shape == (0, 2)
-    with pytest.raises(gs.InputError):
+    with pytest.raises(gs.InputError, match="no state"):
         empty.save(tmp_path / "none.zarr")
     shuffled = run.at([0.7, 0.1, 0.4])
     assert np.array_equal(shuffled.q[1], run.at(0.1).q)

@@ -210,10 +210,12 @@ def test_a_model_is_drawn_with_shapes_of_its_own():
         build.visual("ball", "sphere")
 
 
-@pytest.mark.parametrize("arguments", [
-    {"kind": "cone"}, {"size": (1, 0, 1)}, {"size": (1, 1)}, {"size": (1, -1, 1)},
-    {"centre": (0, 0, np.nan)}, {"axes": 2 * np.eye(3)}, {"colour": "red"}, {"file": "a.stl"},
-    {"kind": "mesh"}])
-def test_shapes_that_are_none_are_refused(arguments):
-    with pytest.raises(gs.InputError):
+@pytest.mark.parametrize(("arguments", "words"), [
+    ({"kind": "cone"}, "kind.*'cone'"), ({"size": (1, 0, 1)}, "size.*above 0"),
+    ({"size": (1, 1)}, "size.*3"), ({"size": (1, -1, 1)}, "size.*above 0"),
+    ({"centre": (0, 0, np.nan)}, "centre.*finite"), ({"axes": 2 * np.eye(3)}, "axes.*orthonormal"),
+    ({"colour": "red"}, "colour.*'red'"), ({"file": "a.stl"}, "box.*'a.stl'"),
+    ({"kind": "mesh"}, "mesh.*file")])
+def test_shapes_that_are_none_are_refused(arguments, words):
+    with pytest.raises(gs.InputError, match=words):
         gs.Shape(**{"kind": "box", "size": (1, 1, 1)} | arguments)

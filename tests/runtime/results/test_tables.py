@@ -257,7 +257,7 @@ def test_another_ending_is_refused(tmp_path) -> None:
         ensemble().save(tmp_path / "run.mat")
     with refused(r"columns.*run\.npz"):
         ensemble().save(tmp_path / "run.npz", columns=["t"])
-    with pytest.raises(gs.GyrosparkError):
+    with pytest.raises(gs.GyrosparkError, match="nowhere"):
         ensemble().save(tmp_path / "nowhere" / "run.npz")
 
 

@@ -335,9 +335,9 @@ def test_exact_motions_have_public_names():
     cone = gs.problems.regular_precession()
     motion = gs.exact.regular_precession(30.0, cone.exact.spin, np.pi / 3)
     assert np.array_equal(motion.axis([0.1, 0.2]), cone.exact.axis([0.1, 0.2]))
-    for call in (lambda: gs.exact.free_body((1, 1, 3), (1, 2, 3)),
-                 lambda: gs.exact.regular_precession("fast", 1, 1)):
-        with pytest.raises(InputError):
+    for call, words in ((lambda: gs.exact.free_body((1, 1, 3), (1, 2, 3)), "inertia"),
+                        (lambda: gs.exact.regular_precession("fast", 1, 1), "rate = 'fast'")):
+        with pytest.raises(InputError, match=words):
             call()
     with pytest.raises(AttributeError):
         gs.exact.free_bodies  # noqa: B018
