@@ -373,7 +373,7 @@ def test_a_steady_motion_has_no_error(name):
     run = step.integrate(steady.q, steady.p, **start | {"parameters": {
         **steady.parameters, **gs.tune(step, steady.q, steady.p, dt=steady.dt, frame="start",
                                        parameters=steady.parameters).parameters}})
-    bound = allowed(steady, run)
+    bound = allowed(run)
     assert steady.error(run) < bound < 1e-3 * steady.error(plain)
     # T and V, which are rounded, may be ten times H, their sum
     assert abs(run.energy_error()).max() <= 64 * EPS * abs(run.energies).max()
@@ -383,7 +383,7 @@ def test_a_steady_motion_has_no_error(name):
     assert errors[0] / errors[1] == pytest.approx(16, rel=0.1)  # it is a motion of the system
 
 
-def allowed(steady, run):
+def allowed(run):
     """Return the error of an angle whose rates are rounded: some t ω ε."""
     rates = sum(abs(run.parameters[s]) for s in run.parameters if s.startswith("omega"))
     return 16 * EPS * (1 + run.t[-1] * rates)

@@ -212,7 +212,7 @@ def test_nothing_but_what_the_header_declares(programs):
         assert len(re.findall(rf"\b{function}\b", source.source)) > named.count(function), function
 
 
-def test_header_is_for_cplusplus(programs, tmp_path):
+def test_header_is_for_cplusplus(tmp_path):
     if shutil.which("g++") is None:
         pytest.skip("g++ is not installed")
     source = made("G-L2 double")

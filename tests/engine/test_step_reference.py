@@ -72,7 +72,7 @@ def errors(spec, case):
     }
 
 
-def check(spec, sizes):
+def check(sizes):
     assert sizes["q"] <= 32
     assert sizes["p"] <= 32
     assert sizes["multipliers_of_bound"] <= 1
@@ -87,7 +87,7 @@ def check_many(spec, count):
         if index % 2:
             case = replace(case, dt=-case.dt)
         sizes = errors(spec, case)
-        check(spec, sizes)
+        check(sizes)
         worst = {name: max(worst.get(name, 0.0), value) for name, value in sizes.items()}
     print("WORST", identify(spec), *(f"{name} {value:.2f}" for name, value in worst.items()))
 
@@ -118,7 +118,7 @@ def test_many_bodies(spec):
 @given(data=st.data())
 def test_special_states(spec, data):
     """Hypothesis seeks the corners: zeros in q and Ω, mgl = 0, γ at the ends of its range."""
-    check(spec, errors(spec, data.draw(cases(spec.rep))))
+    check(errors(spec, data.draw(cases(spec.rep))))
 
 
 def test_a_wrong_digit_shows():

@@ -167,7 +167,7 @@ def test_example_is_found_from_any_folder(tmp_path, monkeypatch):
     assert gs.load_model("examples/pendulum.toml").name == "rod"
 
 
-def test_satellite_is_what_python_makes(tmp_path):
+def test_satellite_is_what_python_makes():
     mu, r = sp.symbols("mu r", real=True, nonzero=True)
     V = 3 * mu / (2 * r**3) * sum(
         moment * x**2 for moment, x in zip(gs.symbols.inertia, gs.symbols.R[2, :], strict=True))

@@ -85,7 +85,7 @@ def test_a_body_about_a_fixed_point_may_roll():
     assert np.abs(rates).max() < 1e-14
 
 
-def cart(**second):
+def cart():
     """Return a builder with an axle and two wheels."""
     build = gs.Multibody("cart")
     axle = build.body("axle", mass=1.0, inertia=(0.1, 0.1, 0.1), position=(0, 0, 0.2))

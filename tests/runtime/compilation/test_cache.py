@@ -153,7 +153,7 @@ def test_compiler_gets_no_input(monkeypatch, script):
         compiler.find_compiler()
 
 
-def test_warnings_of_the_kernel_are_errors(monkeypatch, tmp_path):
+def test_warnings_of_the_kernel_are_errors():
     """An unused variable in the C of a stepper ends its compilation."""
     needs_cc()
     files = dict(files_of())

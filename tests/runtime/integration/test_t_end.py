@@ -129,21 +129,30 @@ def test_gradients_are_those_of_the_row_at_t_end():
     assert slope[0] == pytest.approx(to_end.gradient({"q": w})[name], rel=1e-12)
 
 
-def test_what_ends_with_a_whole_step_says_so(tmp_path, gyrospark):
+TO_A_TIME = ["fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3", "--t-end", "0.0306"]
+
+
+def test_what_ends_with_a_whole_step_says_so(gyrospark):
     step, start, _, _ = run()
     for call in (lambda: gs.section(step, start, event=gs.Event("x"), dt=DT,
                                     t_end=END),
                  lambda: gs.lyapunov(step, start, dt=DT, t_end=END)):
         with pytest.raises(gs.InputError, match=r"t_end = 0\.1 and 0\.11"):
             call()
-    command = ["run", "fast-top", "--scheme", "G-L", "--stages", "2", "--dt", "1e-3",
-               "--t-end", "0.0306"]
-    refused_by_command(gyrospark("lyapunov", *command[1:]), "0.03 and 0.031")
+    refused_by_command(gyrospark("lyapunov", *TO_A_TIME), "0.03 and 0.031")
+
+
+def test_runs_of_the_command_end_between_steps(gyrospark):
+    """The last row is at the end, behind 30 steps, in files and in stores, which are resumed."""
+    command = ["run", *TO_A_TIME]
     for out in ("x.npz", "x.zarr"):
         answer = gyrospark(*command, "--out", out, "--json").document
         assert answer["t_end"] == 0.0306
         assert answer["steps"] == 30
-        assert gs.load(out).q[-1].tolist() == answer["q"]
+        stored = gs.load(out)
+        assert stored.t[-1] == 0.0306
+        assert len(stored.t) == 32
+        assert stored.q[-1].tolist() == answer["q"]
     answer = gyrospark(*command, "--out", "x.zarr", "--resume", "--json").document
     assert answer["done_before"]
 

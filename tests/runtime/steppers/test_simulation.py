@@ -156,7 +156,7 @@ def test_parameters_without_an_energy_are_refused():
     assert sim.parameters["dt"] == 1
 
 
-def test_parameters_that_the_state_is_off(gl3):
+def test_parameters_that_the_state_is_off():
     """The length of a pendulum cannot change under way; the old value stays."""
     sim = systems.stepper("pendulum").start([0.6, -0.8], [0.8, 0.6], dt=0.01,
                                             parameters={"m": 1, "l": 1, "g": 9.81})
