@@ -127,8 +127,8 @@ class _Case:
         q, p = self._start(step)
         binding = step._derivative_binding()
         numbers = step.integrate(q, p, dt=1e-3, steps=0, parameters=self.values).parameters
-        self._names = binding.own.parameter_names
-        return TangentSpace(binding, binding.own.parameters(numbers, 0.0), q, p,
+        self._names = binding.module.parameter_names
+        return TangentSpace(binding, binding.module.parameters(numbers, 0.0), q, p,
                             step.constraint_names)
 
     def vector(self, found: GradientJob) -> tuple[Array, Array]:

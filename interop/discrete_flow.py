@@ -28,7 +28,7 @@ from ..runtime.bindings.run_memory import DEFAULT_MEMORY, Rows, RunState
 from ..runtime.derivatives.binding import KeptRun, KeptSteps
 from ..runtime.derivatives.frame import FrameMotion
 from ..runtime.derivatives.gradient import as_bytes, backwards
-from ..runtime.derivatives.kept_steps import pieces, singular, split
+from ..runtime.derivatives.kept_steps import linearisation_error, pieces, split
 from ..runtime.derivatives.second_order import CotangentSlopes, pulled_back_slope
 from ..runtime.derivatives.tangent_space import TangentSpace
 from ..runtime.integration.consistency import refuse_singular_mass
@@ -64,11 +64,13 @@ class DiscreteFlow:
     size : int
         Numbers in x.
     failures : deque of str
-        Why the last rows failed that are NaN.
+        The reasons of the last 16 rows at most that are NaN.
     """
 
     def __init__(self, stepper: Stepper, steps: int, *, exact: bool = True) -> None:
-        """Lay out x = (q, p, parameters, dt, t0, inputs), and its rows in compiled directions."""
+        """Lay out x = (q, p, parameters, dt, t0, inputs), and find the row of each of its entries
+        in a direction of the compiled code.
+        """
         if not isinstance(stepper, Stepper):
             raise InputError(f"step = {shown(stepper)} is no stepper; give one of "
                              "gyrospark.stepper(...).")
@@ -90,9 +92,9 @@ class DiscreteFlow:
             self.fields[name] = slice(self.size, self.size + width)
             self.size += width
         self.failures: deque[str] = deque(maxlen=16)
-        # A direction of the compiled code has the rows q, p, all parameters, Δt, t0; the inputs of
-        # a step are among the parameters. _fixed_rows are the rows of x but for inputs, in the
-        # order of x, _input_rows the rows of the inputs of a step.
+        # A direction dz of the compiled code has the rows q, p, all parameters, Δt and t0; the
+        # inputs of a step are among the parameters. ``_fixed_rows`` has the row of each entry of x
+        # before the inputs, in the order of x; ``_input_rows`` the row of each input of a step.
         row_of = {name: 2 * self.n + i for i, name in enumerate(binding.parameter_names)}
         self._row_count = len(row_of) + 2 * self.n + 2
         self._fixed_rows = np.array([*range(2 * self.n), *(row_of[name] for name in self.names),
@@ -260,7 +262,7 @@ class DiscreteFlow:
         input_directions = dx[:, fixed_count:].reshape(count, self.steps, -1)
         dz = self._project(space, dx[:, :fixed_count])
         tangents = dz[: 2 * self.n].copy()
-        no_entries = binding.own.new(0)
+        no_entries = binding.module.new(0)
         for steps in pieces(self.stepper, run, stored_run):
             # directions of inputs change from step to step: a call of C for each
             for step_group in (split(steps, np.arange(self.steps)) if input_directions.any()
@@ -272,7 +274,7 @@ class DiscreteFlow:
                     run, stored_run.parameters, step_group, dz, every=self.steps, rows=no_entries,
                     multipliers=no_entries, tangents=tangents)
                 if status:
-                    raise singular(step_group.first, status)
+                    raise linearisation_error(step_group.first, status)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         if frame.moves:  # back to space at the end; the frame's own motion depends on parameters
             end_state = np.concatenate([stored_run.state.q, stored_run.state.p])
@@ -286,9 +288,9 @@ class DiscreteFlow:
         stored_run, space = self._stored_run(run)
         frame = FrameMotion(binding, self.stepper.symmetries, run)
         count, inputs = len(w), len(self.input_names)
-        z_bar, w = binding.own.new(count, self._row_count), w.copy()
-        u_bar = binding.own.new(count, self.steps, inputs)
-        is_last, no_entries = True, binding.own.new(0)
+        z_bar, w = binding.module.new(count, self._row_count), w.copy()
+        u_bar = binding.module.new(count, self.steps, inputs)
+        is_last, no_entries = True, binding.module.new(0)
         for steps in backwards(self.stepper, run, as_bytes(DEFAULT_MEMORY), end=None):
             if is_last and frame.moves:
                 end_state = np.concatenate([steps.q[-1], steps.p[-1]])
@@ -302,7 +304,7 @@ class DiscreteFlow:
                     multipliers=no_entries, w=cotangent, z_bar=gradient,
                     inputs_bar=inputs_bar[steps.first : steps.first + steps.count])
                 if status:
-                    raise singular(steps.first, status)
+                    raise linearisation_error(steps.first, status)
         z_bar[:, : 2 * self.n] = w
         pulled = space.pulled_back(z_bar.T).T
         return np.concatenate([pulled[:, self._fixed_rows], u_bar.reshape(count, -1)], axis=1)
@@ -328,8 +330,8 @@ class DiscreteFlow:
         steps, status = stored_run.keep(self.steps)
         if status:
             self.stepper._run(run)  # says why it fails
-            raise singular(stored_run.steps_done, status)
-        parameters = second.own.parameters(run.parameters, run.t0)
+            raise linearisation_error(stored_run.steps_done, status)
+        parameters = second.module.parameters(run.parameters, run.t0)
         fixed_count, size = self._fixed_rows.size, 2 * self.n
         input_directions = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)
         start_directions = self._project(space, dx[:, :fixed_count])
@@ -346,7 +348,7 @@ class DiscreteFlow:
             status = second.integrate_second(
                 run, parameters, steps, tangents, dz, no_stored_states, self.steps, cotangents)
             if status:
-                raise singular(0, status)
+                raise linearisation_error(0, status)
             # through the projection of the start
             z_bar, slope = cotangents.z_bar
             z_bar[:size], slope[:size] = cotangents.w
@@ -373,10 +375,10 @@ class DiscreteFlow:
             dz[self._input_rows] = input_directions[step_group.first]
             status = binding.integrate_tangent(
                 run, stored_run.parameters, step_group, dz[:, None].copy(), every=1,
-                rows=tangents[step_group.first + 1 :], multipliers=binding.own.new(0),
+                rows=tangents[step_group.first + 1 :], multipliers=binding.module.new(0),
                 tangents=tangent)
             if status:
-                raise singular(step_group.first, status)
+                raise linearisation_error(step_group.first, status)
         return tangents
 
     # ------------------------------------------------------------ the derivative of the projection

@@ -91,9 +91,12 @@ _second_adjoint = Primitive("gyrospark_second_adjoint")
 def _register(primitive: Any, call: Callable[..., Any], is_adjoint: bool) -> None:
     """Register the evaluation of a primitive, in Python and in compiled programs.
 
-    ``call`` takes the flow and NumPy arrays; ``is_adjoint``: its result has the width of x, not of
+    ``call`` takes the flow and NumPy arrays, of which x, the rows of arguments of F (see
+    ``DiscreteFlow``), is the first. ``is_adjoint`` says that its result has the width of x, not of
     F(x). Compiled programs call Python back.
     """
+    # JAX passes every rule of a primitive the same settings: ``has_second``, whether there are
+    # second derivatives, is read by the rules of derivatives alone
     def shape(x: Any, *directions: Any, flow: DiscreteFlow) -> tuple[int, ...]:
         """Return the shape of the result: rows and directions as the arguments have them."""
         width = flow.size if is_adjoint else 2 * flow.n

@@ -62,9 +62,11 @@ def minimise(
 ) -> Minimum[Point]:
     """Return the point where |r|² is least, by damped Gauss-Newton steps from ``point``.
 
-    With the singular values s_i of J in units u, J diag(u) = Q U diag(s) Vᵀ with Q of a QR
-    factorisation, and g = Uᵀ Qᵀ r, a step is y = −u V diag(s/(s² + μ)) g, μ the ``damping``. In the
-    linear model it decreases |r|² by Σ g_i² − (g_i − s_i² g_i/(s_i² + μ))².
+    A step y changes the unknowns, and in the linear model the residuals r to r + J y. J has the
+    derivatives of r, and u the units of the unknowns (``Linear``). With the singular values s_i of
+    J in units, J diag(u) = Q U diag(s) Vᵀ with Q of a QR factorisation, and g = Uᵀ Qᵀ r, the step
+    is y = −u V x, x = diag(s/(s² + μ)) g, with μ the ``damping`` and x the ``singular_step``. It
+    decreases |r|² by Σ g_i² − (g_i − s_i x_i)².
 
     Parameters
     ----------
@@ -94,7 +96,8 @@ def minimise(
         # A step that decreases |r|² by less than a thousandth of the expected decrease is tried
         # with more damping. That lowers the expectation too, below the tolerance at last.
         while True:
-            # the second term replaces singular values of round-off, the third one 0/0 for J = 0
+            # the second term replaces singular values of round-off (``RANK``), the third one
+            # prevents 0/0 for J = 0
             damping = factor * _DAMPING * variance + (RANK * s[0]) ** 2 + np.finfo(float).tiny
             singular_step = within_reach * s * g / (s**2 + damping)
             y = -(Vt.T @ singular_step) * linear.units

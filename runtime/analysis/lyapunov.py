@@ -34,7 +34,7 @@ from ...core.start import HasStart
 from ...core.warnings import warn
 from ..bindings.array_checks import as_positive_count
 from ..bindings.inputs import Inputs
-from ..derivatives.kept_steps import pieces, refuse_run, singular
+from ..derivatives.kept_steps import linearisation_error, pieces, refuse_run
 from ..integration.run_arguments import step_count
 from ..integration.starts import merged_start
 from .unitary_frame import UnitaryFrame, canonical_form, isotropic_flag
@@ -262,7 +262,7 @@ class Benettin:
 
     def _propagate(self, steps: KeptSteps) -> None:
         """Propagate the directions V by the derivatives of stored steps, in place."""
-        derivative_module = self.binding.own
+        derivative_module = self.binding.module
         # parameters and times stay, and no row of the tangents is stored on the way
         no_change, no_rows = derivative_module.new(self.binding.rows,
                                                    self.V.shape[1]), derivative_module.new(0)
@@ -271,7 +271,7 @@ class Benettin:
             every=steps.first + steps.count + 1, rows=no_rows, multipliers=no_rows,
             tangents=self.V)
         if status:
-            raise singular(steps.first, status)
+            raise linearisation_error(steps.first, status)
 
     def _decompose(self, step: int, q: Array, p: Array) -> None:
         """Replace the directions by an orthonormal basis of their span, and store log R_ii.
@@ -334,7 +334,7 @@ class Benettin:
     def _directions(self) -> Array:
         """Return the orthonormal directions (δq, δp) of now, shape (2 n, count)."""
         directions: Array = np.ascontiguousarray(
-            self.binding.own.to_real(self.frame.directions(self.unit)))
+            self.binding.module.to_real(self.frame.directions(self.unit)))
         return directions
 
     def _log_volume(self) -> float:

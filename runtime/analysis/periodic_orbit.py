@@ -403,7 +403,7 @@ class OrbitSearch:
         if not self.stepper.manifest.scheme.keeps_momentum_constraint:
             binding, n = self.stepper._derivative_binding(), self.stepper.n
             z = guess.z + guess.gap
-            end = tangent_projection(binding, binding.own.parameters(guess.parameters, self.t0),
+            end = tangent_projection(binding, binding.module.parameters(guess.parameters, self.t0),
                                      z[:n].copy(), z[n:].copy())[1] @ end
         return _PeriodTangents(end[:, :dim], start[:, :dim], end[:, names.index("dt")],
                                np.array([start[:, k], end[:, k]]))

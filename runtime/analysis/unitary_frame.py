@@ -52,7 +52,7 @@ class UnitaryFrame:
         """
         n = binding.n
         constraint_rows, projection = tangent_projection(
-            binding, binding.own.parameters(parameters, t), q, p)
+            binding, binding.module.parameters(parameters, t), q, p)
         eigenvalues, axes = np.linalg.eigh(_inverse_mass(binding, parameters, t, q, p))
         # units in which H_pp is 1: q → H_pp^-½ q, p → H_pp^½ p; a direction without inertia gets a
         # small one, so that there is an inverse

@@ -97,14 +97,14 @@ class ImpactStep(KeptSteps):
 
 
 class DerivativeBinding:
-    """Calls into the module of derivatives; ``own`` makes its structs, ``primal`` integrates."""
+    """Calls into the module of derivatives; ``module`` makes its structs, ``primal`` integrates."""
 
     def __init__(self, binding: Binding, primal: Binding, keeps_momentum: bool) -> None:
         """Take the modules of derivatives and of the steps.
 
         ``keeps_momentum`` says whether the scheme keeps f(q, p) = 0, the constraints of momenta.
         """
-        self.own, self.primal = binding, primal
+        self.module, self.primal = binding, primal
         binding.frames += primal.frames  # for integrate_and_keep, which calls the other module
         self.n = binding.n
         #: Whether the scheme keeps f(q, p) = 0.
@@ -120,7 +120,8 @@ class DerivativeBinding:
 
         Column j is the derivative by entry j of a direction, (q, p, parameters, Δt, t).
         """
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:
             binding.function("constraint_derivatives")(
@@ -138,7 +139,7 @@ class DerivativeBinding:
         (1, rows), which in scaled time follows the quantities. Returns None where the module has no
         such derivatives.
         """
-        binding, size = self.own, self.rows - 1
+        binding, size = self.module, self.rows - 1
         if not self._has("quantities_by_state"):
             return None
         count = len(binding.quantity_names) + binding.clocked
@@ -164,7 +165,7 @@ class DerivativeBinding:
         self, run: RunArguments, parameters: ParameterStruct, steps: KeptSteps
     ) -> int:
         """Return how many of the steps cross a switch of H or the forces between start and end."""
-        binding = self.own
+        binding = self.module
         if not self._has("count_switches"):
             return 0
         return int(binding.function("count_switches")(
@@ -174,7 +175,7 @@ class DerivativeBinding:
     def _has(self, function: str) -> bool:
         """Whether the module has a function that not all systems have."""
         # modules of float128 wrap their functions for cffi, under a prefix
-        return any(hasattr(self.own.lib, f"{prefix}{self.own.name}_{function}")
+        return any(hasattr(self.module.lib, f"{prefix}{self.module.name}_{function}")
                    for prefix in ("", PREFIX))
 
     def begin(self, run: RunArguments, first: int = 0) -> KeptRun:
@@ -187,7 +188,7 @@ class DerivativeBinding:
         Row 0 of q and p is the state before. The module of derivatives calls the primal module's
         function by its address, so that steps have the bits of the run.
         """
-        binding, primal, arguments = self.own, self.primal, run.run
+        binding, primal, arguments = self.module, self.primal, run.run
         address = int(primal.ffi.cast("uintptr_t", primal.ffi.addressof(
             primal.lib, f"{primal.name}_integrate")))
         input_rows_and_hold = binding.input_arguments(arguments.inputs)[:2]
@@ -205,7 +206,8 @@ class DerivativeBinding:
         The step leads from the state (q, p) with the unknowns x; ``dz``, (rows, k), has k
         directions. ``multipliers`` gets the directions of the multipliers, unless it is empty.
         """
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         dz_end = binding.new(2 * self.n, dz.shape[1])
         status = binding.function("tangent")(
             parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x), dz.shape[1],
@@ -221,7 +223,8 @@ class DerivativeBinding:
         The step leads from the state (q, p) with the unknowns x; ``w``, (2 n,), is the cotangent of
         its end, ``multipliers`` that of its multipliers, or empty.
         """
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         z_bar = binding.new(self.rows)
         status = binding.function("adjoint")(
             parameters, dt, binding.pointer(q), binding.pointer(p), binding.pointer(x),
@@ -241,7 +244,8 @@ class DerivativeBinding:
         """
         if isinstance(steps, ImpactStep):
             return steps.take_tangents(dz, every, rows, multipliers, tangents)
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         input_rows_and_hold = binding.input_arguments(run.inputs)[:2]
         return int(binding.function("integrate_tangent")(
             parameters, *input_rows_and_hold, run.dt, steps.first, steps.count,
@@ -265,7 +269,8 @@ class DerivativeBinding:
         inputs, a row for each step, if the run has inputs. ``multipliers`` has the cotangents of
         the multipliers of each step, or is empty.
         """
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         if isinstance(steps, ImpactStep):
             input_columns = [2 * self.n + binding.parameter_names.index(u)
                              for u in binding.input_names]
@@ -285,8 +290,8 @@ class KeptRun:
     def __init__(self, binding: DerivativeBinding, run: RunArguments, first: int) -> None:
         """Begin at the start of ``run``, whose first step has the number ``first``."""
         self.binding, self.run, self.first = binding, run, first
-        self.constants = run.constants(binding.own)
-        self.state = RunState.at_start(binding.own, run.q, run.p)
+        self.constants = run.constants(binding.module)
+        self.state = RunState.at_start(binding.module, run.q, run.p)
 
     @property
     def parameters(self) -> ParameterStruct:
@@ -300,7 +305,7 @@ class KeptRun:
 
     def keep(self, count: int) -> tuple[KeptSteps, int]:
         """Return the next ``count`` steps, or those before the first that fails, and the status."""
-        binding, state, first = self.binding.own, self.state, self.steps_done
+        binding, state, first = self.binding.module, self.state, self.steps_done
         q, p = binding.new(count + 1, binding.n), binding.new(count + 1, binding.n)
         x = binding.new(count, binding.unknowns)
         q[0], p[0] = state.q, state.p
@@ -323,7 +328,7 @@ class QuadDerivativeBinding(DerivativeBinding):
         The primal module has the iteration in float128; this one, in which derivatives are
         compiled, gets state and work memory after each step as images of bytes.
         """
-        binding, primal, kept_state = self.own, self.primal, run.state
+        binding, primal, kept_state = self.module, self.primal, run.state
         constants, no_rows = run.run.constants(primal), Rows.allocate(primal, 0)
         state = RunState.at_start(primal, q[0], p[0])
         # The run may have been restored to a checkpoint since the last call.

@@ -31,7 +31,7 @@ class FrameMotion:
         self, binding: DerivativeBinding, symmetries: tuple[Symmetry, ...], run: RunArguments
     ) -> None:
         """Compute the generator Σ ω_i A_i of (q, p), (2 n, 2 n), with the run's rates ω_i."""
-        derivative_module, n = binding.own, binding.n
+        derivative_module, n = binding.module, binding.n
         self.n, self.dt, self._row_count = n, run.dt, binding.rows
         self.moves = bool(symmetries)
         #: For each symmetry: the row of its rate ω_i in a direction, and A_i for (q, p).
@@ -60,7 +60,7 @@ class FrameMotion:
         Raises InputError for such a frame: its multipliers turn as well.
         """
         n = self.n
-        parameters = self._binding.own.parameters(run.parameters, run.t0)
+        parameters = self._binding.module.parameters(run.parameters, run.t0)
         G = self._binding.constraint_derivatives(parameters, run.q, run.p)[0][:, :n]
         for lifted in self._lifted:
             # half a radian: constraints that are invariant have the same G there, in the frame's

@@ -34,11 +34,11 @@ from .binding import KeptSteps
 from .frame import FrameMotion
 from .kept_steps import (
     PIECE,
+    linearisation_error,
     multiplier_shape,
     number_bytes,
     pieces,
     refuse_run,
-    singular,
     split,
     step_bytes,
     warn_of_growth,
@@ -107,7 +107,7 @@ class Gradient:
         derivatives by each row of inputs; by default the run is one step, whose inputs are
         parameters.
         """
-        binding, n = space.binding.own, space.n
+        binding, n = space.binding.module, space.n
         z_bar = space.pulled_back(z_bar)
         names = [*binding.parameter_names, "dt", "t0"]
         if inputs is None:
@@ -389,7 +389,7 @@ class _AdjointRun:
         refuse_run(run)
         self.stepper, self.run, self.cotangents = stepper, run, cotangents
         self.binding = stepper._derivative_binding()
-        self.own, n = self.binding.own, stepper.binding.n
+        self.module, n = self.binding.module, stepper.binding.n
         names = [*stepper.binding.parameter_names, "dt", "t0"]
         input_names = stepper.binding.input_names if run.inputs is not None else []
         self.input_columns = [2 * n + names.index(u) for u in input_names]
@@ -398,7 +398,7 @@ class _AdjointRun:
         self.frame = FrameMotion(self.binding, stepper.symmetries, run)
         if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
             self.frame.refuse_rotating_multipliers(run)
-        self.z_bar = self.own.new(self.binding.rows)
+        self.z_bar = self.module.new(self.binding.rows)
         for name, derivative in cotangents.parameters.items():
             self.z_bar[2 * n + names.index(name)] = derivative
         # t_k = t0 + k Δt: the cotangents of times are those of t0, and k times those of Δt
@@ -406,9 +406,9 @@ class _AdjointRun:
         self.z_bar[-2] = (cotangents.times * run.steps_of_rows(run.steps)).sum()
         # a point after the last whole step lies in one more step, which has inputs of its own
         ends_within_step = bool(len(points)) and int(self.steps_of_points.max()) == run.steps
-        self.inputs_bar: Array = self.own.new(
+        self.inputs_bar: Array = self.module.new(
             (run.steps + ends_within_step) if input_names else 0, len(input_names))
-        self.parameters = self.own.parameters(run.parameters, run.t0)
+        self.parameters = self.module.parameters(run.parameters, run.t0)
         self.switched = 0
 
     def advance(self, memory: int | None, end: tuple[Array, Array] | None) -> Array:
@@ -448,12 +448,12 @@ class _AdjointRun:
                                                  self.cotangents.multipliers)
         # C writes the cotangents of inputs, and adds to those of parameters
         has_inputs = len(self.inputs_bar) > 0
-        step_inputs_bar = self.own.new(steps.count if has_inputs else 0, len(self.input_columns))
+        step_inputs_bar = self.module.new(steps.count if has_inputs else 0, len(self.input_columns))
         status = self.binding.integrate_adjoint(
             run, self.parameters, steps, row_cotangents, run.every, multipliers, w, self.z_bar,
             step_inputs_bar)
         if status:
-            raise singular(steps.first, status)
+            raise linearisation_error(steps.first, status)
         if has_inputs:
             self.inputs_bar[steps.first : steps.first + steps.count] += step_inputs_bar
         if (self.steps_of_points == steps.first).any():
@@ -467,7 +467,7 @@ class _AdjointRun:
         (q, p) is the state in the frame, the cotangent is of the state in space. Cotangents of
         parameters and times are added to ``z_bar``, those of inputs to ``inputs_bar``.
         """
-        cotangent: Array = self.own.new(self.binding.rows)
+        cotangent: Array = self.module.new(self.binding.rows)
         z = np.concatenate([q, p])
         if self.frame.moves:
             z = self.frame.matrix(step) @ z
@@ -595,7 +595,7 @@ def _back_from_checkpoints(
     checkpoints and the s steps of one piece, least for s = √(n c/b).
     """
     kept_run = stepper._derivative_binding().begin(run)
-    checkpoint_bytes = kept_run.state.nbytes(kept_run.binding.own)
+    checkpoint_bytes = kept_run.state.nbytes(kept_run.binding.module)
     piece_steps = max(1, math.isqrt(run.steps * checkpoint_bytes // step_bytes(stepper)))
     piece_count = -(-run.steps // piece_steps)  # rounded up
     needed_bytes = piece_count * checkpoint_bytes + piece_steps * step_bytes(stepper)
@@ -604,14 +604,14 @@ def _back_from_checkpoints(
                          f"checkpoints need {needed_bytes:,}. Give these, or memory=\"none\".")
     checkpoints = list[RunState]()
     while kept_run.steps_done < run.steps:
-        checkpoints.append(kept_run.state.copy(kept_run.binding.own))
+        checkpoints.append(kept_run.state.copy(kept_run.binding.module))
         # forwards the steps themselves are dropped: only the state after them is needed
         _, status = kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))
         if status:
             _check(stepper, run, kept_run, status, end=None)
     _check(stepper, run, kept_run, status=0, end=end)
     for checkpoint in reversed(checkpoints):
-        kept_run.state.assign(kept_run.binding.own, checkpoint)
+        kept_run.state.assign(kept_run.binding.module, checkpoint)
         yield kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))[0]
 
 
@@ -645,7 +645,7 @@ def _check(
     """
     if status:
         stepper._run(run)  # raises the error that says why, with the states before it
-        raise singular(kept_run.steps_done, status)
+        raise linearisation_error(kept_run.steps_done, status)
     # in a co-moving frame the kept state is in the frame, and ``end`` in space
     if end is not None and not stepper.symmetries:
         _refuse_mismatch((kept_run.state.q, kept_run.state.p), end, _OTHER_END)
@@ -689,7 +689,7 @@ def _iterate_backwards(
                                         t0=run.t0 + remaining * run.dt))
         steps, status = forward.keep(count)
         if status:
-            raise singular(remaining, status)
+            raise linearisation_error(remaining, status)
         yield replace(steps, first=remaining)
     _refuse_mismatch(state, (run.q, run.p), "running backwards does not lead to the start; give "
                      "memory=\"256 MB\", and the steps are kept")

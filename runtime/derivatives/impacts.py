@@ -148,7 +148,7 @@ def impact_step(
     end, dZ, v = _linearised_part(stepper, partial_run, directions)
     # zeros for the unknowns, in place of which this step has a matrix
     return ImpactStep(step, np.array([q, end[:n]]), np.array([p, end[n:]]),
-                      x=binding.own.new(1, stepper.unknowns),
+                      x=binding.module.new(1, stepper.unknowns),
                       matrix=dZ + np.outer(v, d_step - d_part_start))
 
 
@@ -173,8 +173,8 @@ def _gap_derivatives(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> A
     Their shape is (quantities, rows). Raises InputError where the module was compiled without them.
     """
     binding = stepper._derivative_binding()
-    derivatives = binding.quantity_derivatives(binding.own.parameters(run.parameters, t), t, hit.q,
-                                               hit.before)
+    derivatives = binding.quantity_derivatives(
+        binding.module.parameters(run.parameters, t), t, hit.q, hit.before)
     if derivatives is None:
         raise _error_of_gaps(stepper)
     return derivatives
@@ -197,8 +197,8 @@ class _JumpEquations:
         """Evaluate φ_q, G, f_p and W = f_p Gᵀ at (q, p⁻, t)."""
         self._stepper, self._t, self._hit = stepper, t, hit
         self._binding, n = stepper._derivative_binding(), stepper.binding.n
-        self.n, self._allocate, self._rows = n, self._binding.own.new, self._binding.rows
-        self._parameters = self._binding.own.parameters(run.parameters, t)
+        self.n, self._allocate, self._rows = n, self._binding.module.new, self._binding.rows
+        self._parameters = self._binding.module.parameters(run.parameters, t)
         quantities = _gap_derivatives(stepper, run, t, hit)
         self.phi_q, self._quantity_count = quantities[hit.gap, :n], len(quantities)
         g, self.f_before = self._binding.constraint_derivatives(self._parameters, hit.q, hit.before)

@@ -20,8 +20,8 @@ from .frame import FrameMotion
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["PIECE", "SingleStep", "multiplier_shape", "number_bytes", "pieces", "refuse_run",
-           "singular", "split", "step_bytes", "warn_of_growth", "warn_of_jumps"]
+__all__ = ["PIECE", "SingleStep", "linearisation_error", "multiplier_shape", "number_bytes",
+           "pieces", "refuse_run", "split", "step_bytes", "warn_of_growth", "warn_of_jumps"]
 
 #: Steps that are kept at a time.
 PIECE = 512
@@ -40,7 +40,7 @@ def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptS
             steps, status = kept_run.keep(min(PIECE, step - kept_run.steps_done))
             if status:
                 stepper._run(run)  # says why it fails, with everything before
-                raise singular(kept_run.steps_done, status)
+                raise linearisation_error(kept_run.steps_done, status)
             yield steps
         # a step with impacts consists of partial steps and jumps, which are linearised one by one
         if step < run.steps:
@@ -97,7 +97,7 @@ def multiplier_shape(stepper: Stepper) -> tuple[int, ...]:
     return (nodes, stepper.m) if stepper.m > 1 else (nodes,)
 
 
-def singular(step: int, status: int) -> GyrosparkError:
+def linearisation_error(step: int, status: int) -> GyrosparkError:
     """Return the error of a step whose equations cannot be linearised."""
     why = {2: "is singular", 3: "is not finite"}.get(status, f"fails with status {status}")
     return GyrosparkError(f"The Jacobian of a step from step {step} on {why}, so that there are no "
@@ -145,49 +145,51 @@ class SingleStep:
         (steps,) = pieces(stepper, run, kept_run)
         self.parameters = kept_run.parameters
         self.unknowns = steps.x[0].copy()
-        # the equations of the step are those of the frame; it moves by S = S(1) in one step
+        # the step is solved in the frame, where it ends at z₁ (``_in_frame``); the frame
+        # itself moves by the matrix S = S(1) in one step, so that the end in space is S z₁
         self._in_frame = np.concatenate([steps.q[1], steps.p[1]])
         self._frame = FrameMotion(self._binding, stepper.symmetries, run)
-        self.end = (self._frame.matrix(1) @ self._in_frame if self._frame.moves
+        self.end = (self._frame.matrix(k=1) @ self._in_frame if self._frame.moves
                     else self._in_frame.copy())
 
     def tangent(self, dz: Array, multipliers: bool = False) -> Array:
         """Return the directions of the end, shape (2 n, k), from directions dz, (rows, k).
 
-        In space the end is S z₁: its direction is S dz₁ + dS z₁. With ``multipliers`` the
-        directions of the step's multipliers follow, as further rows.
+        In space the end is S z₁, with S the motion of the frame in the step: its direction is
+        S dz₁ + dS z₁. With ``multipliers`` the directions of the step's multipliers follow, as
+        further rows.
         """
-        run, binding = self._run, self._binding.own
+        run, binding = self._run, self._binding.module
         forces = binding.new(binding.multipliers if multipliers else 0, dz.shape[1])
         status, end_directions = self._binding.tangent(
             self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(dz), forces)
         if status:
-            raise singular(step=0, status=status)
+            raise linearisation_error(step=0, status=status)
         if self._frame.moves:
-            end_directions = (self._frame.matrix(1) @ end_directions
-                              + self._frame.own_derivatives(1, self._in_frame) @ dz)
+            end_directions = (self._frame.matrix(k=1) @ end_directions
+                              + self._frame.own_derivatives(k=1, z=self._in_frame) @ dz)
         directions: Array = np.concatenate([end_directions, forces])
         return directions
 
     def adjoint(self, w: Array, multipliers: Array | None = None) -> Array:
-        """Return the cotangent z̄ = Φᵀ Sᵀ w + (dS z₁)ᵀ w, (rows,), by the transpose of ``tangent``.
+        """Return the cotangent z̄ = Φ'ᵀ Sᵀ w + (dS z₁)ᵀ w, (rows,), by the transpose of ``tangent``.
 
-        ``w``, (2 n,), is the cotangent of the end in space; ``multipliers`` is the
+        Φ' is the derivative of the step in the frame, z₁ its end there, S the motion of the frame
+        in the step. ``w``, (2 n,), is the cotangent of the end in space; ``multipliers`` is the
         cotangent of the step's multipliers, or None.
         """
-        run, end_cotangent = self._run, w
+        run = self._run
         # an empty array stands for no cotangents of multipliers
         if multipliers is None:
-            multipliers = self._binding.own.new(0)
+            multipliers = self._binding.module.new(0)
         else:
             self._frame.refuse_rotating_multipliers(run)
-        if self._frame.moves:
-            w = self._frame.matrix(1).T @ w
+        w_in_frame = self._frame.matrix(k=1).T @ w if self._frame.moves else w
         status, z_bar = self._binding.adjoint(
-            self.parameters, run.dt, run.q, run.p, self.unknowns, np.ascontiguousarray(w),
-            multipliers)
+            self.parameters, run.dt, run.q, run.p, self.unknowns,
+            np.ascontiguousarray(w_in_frame), multipliers)
         if status:
-            raise singular(step=0, status=status)
+            raise linearisation_error(step=0, status=status)
         if self._frame.moves:
-            z_bar += self._frame.own_derivatives(1, self._in_frame).T @ end_cotangent
+            z_bar += self._frame.own_derivatives(k=1, z=self._in_frame).T @ w
         return z_bar

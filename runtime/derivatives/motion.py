@@ -42,7 +42,7 @@ class MotionBinding:
 
     def __init__(self, binding: Binding, manifest: Manifest) -> None:
         """Take the compiled module, and the places of bodies and joints in a manifest."""
-        self.own, self.layout = binding, Layout.of(manifest)
+        self.module, self.layout = binding, Layout.of(manifest)
         self._size = int(binding.function("derivative_size")())
 
     def accelerations(
@@ -52,7 +52,8 @@ class MotionBinding:
 
         A status other than 0 says that W has no inverse; the arrays then have no meaning.
         """
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         arrays = [binding.new(binding.n), binding.new(binding.n), binding.new(binding.n),
                   binding.new(binding.m)]
         status = binding.function("accelerations")(
@@ -62,7 +63,8 @@ class MotionBinding:
 
     def inverse_mass(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return H_pp, (n, n), of a state, in doubles."""
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         H_pp = binding.new(binding.n, binding.n)
         binding.function("inverse_mass")(parameters, binding.pointer(q), binding.pointer(p),
                                          binding.pointer(H_pp), memory)
@@ -70,7 +72,8 @@ class MotionBinding:
 
     def constraint_jacobian(self, parameters: ParameterStruct, q: Array, p: Array) -> Array:
         """Return g_q, (m, n), of a state, in doubles."""
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         # the C returns ∂g and ∂f by (q, p, parameters, Δt, t)
         columns = 2 * binding.n + len(binding.parameter_names) + 2
         g, f = binding.new(binding.m, columns), binding.new(binding.m, columns)
@@ -87,7 +90,7 @@ class MotionBinding:
 
         dq and dp have the shape (n,); ``dt`` is 1 for a rate, and 0 at a fixed time.
         """
-        binding = self.own
+        binding = self.module
         if not binding.quantity_names:
             return {}
         rates, time, step = binding.new(len(binding.quantity_names)), binding.new(1), binding.new(1)
@@ -241,7 +244,7 @@ class StateMotion:
     ) -> None:
         """Solve for v, ṗ, q̈ and λ at (q, p, t); raise InputError if W is singular there."""
         self._binding, self._t, self._q, self._p = binding, t, q, p
-        self._parameters = binding.own.parameters(dict(values), t)
+        self._parameters = binding.module.parameters(dict(values), t)
         self._kinematics = Kinematics(binding.layout, values, q)
         status, (self.v, self.p_rate, self.acceleration, self.multipliers) = (
             binding.accelerations(self._parameters, q, p))
@@ -269,7 +272,7 @@ class StateMotion:
         its rate: then the row is ∂y/∂p = C H_pp. Raises InputError for an unknown name, with the
         known ones, and for a joint without an axis.
         """
-        binding, layout = self._binding.own, self._binding.layout
+        binding, layout = self._binding.module, self._binding.layout
         is_joint, v = layout.is_joint(name), self.v.astype(float)
         has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
         # without an axis in common there is no C(q): derivatives of the quantity by each momentum

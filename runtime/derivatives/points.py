@@ -242,7 +242,7 @@ def _normal(
         crossings.p[i].copy(),
         crossings.t[i])
     rows = binding.quantity_derivatives(
-        binding.own.parameters(run.parameters, run.t0), crossings.t[i], *state)
+        binding.module.parameters(run.parameters, run.t0), crossings.t[i], *state)
     if rows is None:
         raise InputError(
             f"The event {event.name!r} is of the quantity {event.quantity!r}, and this system has "

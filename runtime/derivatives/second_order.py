@@ -28,7 +28,7 @@ from ..bindings.run_memory import ParameterStruct
 from ..integration.run_arguments import RunArguments
 from .binding import DerivativeBinding, KeptSteps
 from .gradient import Cotangents, as_bytes
-from .kept_steps import refuse_run, singular, split, step_bytes
+from .kept_steps import linearisation_error, refuse_run, split, step_bytes
 from .tangent_space import TangentSpace, solve
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ class CotangentSlopes:
 
         The inputs of the ``steps`` steps before it do not move along the direction.
         """
-        new = second.own.new
+        new = second.module.new
         return cls((w.copy(), w_slope.copy()), (new(second.rows), new(second.rows)),
                    _inputs_of(second, steps))
 
@@ -79,17 +79,17 @@ class CotangentSlopes:
 def _inputs_of(second: SecondBinding, steps: int) -> tuple[Array, Array, Array]:
     """Return zeros for the slopes, the cotangents and their slopes of the inputs of steps."""
     slopes, cotangents, cotangent_slopes = (
-        second.own.new(steps, len(second.own.input_names)) for _ in range(3))
+        second.module.new(steps, len(second.module.input_names)) for _ in range(3))
     return slopes, cotangents, cotangent_slopes
 
 
 class SecondBinding:
-    """Calls into the module of second derivatives; ``own`` makes its structs."""
+    """Calls into the module of second derivatives; ``module`` makes its structs."""
 
     def __init__(self, binding: Binding, first: DerivativeBinding) -> None:
         """Take the module of second derivatives, and the sizes of a direction from the first ones.
         """
-        self.own, self.n, self.rows = binding, first.n, first.rows
+        self.module, self.n, self.rows = binding, first.n, first.rows
         self._size = int(binding.function("second_size")())
 
     def integrate_second(
@@ -102,7 +102,8 @@ class SecondBinding:
         ``tangents``, (steps, 2 n). ``rows`` are the cotangents of the states before these steps
         that are stored, at each ``every``-th step of the run, and their slopes, (·, 2 n) each.
         """
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         inputs = ([*binding.input_arguments(run.inputs)[:2],
                    *map(binding.pointer, cotangents.inputs)]
                   if binding.input_names else [])
@@ -115,7 +116,8 @@ class SecondBinding:
         self, parameters: ParameterStruct, q: Array, p: Array, dz: Array
     ) -> tuple[Array, Array]:
         """Return the derivatives along dz of ∂g and ∂f, shape (m, rows) each."""
-        binding, (memory, _keep) = self.own, self.own.bytes_at(self._size)
+        binding = self.module
+        memory, _owner = binding.bytes_at(self._size)
         g, f = binding.new(binding.m, self.rows), binding.new(binding.m, self.rows)
         if binding.m:
             binding.function("constraint_second")(
@@ -228,7 +230,7 @@ def hessian_of(
                          stepper.constraint_names)
     names, D = _directions(stepper, space, wrt, run)
     stored_tangents, block_tangents = stored_run.tangents(D)
-    new = stored_run.first_order.own.new
+    new = stored_run.first_order.module.new
     # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0
     time_directions = (new(len(stored_tangents), len(names))
                        + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
@@ -275,8 +277,8 @@ class _StoredRun:
                                                stepper._second_binding())
         steps = _all_steps(stepper, run, memory)
         self.parameters, self.second_parameters = (
-            module.own.parameters(run.parameters, run.t0)
-            for module in (self.first_order, self.second_order))
+            binding.module.parameters(run.parameters, run.t0)
+            for binding in (self.first_order, self.second_order))
         self.blocks = split(steps, np.arange(0, run.steps, _BLOCK)) if run.steps else []
 
     def tangents(self, D: Array) -> tuple[Array, list[Array]]:
@@ -285,7 +287,7 @@ class _StoredRun:
         ``D``, shape (rows, k), has the directions of the start in columns. The list has the
         directions of the state at the start of each block, (2 n, k).
         """
-        run, new = self.run, self.first_order.own.new
+        run, new = self.run, self.first_order.module.new
         count, size = D.shape[1], 2 * self.first_order.n
         tangents = D[:size].copy()
         tangent_rows, block_tangents = [D[None, :size]], []
@@ -297,7 +299,7 @@ class _StoredRun:
                 run, self.parameters, block, np.ascontiguousarray(D), run.every, rows,
                 multipliers=new(0), tangents=tangents)
             if status:
-                raise singular(block.first, status)
+                raise linearisation_error(block.first, status)
             tangent_rows.append(rows)
         if run.steps % run.every:  # the last state is stored in any case
             tangent_rows.append(tangents[None].copy())
@@ -327,7 +329,7 @@ class _StoredRun:
                 dz, (_stored_rows(run, block, cotangents.rows),
                      _stored_rows(run, block, cotangent_slopes.rows)), run.every, adjoint)
             if status:
-                raise singular(block.first, status)
+                raise linearisation_error(block.first, status)
         z_bar, z_bar_slope = adjoint.z_bar
         # at the start w is the cotangent of q₀ and p₀
         size = 2 * self.first_order.n
@@ -340,7 +342,7 @@ class _StoredRun:
         ``tangent``, (2 n,), is the direction at the start of the block, from which the others
         follow anew; ``dz``, (rows,), the direction of the start of the run.
         """
-        new, advanced = self.first_order.own.new, tangent[:, None].copy()
+        new, advanced = self.first_order.module.new, tangent[:, None].copy()
         rows = new(block.count, len(tangent))
         # no status: ``tangents`` has linearised the same steps without failure
         self.first_order.integrate_tangent(
@@ -361,7 +363,7 @@ def _all_steps(stepper: Stepper, run: RunArguments, memory: Any) -> KeptSteps:
     steps, status = kept_run.keep(run.steps)
     if status:
         stepper._run(run)  # says why it fails, with everything before
-        raise singular(kept_run.steps_done, status)
+        raise linearisation_error(kept_run.steps_done, status)
     return steps
 
 
@@ -385,11 +387,11 @@ def _directions(
             basis = space.basis().T
             names += [f"start[{k}]" for k in range(len(basis))]
             for direction in basis:
-                columns.append(binding.own.new(binding.rows))
+                columns.append(binding.module.new(binding.rows))
                 columns[-1][: 2 * n] = direction
         else:
             names.append(name)
-            columns.append(binding.own.new(binding.rows))
+            columns.append(binding.module.new(binding.rows))
             columns[-1][2 * n + labels.index(name)] = 1
     D = space.project(np.ascontiguousarray(np.array(columns).T))
     # inputs are parameters to the C; each step has its own, which the projection does not move
@@ -457,7 +459,7 @@ def step_slope(
     """
     refuse_run(run)
     second, n = stepper._second_binding(), stepper.n
-    binding = second.own
+    binding = second.module
     parameters = binding.parameters(run.parameters, run.t0)
     steps = KeptSteps(first=0, q=np.stack([run.q, end[:n]]), p=np.stack([run.p, end[n:]]),
                       x=unknowns[None])
@@ -468,7 +470,7 @@ def step_slope(
         run, parameters, steps, np.ascontiguousarray(dz[None, : 2 * n]), dz,
         rows=(zero_row, zero_row), every=1, cotangents=adjoint)
     if status:
-        raise singular(step=0, status=status)
+        raise linearisation_error(step=0, status=status)
     z_bar, z_bar_slope = adjoint.z_bar
     z_bar[: 2 * n], z_bar_slope[: 2 * n] = adjoint.w
     return pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar, z_bar_slope)

@@ -17,10 +17,10 @@ from ..results.tangent_rows import EventTangents, TangentRows
 from .binding import KeptSteps
 from .frame import FrameMotion
 from .kept_steps import (
+    linearisation_error,
     multiplier_shape,
     pieces,
     refuse_run,
-    singular,
     split,
     warn_of_growth,
     warn_of_jumps,
@@ -166,14 +166,14 @@ class _TangentRun:
         refuse_run(run)
         self.stepper, self.run = stepper, run
         self.binding, self.n = stepper._derivative_binding(), stepper.binding.n
-        self.own = self.binding.own
+        self.module = self.binding.module
         self.kept_run = self.binding.begin(run)
         self.space = TangentSpace(self.binding, self.kept_run.parameters, run.q, run.p,
                                   stepper.constraint_names)
         self.dz, self.names, with_multipliers = self._directions(request)
         #: Shape of a step's multipliers, and their number; None and 0 if not asked for.
         self.inner = multiplier_shape(stepper) if with_multipliers else None
-        self.width = 0 if self.inner is None else self.own.multipliers
+        self.width = 0 if self.inner is None else self.module.multipliers
         self.frame = FrameMotion(self.binding, stepper.symmetries, run)
         if self.inner is not None:
             self.frame.refuse_rotating_multipliers(run)
@@ -182,7 +182,7 @@ class _TangentRun:
         #: Tangents of the present state, in the frame; C overwrites them.
         self.tangents = self.dz[:size].copy()
         #: Tangents of the stored states and, after these rows, of the multipliers before them.
-        self.stored = self.own.new(run.rows + 1, size + self.width, self.dz.shape[1])
+        self.stored = self.module.new(run.rows + 1, size + self.width, self.dz.shape[1])
         self.stored[0, :size] = self.tangents
         #: Steps before each stored state.
         self.ends = run.steps_of_rows(run.steps)
@@ -200,7 +200,7 @@ class _TangentRun:
         if not isinstance(request, Tangents):  # a run that goes on along the directions of another
             return _Directions(request._directions, request.names, request.multipliers is not None)
         for name in request.parameters if self.run.inputs is not None else ():
-            if name in self.own.input_names:
+            if name in self.module.input_names:
                 raise InputError(f"Input {name!r} has a value for each step in this run, so that "
                                  "it is no direction; take the gradient by \"inputs\".")
         start = Start(self.space, request)
@@ -225,12 +225,12 @@ class _TangentRun:
         run, size, count = self.run, 2 * self.n, self.dz.shape[1]
         # rows ``first_row`` + 1, ... of the run are states after steps of this piece
         first_row, end = steps.first // run.every, steps.first + steps.count
-        rows = self.own.new(end // run.every - first_row, size, count)
-        multiplier_tangents = self.own.new(steps.count if self.width else 0, self.width, count)
+        rows = self.module.new(end // run.every - first_row, size, count)
+        multiplier_tangents = self.module.new(steps.count if self.width else 0, self.width, count)
         status = self.binding.integrate_tangent(run, self.kept_run.parameters, steps, self.dz,
                                                 run.every, rows, multiplier_tangents, self.tangents)
         if status:
-            raise singular(steps.first, status)
+            raise linearisation_error(steps.first, status)
         for i, row in enumerate(rows):
             k = (first_row + 1 + i) * run.every
             self.stored[first_row + 1 + i, :size] = _in_space(self.frame, k, steps, row, self.dz)
@@ -263,14 +263,14 @@ class _TangentRun:
             except InputError as error:
                 self.point_tangents[i] = error
                 continue
-            if self.own.clocked:  # t is coordinate n − 1, and users see it as a time alone
+            if self.module.clocked:  # t is coordinate n − 1, and users see it as a time alone
                 visible = np.r_[self.space.places, size : size + self.width]
                 tangent, time = tangent[visible], tangent[self.n - 1]
             self.point_tangents[i], self.point_times[i] = tangent, time
 
     def rows(self) -> TangentRows:
         """Return the tangents of the stored states, after a warning of growth and of jumps."""
-        binding, n, dz, places = self.own, self.n, self.dz, self.space.places
+        binding, n, dz, places = self.module, self.n, self.dz, self.space.places
         warn_of_growth(self.stepper, "Directions of the start have",
                        _growth(self.names, dz[places], self.stored[-1][places]))
         # t = t0 + k Δt: its tangent is dt0 + k dΔt, with k = 0 in row 0

@@ -101,13 +101,13 @@ class TangentSpace:
         # |q|/|p|, by which a change of p compares with one of q; 1 at rest
         self._q_per_p = q_size / (p_size or q_size or 1.0)
         self.g, self.f = binding.constraint_derivatives(parameters, q, p)
-        n, n_shown = self.n, binding.own.shown
+        n, n_shown = self.n, binding.module.shown
         #: The rows of q and p that users see.
         self.places = np.r_[:n_shown, n : n + n_shown]
         self._G, self._f_p = self.g[:, :n].copy(), self.f[:, n : 2 * n]
         # in scaled time q has t as its last entry: the projection moves q and keeps t
         self._G[:, n_shown:] = 0
-        self._energy = (binding.energy_derivatives(parameters, q, p) if binding.own.clocked
+        self._energy = (binding.energy_derivatives(parameters, q, p) if binding.module.clocked
                         else None)
 
     def project(self, dz: Array) -> Array:
@@ -251,7 +251,7 @@ class Start:
         Raises InputError for unknown names, for directions off the constraints, and for none.
         """
         binding = space.binding
-        derivative_module, n = binding.own, binding.n
+        derivative_module, n = binding.module, binding.n
         names = derivative_module.parameter_names
         columns: list[Array] = []
         self.names: list[str] = []
@@ -286,7 +286,7 @@ def _state_directions(space: TangentSpace, tangents: Tangents) -> Array:
     """
     if isinstance(tangents.start, str):
         return space.basis()
-    binding, start = space.binding.own, as_numbers("start", tangents.start)
+    binding, start = space.binding.module, as_numbers("start", tangents.start)
     if start.ndim == 1:
         start = start[:, None]
     # in scaled time a user's state is without t and −H
@@ -302,6 +302,6 @@ def _state_directions(space: TangentSpace, tangents: Tangents) -> Array:
 
 def _unit(binding: DerivativeBinding, index: int) -> Array:
     """Return a direction, (rows,), of one parameter or time alone."""
-    column: Array = binding.own.new(binding.rows)
+    column: Array = binding.module.new(binding.rows)
     column[index] = 1
     return column

@@ -81,7 +81,7 @@ class Objective:
             if name not in stepper.binding.input_names
             and isinstance(start.parameters.get(name, ""), (Rule, str))}})
         self._basis = TangentSpace(
-            binding, binding.own.parameters(run_of_start.parameters, run_of_start.t0),
+            binding, binding.module.parameters(run_of_start.parameters, run_of_start.t0),
             run_of_start.q, run_of_start.p,
             stepper.constraint_names).basis()
         inputs_array = real_array(input_values)

@@ -169,7 +169,7 @@ class Differentiation(Evaluation):
                 # both modules declare this struct, as two types of cffi: an integer carries the
                 # address across
                 binding.ffi.cast(f"{self.name}_parameters *", int(
-                    self._derivative_binding().own.ffi.cast("uintptr_t", parameters))),
+                    self._derivative_binding().module.ffi.cast("uintptr_t", parameters))),
                 *map(binding.pointer, (time, *arrays)))
 
         return fill
@@ -261,7 +261,7 @@ class Differentiation(Evaluation):
         run = self._single(start, p, dt, parameters, inputs)
         names = names_of(self, wrt)  # type: ignore[arg-type]
         single_step, space = self._kept_step(run)
-        binding, n = self._derivative_binding().own, self.n
+        binding, n = self._derivative_binding().module, self.n
 
         def back(wq: ArrayLike, wp: ArrayLike, multipliers: ArrayLike | None = None) -> Gradient:
             """Return the gradient by start and parameters from cotangents of the step's end."""
@@ -301,7 +301,7 @@ class Differentiation(Evaluation):
 
         p, dq, dp, wq, wp = after_start("dq, dp, wq, wp", directions)
         run = self._single(start, p, dt, parameters, inputs)
-        binding, n = self._derivative_binding().own, self.n
+        binding, n = self._derivative_binding().module, self.n
         single_step, space = self._kept_step(run)
         dz = self._direction(dq, dp, d, 1)[:, 0].copy()
         if not as_flag("project", project):
@@ -326,7 +326,7 @@ class Differentiation(Evaluation):
         parameters, dt and t0 by name, equal in all columns; names without an entry have slope 0.
         """
         binding, n = self._derivative_binding(), self.n
-        derivatives = binding.own
+        derivatives = binding.module
         dz: Array = derivatives.new(binding.rows, count)
         for block, (name, x) in enumerate((("dq", dq), ("dp", dp))):
             columns = as_numbers(name, x)
@@ -419,13 +419,14 @@ class Differentiation(Evaluation):
         stepper: Any = self
         names = names_of(stepper, wrt)
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
-        kinds = self._rows_of(run, solver)
+        rows_by_kind = self._rows_by_kind(run, solver)
         # the last row may be an event or a time within a step, and of t_eval there may be no row:
         # then the repeated whole steps have no row that their end could be compared with
         q, p = full_states(run)
-        end = None if kinds.points or not len(q) else (q[-1], p[-1])
-        return gradient_of(stepper, kinds.run, cotangents_of(stepper, kinds, cotangents), names,
-                           memory, value, end)
+        end = None if rows_by_kind.points or not len(q) else (q[-1], p[-1])
+        return gradient_of(stepper, rows_by_kind.run,
+                           cotangents_of(stepper, rows_by_kind, cotangents), names, memory, value,
+                           end)
 
     def hessian(
         self, run: Trajectory, cotangents: Mapping[str, ArrayLike] | None = None, *,
@@ -440,8 +441,8 @@ class Differentiation(Evaluation):
         Parameters
         ----------
         run, cotangents, loss, wrt, memory, solver
-            As of ``gradient``; not by "q", "p" or "inputs", not of events and states within steps.
-            All steps are kept.
+            As of ``gradient``. ``wrt`` may not name "q", "p" or "inputs", and the function may not
+            depend on events or on states within steps. All steps are kept in memory.
         slopes : callable, optional
             The second derivatives of the function by the states of the run. For directions
             {"q": (rows, n), "p": (rows, n), "t": (rows,), "parameters": {name: number}} it returns
@@ -461,24 +462,25 @@ class Differentiation(Evaluation):
         from ..derivatives.gradient import cotangents_of, names_of
         from ..derivatives.second_order import hessian_of
 
-        names = names_of(self, wrt)  # type: ignore[arg-type]
+        stepper: Any = self
+        names = names_of(stepper, wrt)
         self._refuse_scaled(second="second derivatives")
-        refuse_together(second="second derivatives", impacts=isinstance(run, Trajectory)
-                        and run.report.impacts > 0 and "a run with impacts")
+        has_impacts = isinstance(run, Trajectory) and run.report.impacts > 0
+        refuse_together(second="second derivatives",
+                        impacts=has_impacts and "a run with impacts")
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
         if hasattr(loss, "free_symbols") and slopes is None:
             slopes = function_of("generator.systems.run_functions", "slopes_over_states")(loss, run)
-        kinds = self._rows_of(run, solver)
+        rows_by_kind = self._rows_by_kind(run, solver)
 
         def checked(arrays: Mapping[str, Any]) -> Any:
             """Return cotangents of stored states, checked as ``gradient`` checks them."""
-            return cotangents_of(self, kinds, arrays)  # type: ignore[arg-type]
+            return cotangents_of(stepper, rows_by_kind, arrays)
 
-        stepper: Any = self
-        return hessian_of(stepper, kinds.run, checked(cotangents), slopes, checked, names,
+        return hessian_of(stepper, rows_by_kind.run, checked(cotangents), slopes, checked, names,
                           memory, value)
 
-    def _rows_of(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
+    def _rows_by_kind(self, run: Trajectory, solver: SolverName = "auto") -> RunRows:
         """Return the run of the whole steps of a trajectory, with its rows sorted by their kinds.
 
         A trajectory that was read from a file has no arguments: they are its first row and its

@@ -497,10 +497,10 @@ def check_derivatives(control, full, parameters, q, p):
     assert control.step() == OK
     time = control.time(control.w) - 1e-3
     binding = full._derivative_binding()
-    x = np.zeros(binding.own.unknowns, control.type)
+    x = np.zeros(binding.module.unknowns, control.type)
     control.keep(control.w, control.options(0.0, 50), control.pointer(x))
     memory = control.ffi.new("char[]", control.derivative_size())
-    parameter_array = binding.own.parameters(parameters, time)
+    parameter_array = binding.module.parameters(parameters, time)
     normals = np.vstack(binding.constraint_derivatives(parameter_array, q, p))
     dz = np.eye(binding.rows) - np.linalg.pinv(normals) @ normals
     dz = np.ascontiguousarray(dz, control.type)
@@ -509,14 +509,14 @@ def check_derivatives(control, full, parameters, q, p):
     w = np.linspace(1, 2, 2 * full.n).astype(control.type)
     timed = {control.manifest.system.time: time} if control.manifest.system.time else {}
     step = control.parameters(parameters | timed), 1e-3, *map(control.pointer, (q, p, x))
-    none, empty = control.ffi.NULL, binding.own.new(0)
+    none, empty = control.ffi.NULL, binding.module.new(0)
     assert control.tangent(*step, binding.rows, control.pointer(dz), control.pointer(ends), none,
                            memory) == OK
     assert control.adjoint(*step, control.pointer(w), none, control.pointer(z_bar), memory) == OK
     _, expected = binding.tangent(parameter_array, 1e-3, q, p, x, dz, empty)
     _, cotangent = binding.adjoint(parameter_array, 1e-3, q, p, x, w, empty)
     size, state = abs(expected).max(0), max(abs(control.q).max(), abs(control.p).max())
-    values = [parameters[name] for name in binding.own.parameter_names]
+    values = [parameters[name] for name in binding.module.parameter_names]
     size[2 * full.n : -2] = np.maximum(size[2 * full.n : -2], state / np.abs(values))
     units = np.full((2 * full.n, 1), 16.0)
     if not control.manifest.scheme.keeps_momentum_constraint:

@@ -76,8 +76,8 @@ def expected(name, scheme):
     keeps = step.manifest.scheme.keeps_momentum_constraint
     names = step.binding.parameter_names
     binding = step._derivative_binding()
-    run = step._rows_of(run_of(name, step)).run
-    space = TangentSpace(binding, binding.own.parameters(run.parameters, run.t0), run.q, run.p,
+    run = step._rows_by_kind(run_of(name, step)).run
+    space = TangentSpace(binding, binding.module.parameters(run.parameters, run.t0), run.q, run.p,
                          step.constraint_names)
     basis = space.basis()
     units = np.zeros((binding.rows, basis.shape[1] + len(case.parameters) + 2), int).astype(q.dtype)
