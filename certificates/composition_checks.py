@@ -42,7 +42,7 @@ def check_composition(composition: Composition) -> list[Condition]:
 
     A base is the step S of the product S(w_1 h) … S(w_s h); "Strang" has no order condition.
     """
-    lines = [*_exact(composition), *_conditions(composition)]
+    lines = [*_exact_conditions(composition), *_conditions(composition)]
     if composition.base in COMPOSITIONS and composition.base != "Strang":
         base = COMPOSITIONS[composition.base]
         lines += _conditions(base, f"{base.name}: ")
@@ -50,19 +50,22 @@ def check_composition(composition: Composition) -> list[Condition]:
             *_measure_order(composition)]
 
 
-def _exact(composition: Composition) -> Iterator[Condition]:
+def _exact_conditions(composition: Composition) -> Iterator[Condition]:
     """Yield the conditions that are checked in rational arithmetic: sums, symmetry, flattening."""
     drifts, kicks, gradients = composition.drifts, composition.kicks, composition.gradients
     stored = (drifts, kicks, gradients)
-    largest_error = max(abs(sum(coefficients, Fraction(-1))) for coefficients in (drifts, kicks))
-    yield _line("consistency", "sum a_i = sum b_i = 1", largest_error, f"{len(kicks)} stages")
-    yield _line("symmetry", "a, b and c are palindromes",
-                _largest_difference(stored, [coefficients[::-1] for coefficients in stored]),
-                "forward" if composition.forward else "with negative times")
+    largest_error = max(abs(sum(coefficients, Fraction(0)) - 1) for coefficients in (drifts, kicks))
+    yield _condition_on_error(
+        "consistency", "sum a_i = sum b_i = 1", largest_error, f"{len(kicks)} stages")
+    yield _condition_on_error(
+        "symmetry", "a, b and c are palindromes",
+        _largest_difference(stored, [coefficients[::-1] for coefficients in stored]),
+        "forward" if composition.forward else "with negative times")
     if composition.base:
         flattened = flatten(COMPOSITIONS[composition.base], composition.weights)
-        yield _line("composition", f"product of {composition.base}(w_i h), drifts joined",
-                    _largest_difference(flattened, stored), f"{len(composition.weights)} weights")
+        yield _condition_on_error(
+            "composition", f"product of {composition.base}(w_i h), drifts joined",
+            _largest_difference(flattened, stored), f"{len(composition.weights)} weights")
 
 
 def _largest_difference(
@@ -73,7 +76,7 @@ def _largest_difference(
                for x, y in zip(xs, ys, strict=True))
 
 
-def _line(name: str, equation: str, error: Fraction, result: str) -> Condition:
+def _condition_on_error(name: str, equation: str, error: Fraction, result: str) -> Condition:
     """Return a condition in rational arithmetic, which holds if its ``error`` is exactly 0."""
     return Condition(name, equation, result, holds=error == 0, required=True,
                      residual="0" if error == 0 else f"{float(error):.1e}")

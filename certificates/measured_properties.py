@@ -225,28 +225,34 @@ class Examination:
                           bound)
 
     def _loop_sizes(self) -> tuple[Any, Any]:
-        """Return the half widths of the loop in each coordinate and momentum.
+        """Return the half widths, in each coordinate and momentum, of the loop of starts on which
+        ∮p·dq is evaluated.
 
-        Each momentum is √(E/H_pp) by itself, with E the largest kinetic energy of the run, or the
-        largest |q·H_q| of a motion at rest: a light body does not get the momentum of a heavy one.
+        The width of each momentum is √(E/H_pp), so that a light body does not get the momentum of
+        a heavy one. E is the largest |p·H_p| of the run, twice its kinetic energy, or the spread of
+        its energy if that is larger; for a motion at rest it is the largest Σ|q_i H_q_i|.
         """
         system, n = self.model.system, self.model.system.n
         q, p = (np.abs(x.astype(float)).max(axis=0) for x in (self.run.q, self.run.p))
         # a coordinate that stays near 0 gets a tenth of the largest one
-        widths = np.maximum(q, 0.1 * (q.max() or 1.0))
-        kinetic, work, inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
+        q_widths = np.maximum(q, 0.1 * (q.max() or 1.0))
+        energy, work, inverse_inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
+        # H_p, H_q and the diagonal of H_pp
         rates = [*system.H_p, *system.H_q,
                  *(derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True))]
         for symbol_values, _ in self.round_off.states(rates):
             rate_values = evaluate(rates, symbol_values)
             momenta, positions = (np.array([symbol_values[s] for s in symbols])
                                   for symbols in (system.p, system.q))
-            kinetic = max(kinetic, float(np.abs((momenta * rate_values[:n]).sum(axis=0)).max()))
+            energy = max(energy, float(np.abs((momenta * rate_values[:n]).sum(axis=0)).max()))
             work = max(work, float(np.abs(positions * rate_values[n : 2 * n]).sum(axis=0).max()))
-            inertia = np.maximum(inertia, np.abs(rate_values[2 * n :]).max(axis=1))
-        with np.errstate(all="ignore"):  # a momentum without H_pp gets the largest one of the run
-            thermal = np.sqrt((kinetic or work) / inertia)
-        return widths, np.where(np.isfinite(thermal) & (thermal > 0), thermal, p.max() or 1.0)
+            inverse_inertia = np.maximum(inverse_inertia,
+                                         np.abs(rate_values[2 * n :]).max(axis=1))
+        with np.errstate(all="ignore"):
+            p_widths = np.sqrt((energy or work) / inverse_inertia)
+        # a momentum without H_pp gets the largest one of the run
+        has_width = np.isfinite(p_widths) & (p_widths > 0)
+        return q_widths, np.where(has_width, p_widths, p.max() or 1.0)
 
     def _reversal(self) -> CertificateLine:
         """Return the line of reversibility: N steps of Δt, then N of −Δt, compared with the start.

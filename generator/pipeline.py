@@ -59,12 +59,12 @@ def generate(
     derivatives: bool = False,
     second: bool = False,
 ) -> Generated:
-    """Run the pipeline.
+    """Return the C of a stepper with its manifest, and the equations that they were derived from.
 
     Parameters
     ----------
     spec : Spec
-        What to generate.
+        What to generate: the names of system and scheme, or their files, and the kind of numbers.
     system : System, optional
         Takes the place of the named system and representation.
     model : Model, optional
@@ -90,44 +90,68 @@ def generate(
         If the tableau violates required conditions.
     """
     # 1. system and model: refuse features that exclude each other, kinks and redundant constraints
-    is_users_system = system is not None or spec.model is not None
-    if system is None and spec.model is not None:
-        from .models.model_file import load_model  # readers of robots: named systems need none
-
-        model = model or load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
-    if spec.order is not None:
-        refuse_together(splitting="scheme splitting", frame=(
-            spec.frame or (model is not None and model.frame)) and "a co-moving frame")
-    frame_kind = spec.frame or ("" if system is not None or model is None else model.frame)
-    # feature of the table of ``incompatibilities`` → its name in messages, or False if it is absent
-    options = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
-               "frame": bool(frame_kind) and "a co-moving frame",
-               "derivatives": (derivatives or second) and "derivatives of steps and runs",
-               "energy": spec.energy and "exact energy (energy = True)",
-               "structured": bool(structured) and "loops over element templates"}
-    refuse_together(**options)
-    if system is None and spec.model is None and spec.system not in SYSTEMS:
-        model = model or MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
-    system, rep = _system(spec, system, model)
-    _refuse_features(spec, system, own_tableau=tableau is not None, options=options)
-    if is_users_system and not allow_invalid:
-        refuse_kinks(system)
-        refuse_redundant_anywhere(system)
-        warn_of_row_integrals(system)
+    subject = _subject(spec, system, model, own_tableau=tableau is not None,
+                       derivatives=derivatives or second, structured=bool(structured))
+    if (system is not None or spec.model is not None) and not allow_invalid:  # a user's system
+        refuse_kinks(subject.system)
+        refuse_redundant_anywhere(subject.system)
+        warn_of_row_integrals(subject.system)
     # 2. the system on which everything below depends
-    system, frame = _in_normal_form(system, framed=bool(frame_kind))
+    system, frame = _in_normal_form(subject.system, framed=subject.is_framed)
     # 3. tableau and the equations of a step, with constants of the run
     coefficients = tableau or tableau_of(spec)
-    if coefficients is not None and spec.order is None and not allow_invalid:
+    is_splitting = spec.order is not None
+    if coefficients is not None and not is_splitting and not allow_invalid:
         refuse_violations(coefficients, constrained=system.m > 0)
     reduced, constants = hoist_constants(system)
     scheme, title, c_name = _method(spec, system, reduced, constants, coefficients)
     # 4. kernels and templates
-    name = join_name(system.name, c_name, rep, spec.real, framed=frame is not None)
+    name = join_name(system.name, c_name, subject.rep, spec.real, framed=frame is not None)
     source = emit(Derived(name, title, scheme, system, constants, REALS[spec.real],
                           spec.profile, frame, derivatives=derivatives or second, second=second,
-                          model=model), structured)
+                          model=subject.model), structured)
     return Generated(source, scheme, system, coefficients)
+
+
+class _Subject(NamedTuple):
+    system: System
+    rep: str  # the representation that belongs into the name of the stepper, or ""
+    model: Model | None  # of the system, with its numbers
+    is_framed: bool  # whether steps are taken in a co-moving frame
+
+
+def _subject(
+    spec: Spec, system: System | None, model: Model | None, *, own_tableau: bool,
+    derivatives: bool, structured: bool,
+) -> _Subject:
+    """Return the system to generate for, with its model; refuse features that exclude each other.
+
+    ``system`` and ``model`` are the caller's, or None; ``own_tableau``, ``derivatives`` and
+    ``structured`` say what the caller asks for beside ``spec``.
+    """
+    if system is None and model is None and spec.model is not None:
+        from .models.model_file import load_model  # readers of robots: named systems need none
+
+        model = load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
+    model_frame = "" if model is None else model.frame
+    if spec.order is not None:  # a splitting
+        has_frame = bool(spec.frame or model_frame)
+        refuse_together(splitting="scheme splitting", frame=has_frame and "a co-moving frame")
+    # a system of the caller's own has no frame of a model
+    is_framed = bool(spec.frame or (system is None and model_frame))
+    # feature of the table of ``incompatibilities`` → its name in messages, or False if it is absent
+    features = {"profile": spec.profile != "full" and f"profile {spec.profile!r}",
+                "frame": is_framed and "a co-moving frame",
+                "derivatives": derivatives and "derivatives of steps and runs",
+                "energy": spec.energy and "exact energy (energy = True)",
+                "structured": structured and "loops over element templates"}
+    refuse_together(**features)
+    # a name that is not of SYSTEMS is one of MODELS, whose model is made after the refusals
+    if system is None and model is None and spec.model is None and spec.system not in SYSTEMS:
+        model = MODELS[spec.system].make(**({"rep": spec.rep} if spec.rep else {}))
+    system, rep = _system_and_rep(spec, system, model)
+    _refuse_features(spec, system, own_tableau=own_tableau, features=features)
+    return _Subject(system, rep, model, is_framed)
 
 
 def _in_normal_form(system: System, *, framed: bool) -> tuple[System, CoMovingFrame | None]:
@@ -170,21 +194,21 @@ def _method(
 
 
 def _refuse_features(
-    spec: Spec, system: System, *, own_tableau: bool, options: Mapping[str, str | bool]
+    spec: Spec, system: System, *, own_tableau: bool, features: Mapping[str, str | bool]
 ) -> None:
     """Refuse the features that exclude velocity constraints or a time scale of the system.
 
-    ``options`` are the features of ``refuse_together`` that the caller asks for; ``own_tableau``:
-    the caller passes a tableau.
+    ``features`` are the features of ``refuse_together`` that the caller asks for;
+    ``own_tableau`` says whether the caller passes a tableau.
     """
     if system.velocity_count:
         refuse_together(
             velocity_constraints=f"the velocity constraints "
                                  f"{few(system.velocity_constraint_names)} of {system.name!r}",
-            other_scheme=_without_velocity_constraints(spec, own_tableau=own_tableau), **options)
+            other_scheme=_without_velocity_constraints(spec, own_tableau=own_tableau), **features)
     if system.time_scale is not None:
         refuse_together(scaled=f"the time_scale of {system.name!r}",
-                        splitting=spec.order is not None and "scheme splitting", **options)
+                        splitting=spec.order is not None and "scheme splitting", **features)
 
 
 def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:
@@ -194,7 +218,9 @@ def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:
     return "" if scheme_named(spec.scheme).velocity_constraints else f"scheme {spec.scheme!r}"
 
 
-def _system(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:
+def _system_and_rep(
+    spec: Spec, system: System | None, model: Model | None
+) -> tuple[System, str]:
     """Return the system to generate for, and the representation that belongs into its name, or "".
     """
     if system is not None:
@@ -226,7 +252,7 @@ def refuse_violations(tableau: Tableau, *, constrained: bool = True) -> None:
 
     The condition on multipliers is required of a ``constrained`` system alone: others have none.
     """
-    if not tableau.given:
+    if not tableau.is_given_in_numbers:
         return
     broken = [line for line in violations(tableau) if constrained or line.name != "multipliers"]
     if broken:

@@ -171,7 +171,10 @@ class _SystemSource(NamedTuple):
 
 
 def _system_source(system: str | None, rep: Any) -> _SystemSource:
-    """Return the source of a system: a model file, or a name; by default the heavy top."""
+    """Return the source of a system: a model file, or a name; by default the heavy top.
+
+    A name of SYSTEMS is a system for any numbers, one of MODELS a system with its numbers.
+    """
     rep_name = "" if rep is None else choose("representation", rep, REPS)
     if system is not None and is_model_file(system):
         return _SystemSource(system, Path(system), rep_name)
@@ -182,8 +185,9 @@ def _system_source(system: str | None, rep: Any) -> _SystemSource:
             raise InputError(f"{shown(system)} is a problem, not a system; choose its system, "
                              f"{problem.make().system}.")
         raise unknown_name("system", system, [*SYSTEMS, *MODELS])
-    return _SystemSource(
-        name, file=None, rep=rep_name or ("gamma" if name in SYSTEMS else ""))
+    # a system needs a representation; the function that makes a model has a default of its own
+    default_rep = "gamma" if name in SYSTEMS else ""
+    return _SystemSource(name, file=None, rep=rep_name or default_rep)
 
 
 def _real(real: Any) -> RealName:

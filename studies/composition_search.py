@@ -46,8 +46,8 @@ _SHORTEST, _ITERATIONS = 1e-4, 200
 _RANK = 1e-13
 #: Decimals of free unknowns that are stored: the objective is flat at its least.
 _FREE = 10
-#: A random step is optimised if its solution is not much worse than the best.
-_WORTH = 1.2
+#: A solution after a random step is optimised if its objective is less than this times the best.
+_WORTH_OPTIMISING = 1.2
 
 
 class _Kind(NamedTuple):
@@ -195,6 +195,8 @@ def search(
 ) -> SearchResult:
     """Search a composition with the smallest objective from random starts.
 
+    ``FloatConditions.objective`` measures the error of the method, or the size of its coefficients.
+
     Parameters
     ----------
     name : str
@@ -219,6 +221,7 @@ def search(
     """
     conditions = OrderConditions(composition_named(name))
     floats, draw = FloatConditions(conditions), np.random.default_rng(seed)
+    # ``equal``: the unknowns of a composition with equal steps
     centre = middle * np.array(conditions.equal)
     solutions: list[tuple[float, Floats]] = []
     for _ in range(starts):
@@ -237,7 +240,7 @@ def search(
     for _ in range(hops):
         # short steps refine the solution, long ones lead to another family
         y = _solve(floats, x + draw.normal(0, 0.1 * draw.uniform(), len(x)), largest_weight)
-        if y is not None and floats.objective(y) < _WORTH * objective:
+        if y is not None and floats.objective(y) < _WORTH_OPTIMISING * objective:
             y_objective, y = _slide(floats, y, floats.objective(y), largest_weight)
             if y_objective < objective:
                 objective, x = y_objective, y

@@ -112,7 +112,10 @@ def figure_16(engine: Engine) -> Figure:
 
 
 def _panel(engine: Engine, title: str, studies: tuple[ConvergenceStudy, ...]) -> Panel:
-    """Return the panel of periodic errors over Δt, a series for each study."""
+    """Return the panel of the relative periodic errors over Δt, a series for each study.
+
+    See ``PeriodicErrors``.
+    """
     series = []
     for study in studies:
         dt, errors, _ = measure(engine, study)

@@ -57,11 +57,13 @@ class Law:
 
 
 def node_slope(nodes: Nodes) -> Matrix:
-    """Return the function c → M′(c) = Σ_k k a_k c^(k−1) on the nodes, a_k the coefficients of M.
+    """Return the derivative c → M′(c) = Σ_k k a_k c^(k−1) of the node polynomial M = Σ_k a_k c^k.
 
-    The function is a column of rational numbers, its coordinates in the basis of ``nodes``.
+    M is ``nodes.polynomial``, whose roots are the nodes. As every function on ``nodes``, M′ is a
+    column of rational numbers: its coefficients as an element of ℚ[x]/(M).
     """
     coefficients = nodes.polynomial.all_coeffs()[::-1]  # type: ignore[attr-defined]
+    # the sum starts from its term k = 1, the constant a_1, as 0 is no column to add to
     return sum(
         (power(nodes, k - 1) * QQ.from_sympy(k * a) for k, a in enumerate(coefficients) if k > 1),
         nodes.one * QQ.from_sympy(coefficients[1]),

@@ -187,7 +187,7 @@ def _pass_warnings_on(messages: Iterable[str], trouble: BaseException | None) ->
         for message in dict.fromkeys(messages):
             warn(message)
         return
-    # a failure is one line on stderr
+    # a failure is one line on stderr, to which the command line joins the notes of the error
     for note in ("Everything before it is reported and saved.", *dict.fromkeys(messages)):
         trouble.add_note(note)
 

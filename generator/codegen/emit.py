@@ -421,32 +421,39 @@ def _features(
     """Return the features of the engine that a stepper needs; each becomes a macro in C.
 
     ``iteration`` is the fixed-point iteration, on lanes or on plain numbers; ``states`` are the
-    functions of one state of profile ``control``. Each argument is None if there is none.
+    functions of one state of profile ``control``. Each argument is None if there is none. Features
+    are in the order of ``Features``, which says what they mean.
     """
     scheme, system, profile = derived.scheme, derived.system, derived.profile
     lanes = iteration if isinstance(iteration, LaneIteration) else None
     splitting = scheme if isinstance(scheme, SplittingScheme) else None
     return Features(
+        # the constraints
         constrained=system.m > 0,
         several_constraints=system.m > 1,
         velocity_constraints=system.velocity_count > 0,
+        # the equations of a step
         spark=derived.is_spark,
         elements=elements is not None,
         condensed=elements is not None and elements.condensed is not None,
-        # a controller's splitting does not count the work of forces
+        # forces, time and inputs; a controller's splitting does not count the work of forces
         forces=bool(system.forces) and not (profile == "control" and splitting is not None),
         time_dependent=system.is_time_dependent,
         forced_by_time=system.is_nonautonomous,
-        clock=isinstance(system, ScaledSystem),
+        clock=isinstance(system, ScaledSystem),  # scaled time: a coordinate is the clock
         inputs=bool(system.inputs) and profile == "full",
+        # a Lagrangian
         lagrangian=isinstance(system, LagrangianSystem),
         energy_momentum=isinstance(scheme, LagrangianEMS),
         indefinite_mass=isinstance(system, LagrangianSystem) and not system.is_definite,
+        # a co-moving frame
         frame=frame is not None,
         frame_work=isinstance(scheme.system, CoMovingSystem) and bool(scheme.system.frame_velocity),
         rotating_multipliers=frame is not None and frame.rotates_multipliers,
-        # a splitting has kernels on lanes and no equations
+        # the engine's iteration is on lanes: the C of other profiles has one of its own, and a
+        # splitting has kernels on lanes and no equations
         fixed_point=lanes is not None and splitting is None,
+        # a splitting
         splitting=splitting is not None,
         drag=splitting is not None and splitting.has_drag,
         rotating_axes=splitting is not None and bool(splitting.splitting.space),
@@ -456,9 +463,11 @@ def _features(
         scalar_schur=iteration is not None and iteration.scalar_schur,
         factors=iteration is not None and iteration.factors,
         separable=iteration is not None and iteration.separable,
+        # constraints that a start is checked for, tables, energy
         held=states is not None and states.held > 0,
         even_odd=lanes is not None and bool(lanes.even_odd_tables),
         exact_energy=isinstance(scheme, SparkScheme) and scheme.exact_energy,
+        # the type of numbers, and the size of the system
         short_real=derived.real.bits < _COUNTER_BITS,
         wide_real=derived.real.wide,
         compensated_lanes=lanes is not None and lanes.compensated,

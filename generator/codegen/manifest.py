@@ -191,7 +191,7 @@ def _users_tableau(tableau: Tableau | None, *, constrained: bool) -> TableauMani
 
     The families satisfy their conditions by derivation.
     """
-    if tableau is None or not tableau.given:
+    if tableau is None or not tableau.is_given_in_numbers:
         return None
     refusal = FastTableau(tableau).refusal
     iteration = [] if refusal is None else [f"no fixed-point iteration: {refusal}"]

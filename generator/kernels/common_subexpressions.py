@@ -68,6 +68,8 @@ def common_subexpressions(
     """
     graph = _Graph()
     roots = [graph.node(e) for e in expressions]
+    # forms are the equal expressions that are searched in place of nodes, see ``_Node.form``;
+    # sums and products are collected on the way
     for root in roots:
         graph.set_forms(root)
     # as in ``sympy.cse``: common parts of sums and products first, then what recurs as a whole

@@ -201,12 +201,15 @@ class _Formulas:
                 )
             if exponent.is_number:
                 return self.constant_value(sp.Pow, mp.power, [base, exponent])
-        # bounds of the expansion: a root counts as one level, any other power as two
+        # bounds of the expansion, a product of ``size`` bases
         size = math.floor(abs(_number(exponent))) if exponent.is_number else 1
         terms = math.comb(base.terms + size - 1, size)
-        product = replace(base, bits=base.bits * max(size, 1))
+        # the base itself, with the bits that the numbers of the product may have
+        bounded_base = replace(base, bits=base.bits * max(size, 1))
+        # a whole power is a product at the same level, a quotient or root is one level deeper,
+        # any other power two
         levels = 0 if e.is_Integer and e >= 0 else 1 if e.is_Rational else 2
-        return _formula([product, exponent], levels, terms, sp.Pow)
+        return _formula([bounded_base, exponent], levels, terms, sp.Pow)
 
     def check_exponent(self, exponent: Value) -> None:
         """Refuse an exponent that varies in a run, or is too large to expand."""

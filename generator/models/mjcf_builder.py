@@ -338,20 +338,23 @@ class MjcfBuilder(RobotBuilder):
     def _add_law(self, name: str, equality: MjcfEquality) -> None:
         """Add y₁ − y₁(0) = c₀ + c₁ (y₂ − y₂(0)) + … of two joints or of two tendons.
 
-        y is a coordinate, or the length of a tendon, Σ coefficient · coordinate; y₂ may be missing.
-        A linear law of two joints is a coupling.
+        y₁ and y₂ belong to the first and second of ``equality.ends``: each is the coordinate of a
+        joint, or the length of a tendon, Σ factor · coordinate. y₂ may be missing. A linear law of
+        two joints is a coupling.
         """
+        # c₀, …, c₄
         coefficients = equality.data[:5].tolist()
+        # each y as a sum of terms (joint, factor)
         sums = [((end, 1.0),) if equality.kind == "joint" else self.mjcf.tendons[end].joints
                 for end in equality.ends]
-        for joint, _ in (term for parts in sums for term in parts):
+        for joint, _ in (term for terms in sums for term in terms):
             if joint not in self.coordinates:
                 raise InputError(
                     f"equality {shown(equality.name)} is on {shown(joint)}, which has no "
                     "coordinate here; write armature for each joint of its body.")
         # y₁(0) and y₂(0)
-        at_reference = [sum(c * self.robot.joints[joint].ref for joint, c in parts)
-                        for parts in sums]
+        at_reference = [sum(factor * self.robot.joints[joint].ref for joint, factor in terms)
+                        for terms in sums]
         if equality.kind == "joint" and len(sums) == 2 and not any(coefficients[2:]):
             c0, c1 = coefficients[:2]
             # c₁ = 0 fixes y₁: no coupling of two joints
@@ -361,13 +364,15 @@ class MjcfBuilder(RobotBuilder):
                 self.builder.couple(name, independent, dependent, ratio=c1,
                                    offset=c0 + at_reference[0] - c1 * at_reference[1])
                 return
-        links = [self.coordinates[joint] for parts in sums for joint, _ in parts]
+        links = [self.coordinates[joint] for terms in sums for joint, _ in terms]
 
         def law(*coordinates: Any) -> Any:
             """Return y₁ − y₁(0) − Σ c_k (y₂ − y₂(0))^k, which the constraint holds at 0."""
-            symbols = iter(coordinates)
-            dependent, *independent = (sum(c * next(symbols) for _, c in parts) - y0
-                                       for parts, y0 in zip(sums, at_reference, strict=True))
+            # one coordinate for each term of the sums, in the order of ``links``
+            remaining = iter(coordinates)
+            dependent, *independent = (
+                sum(factor * next(remaining) for _, factor in terms) - y_at_reference
+                for terms, y_at_reference in zip(sums, at_reference, strict=True))
             polynomial = sum(c * (independent[0] if independent else 0) ** k
                              for k, c in enumerate(coefficients) if c)
             return dependent - polynomial

@@ -73,7 +73,7 @@ from .multibody_file import read_bodies
 from .robots import NO_OPTIONS, read_settings, refuse_other_options, robot_model
 from .single_body_file import read_body
 from .system_file import read_system
-from .toml_tables import TomlTable, load_toml
+from .toml_tables import TomlFileError, TomlTable, load_toml
 
 __all__ = ["ModelFile", "load_model", "parse_model", "read_model"]
 
@@ -191,10 +191,9 @@ def _parse_model(
         mentioned = formulas.numbers.values.mentioned
         return ModelFile(model, [name for name in model.parameters if name in content.table(
             "parameters") and name not in mentioned])
-    # errors of the builders do not know the file, those of its keys name it
-    except InputError as error:
-        if str(error).startswith("The model file"):
-            raise
+    except TomlFileError:  # an error of a key, which names the file already
+        raise
+    except InputError as error:  # of a builder, which does not know the file
         raise content.file_error(str(error)) from None
 
 

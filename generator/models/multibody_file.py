@@ -81,7 +81,7 @@ from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
 from .single_body_file import ATTITUDES, inertia_numbers, read_attitude, read_rep
-from .toml_tables import TomlTable, Units
+from .toml_tables import TomlFileError, TomlTable, Units
 
 __all__ = ["build_from", "build_model", "join", "read_bodies"]
 
@@ -302,10 +302,9 @@ def build_from(table: TomlTable, build: Callable[[TomlTable], Any]) -> Any:
     """Return ``build(table)``; an InputError of it gets the file and the table."""
     try:
         return build(table)
+    except TomlFileError:  # an error of the table's own keys, which names file, table and key
+        raise
     except InputError as problem:
-        # an error of the table's own keys names file, table and key already
-        if str(problem).startswith("The model file"):
-            raise
         raise table.file_error(f"{table.where}{problem}") from None
 
 

@@ -41,7 +41,7 @@ from .multibody_file import build_from, build_model, join
 from .robot_options import MjcfOptions, SdfOptions, UrdfOptions
 from .robot_tree import IDENTITY, Mount
 from .sdf import parse_sdf
-from .toml_tables import TomlTable, load_toml
+from .toml_tables import TomlFileError, TomlTable, load_toml
 from .urdf import parse_urdf
 
 __all__ = ["NO_OPTIONS", "Loops", "RobotFormat", "load_robot", "read_loops", "read_settings",
@@ -248,10 +248,9 @@ class Loops:
         """Return the model, without the constraints that the file leaves out."""
         try:
             return build_model(builder, self.content)
+        except TomlFileError:  # an error of a key, which names the file already
+            raise
         except InputError as error:
-            # an error of a key names the file already
-            if str(error).startswith("The model file"):
-                raise
             raise self.content.file_error(str(error)) from None
 
 

@@ -18,7 +18,7 @@ from ..parsing.grammar import UNITS
 from ..parsing.tokens import names_in, shorten
 from .formulas import CONSTANTS, FUNCTIONS, parse_number
 
-__all__ = ["SYMBOL", "Known", "TomlTable", "Units", "load_toml", "number_of_text"]
+__all__ = ["SYMBOL", "Known", "TomlFileError", "TomlTable", "Units", "load_toml", "number_of_text"]
 
 #: Python's reader of TOML takes time quadratic in the number of parts of a dotted key.
 MAX_DOTS = 64
@@ -27,11 +27,15 @@ UNIT_WORDS = {unit.partition("/")[0] for unit in UNITS}
 SYMBOL = re.compile("[A-Za-z][A-Za-z0-9_]{0,39}")
 
 
+class TomlFileError(InputError):
+    """An InputError whose message names the TOML file: callers pass it on as it is."""
+
+
 def load_toml(text: str, path: Path, kind: str = "model file") -> TomlTable:
     """Return the outermost table of a TOML text; ``kind`` and ``path`` begin its errors."""
     def error(reason: str) -> InputError:
         """Return an error that names the file."""
-        return InputError(f"The {kind} {str(path)!r} is not usable: {reason}")
+        return TomlFileError(f"The {kind} {str(path)!r} is not usable: {reason}")
 
     for number, line in enumerate(text.splitlines(), 1):
         if line.count(".") > MAX_DOTS:
@@ -158,9 +162,7 @@ class TomlTable:
     def names(self, key: str) -> list[str]:
         """Return a list of names of symbols."""
         entries = self._list(key, count=None, content="names in quotes")
-        for i, value in enumerate(entries, 1):
-            self.symbol(f"{key}, entry {i},", value)
-        return list(entries)
+        return [self.symbol(f"{key}, entry {i},", value) for i, value in enumerate(entries, 1)]
 
     def strings(self, key: str) -> list[str]:
         """Return a list of texts, none if the key is not there."""

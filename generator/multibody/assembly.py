@@ -660,7 +660,10 @@ def _entries(
 
 
 def _entry(e: Any, parameters: set[sp.Symbol], values: Mapping[str, float]) -> Entry:
-    """Return a parameter of the system, or the number of another symbol or expression."""
+    """Return a symbol unchanged if it is a parameter of the system, else the number of ``e``.
+
+    Another symbol has its number in ``values``, by name; what is no symbol is a number already.
+    """
     if not isinstance(e, sp.Symbol):
         return float(e)
     return e if e in parameters else float(values[str(e)])

@@ -391,12 +391,14 @@ class Align(Connection):
         """Yield the angle, if it is given for the start."""
         if self.start_angle is not None:
             c, s = cosine_and_sine(self, poses, store)
+            # the angle θ against the described pose, whose sin and cos are s and c, is led to the
+            # start: FRACTION goes from 0 to 1
+            target = FRACTION * self.displacement
             # sin and cos of θ − target: polynomials of the coordinates, so that the closing of
             # loops has no jump at θ = π
-            target = FRACTION * self.displacement
             yield StartValue(self.name, "angle", self.start_angle,
-                             s * sp.cos(target) - c * sp.sin(target),
-                             c * sp.cos(target) + s * sp.sin(target))
+                             sine=s * sp.cos(target) - c * sp.sin(target),
+                             cosine=c * sp.cos(target) + s * sp.sin(target))
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the rate e·(ω_b − ω_a), if it is given for the start."""

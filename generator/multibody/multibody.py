@@ -472,8 +472,8 @@ class Multibody:
             Inertia of segments about the axes of the section per length, in kg m; by default that
             of cylinders of ``radius``, and without one m h²/12 about each axis.
         velocity, angular_velocity : three floats, optional
-            Of the whole as one rigid body at the start, in space, m/s at the start of the beam and
-            rad/s; by default as joints require, else 0.
+            Velocity of the first end of the beam in m/s and angular velocity in rad/s, in space:
+            the beam starts in motion as one rigid body. By default as joints require, else 0.
 
         Returns
         -------
@@ -488,16 +488,19 @@ class Multibody:
         """
         self._components.claim(name, "body")
         check_rep(name, rep)
-        number, EI, GJ, extension, tau = stiffness_of(
+        segment_count, EI, GJ, extension, tau = stiffness_of(
             name, count, bending, twisting, stretching, shearing, damping)
-        curve = curve_of(name, start, end, points, number)
-        nodes, h, chords = curve.nodes, curve.length / number, np.diff(curve.nodes, axis=0)
-        # sections at the start, at the middle of each segment and at the end
-        arc = np.array([0.0, *(np.arange(number) + 0.5) / number, 1.0])
+        curve = curve_of(name, start, end, points, segment_count)
+        # h: length of the beam along a segment, whose chord is shorter where the beam is curved
+        nodes, h = curve.nodes, curve.length / segment_count
+        chords = np.diff(nodes, axis=0)
+        # sections at the start, at the middle of each segment and at the end: their distances from
+        # the start as parts of the length
+        arc = np.array([0.0, *(np.arange(segment_count) + 0.5) / segment_count, 1.0])
         first_edge, last_edge = curve.end_edges
         attitudes = frames_along(name, np.stack([first_edge, *chords, last_edge]), arc, normal,
                                  float(finite(f"twist of {name!r}", twist, shape=())))
-        m = positive(f"mass of {name!r}", mass) / number
+        m = positive(f"mass of {name!r}", mass) / segment_count
         checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)
         moments = as_inertia(moments_of_segment(name, inertia, m, h, checked_radius),
                              f"inertia of {name!r}")
@@ -511,6 +514,7 @@ class Multibody:
             state = _segment_state(f"{name}_{k}", q, (nodes[k - 1] + nodes[k]) / 2, nodes[0], v,
                                    omega)
             body = Body.of_beam(f"{name}_{k}", rep, name)
+            # γ or α, the ``weight``, is the mean of the moments
             segments.append(self._add(body, state, m, moments, weight=None))
             # a beam without a radius is drawn slender
             self.visual(body, Shape.bar((0, 0, -half), (0, 0, half), checked_radius or h / 8,
@@ -532,11 +536,11 @@ class Multibody:
 
         Joint k is between the segments k and k + 1, at the distance k h from the start.
         """
-        h, number = beam.spacing, len(beam.segments)
-        for k in range(1, number):
+        h, segment_count = beam.spacing, len(beam.segments)
+        for k in range(1, segment_count):
             # The half segments at both ends have no joint: the next joint stretches for them. A
             # beam without extension keeps its length, and its joints have no gap.
-            outer_count = (k == 1) + (k == number - 1)
+            outer_count = (k == 1) + (k == segment_count - 1)
             self._join(BeamJoint(
                 f"{beam.name}_joint_{k}", beam.segments[k - 1], beam.segments[k],
                 np.array([0, 0, halves[k - 1]]), np.array([0, 0, -halves[k]]), beam=beam,

@@ -32,7 +32,7 @@ def state_kernels(system: LagrangianSystem) -> list[Kernel]:
     if system.forces:
         kernels.append(Kernel("force_of_velocity", "F(q, v, t), which no potential has", arguments,
                               {"F": list(system.forces)}))
-    # common factors take quadratic time
+    # the search for common factors takes quadratic time, too long for a long L
     return [replace(k, factors=not system.is_long) for k in kernels]
 
 
@@ -43,10 +43,11 @@ def motion_kernels(system: LagrangianSystem) -> list[Kernel]:
     kernels = [Kernel("generalised_force", f"R = dL/dq{plus_forces} at fixed v",
                       arguments | time_input(system), {"R": system.generalised_force})]
     if system.is_time_dependent:
+        # no ``time_input``: where H depends on time, the time is among the constants of a system
         kernels.append(Kernel("energy_rate_of_velocity",
                               "H_t = -dL/dt at fixed v, the power of what drives L", arguments,
                               {"H_t": system.H_t}))
-    # common factors take quadratic time
+    # the search for common factors takes quadratic time, too long for a long L
     return [replace(k, factors=not system.is_long) for k in kernels]
 
 
@@ -65,5 +66,5 @@ def newton_kernels(system: LagrangianSystem) -> list[Kernel]:
         kernels.append(Kernel("applied_force_derivative", "dF along (dq, dv)",
                               arguments | time_input(system) | direction,
                               {"dF": along(system.forces, symbols, [*dq, *dv])}))
-    # common factors take quadratic time
+    # the search for common factors takes quadratic time, too long for a long L
     return [replace(k, factors=not system.is_long) for k in kernels]

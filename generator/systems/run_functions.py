@@ -28,7 +28,9 @@ def sum_over_states(
         lambda_0, lambda_1, … are the multipliers of constraints at the states, as in
         ``JointMotion.force``.
     at_states, to_steps : callable
-        ``multipliers_at_states``, and its transpose.
+        ``multipliers_at_states``, which returns the multipliers of a run at its stored states,
+        shape (rows, m); and its transpose, which takes the run and derivatives in that shape, and
+        returns the derivatives by the multipliers of the run's steps.
     run : Trajectory
         The run with the states.
 
@@ -60,11 +62,11 @@ def sum_over_states(
                         "that returns its value and cotangents")
     evaluator = Evaluator(values)
 
-    def by_state(body: sp.Expr) -> Any:
+    def by_state(function: sp.Expr) -> Any:
         """Return an expression at each stored state, shape (rows,)."""
         # the caller refuses cotangents that are not finite
         with np.errstate(all="ignore"):
-            return np.broadcast_to(evaluator(body), run.t.shape)
+            return np.broadcast_to(evaluator(function), run.t.shape)
 
     slopes = {str(symbol): by_state(derivative(e, symbol)) for symbol in values}
     return by_state(e).sum(), _cotangents(slopes, multipliers, to_steps, run)

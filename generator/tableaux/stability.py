@@ -46,7 +46,7 @@ class Stability:
     ----------
     numerator, denominator : Poly
         Polynomials in z; R(0) = 1.
-    constrained : bool
+    holds_with_constraints : bool
         Whether R is also the stability function under linear constraints.
     rounding : Rational
         Values smaller than this relative to their terms count as 0; 0 for an exact tableau.
@@ -54,7 +54,7 @@ class Stability:
 
     numerator: sp.Poly
     denominator: sp.Poly
-    constrained: bool
+    holds_with_constraints: bool
     rounding: sp.Rational
 
     @property
@@ -92,7 +92,8 @@ class Stability:
     def damping(self) -> tuple[sp.Rational, int] | None:
         """(C/2, 2k): an oscillation ω loses about C/2 (ωΔt)^2k of its amplitude in a step Δt.
 
-        C w^k, w = (ωΔt)², is the first term of E (``deficit``); None if E = 0.
+        C w^k, w = (ωΔt)², is the first term of E (``deficit``); None if E = 0. As R(0) = 1, it is
+        the first term of 1 − |R|², too, and |R| = √(1 − C w^k) is about 1 − C w^k/2.
         """
         terms = [(k, c) for (k,), c in self.deficit.terms() if c]
         if not terms:  # E = 0: oscillations keep their amplitude
@@ -121,12 +122,14 @@ def stability(tableau: Tableau) -> Stability | None:
     stages = _rational(basis["A"]) * _rational(nodes.trace)
     ends = _rational(nodes.one) * _rational(basis["b"]).transpose() * _rational(nodes.trace)
     rounding = sp.Integer(0)
-    if tableau.given:
+    if tableau.is_given_in_numbers:
         digits = tableau.decimal_digits
         rounding = sp.Rational(1, 2**BITS if digits is None else 10 ** (digits - 2))
-    constrained = tableau.p == tableau.s and multiplier_inverse(tableau) is not None
+    holds_with_constraints = (tableau.p == tableau.s
+                              and multiplier_inverse(tableau) is not None)
     return Stability(_drop_round_off(_determinant(stages - ends), rounding),
-                     _drop_round_off(_determinant(stages), rounding), constrained, rounding)
+                     _drop_round_off(_determinant(stages), rounding), holds_with_constraints,
+                     rounding)
 
 
 def _rational(matrix: Any) -> DomainMatrix:

@@ -113,7 +113,8 @@ class Tableau:
 
     def __repr__(self) -> str:
         order = f", order {self.claims['order']}" if "order" in self.claims else ""
-        if self.given and {"order", "free_order"} <= vars(self).keys():  # a proof takes time
+        # a proof takes time: its result is shown where it has been computed already
+        if self.is_given_in_numbers and {"order", "free_order"} <= vars(self).keys():
             order = f", proved order {self.order} with constraints, {self.free_order} without"
         return f"<Tableau {self.name}: {self.s} stages, p = {self.p}{order}>"
 
@@ -155,7 +156,7 @@ class Tableau:
         return self.constraints.size - 1
 
     @property
-    def given(self) -> bool:
+    def is_given_in_numbers(self) -> bool:
         """Whether the coefficients were given as numbers instead of derived."""
         return isinstance(self.stages, ValueNodes)
 
@@ -235,11 +236,12 @@ class Tableau:
     def _evaluate(self, name: str) -> tuple[Any, ...]:
         """Return a table evaluated at its exact nodes u and v: Σ_kl C_kl uᵏ vˡ."""
         rows = self.basis[name].to_list()
-        nodes = self.nodes_of(name)
-        is_matrix = len(nodes) == 2
-        if self.given:  # its entries are the coefficients
+        node_sets = self.nodes_of(name)
+        is_matrix = len(node_sets) == 2
+        if self.is_given_in_numbers:  # the entries in ``basis`` are the values at the nodes
             return tuple(tuple(row) if is_matrix else row[0] for row in rows)
-        roots = [exact_roots(x.polynomial) for x in nodes]  # type: ignore[attr-defined]
+        roots = [exact_roots(nodes.polynomial)  # type: ignore[attr-defined]
+                 for nodes in node_sets]
         if not is_matrix:  # a vector has one column, the power v⁰
             return tuple(polynomial_value(rows, u, sp.Integer(0)) for u in roots[0])
         return tuple(tuple(polynomial_value(rows, u, v) for v in roots[1])

@@ -30,7 +30,7 @@ def refusal_of_velocity_rows(tableau: Tableau) -> str:
     The number of nodes must be the number of stages with multipliers: p = s, which Lobatto IIIA-B
     does not satisfy.
     """
-    if tableau.given:
+    if tableau.is_given_in_numbers:
         return f"tableau {tableau.name!r} is given in numbers"
     if tableau.p != tableau.s:
         return (f"tableau {tableau.name!r} has {tableau.s} stages for multipliers of velocity "

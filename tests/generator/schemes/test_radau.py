@@ -97,8 +97,8 @@ def test_R_is_the_approximant_of_pade(s):
             "z", -sp.I * X)) for polynomial in (radau.numerator, radau.denominator))
     remainder = sp.Poly(numerator - denominator * (1 - 2 * share * X**power), X)
     assert min(k for (k,), c in remainder.terms()) > power
-    assert radau.constrained
-    assert gauss.constrained
+    assert radau.holds_with_constraints
+    assert gauss.holds_with_constraints
 
 
 def test_R_of_given_tableaux_and_of_those_that_have_none(tmp_path):
@@ -109,7 +109,7 @@ def test_R_of_given_tableaux_and_of_those_that_have_none(tmp_path):
     assert plain.damping == (sp.Rational(1, 72), 4)
     few = stability(read_tableau(FOLDER / "gauss_3_2.json"))
     assert str(few) == "A-stable, |R(∞)| = 1"
-    assert not few.constrained  # three stages, two constraint nodes
+    assert not few.holds_with_constraints  # three stages, two constraint nodes
     for entry, kind, size in (("1/3", "not A-stable", 2), ("2/3", "A-stable", sp.S.Half),
                               ("0", "not A-stable", None), ("-1", "not A-stable", 2)):
         table = make().collocation("theta", [sp.S(1) / 3], [sp.S(0), sp.S(1)], 1)
