@@ -274,11 +274,11 @@ class EnsembleArguments:
     rests: Array | None = None
 
     @classmethod
-    def of(cls, runs: list[RunArguments], number: Any) -> EnsembleArguments:
-        """Return checked runs as columns; numbers beside the states are of the type ``number``."""
+    def of(cls, runs: list[RunArguments], number_type: Any) -> EnsembleArguments:
+        """Return checked runs as columns; numbers beside the states have this NumPy type."""
         def column(values: list[Any]) -> Array:
             """Return numbers of the runs as an array, (runs,)."""
-            return np.array(values, dtype=number)
+            return np.array(values, dtype=number_type)
 
         return cls(runs[0], np.array([run.q for run in runs]), np.array([run.p for run in runs]),
                    column([run.dt for run in runs]), column([run.t0 for run in runs]),
@@ -390,8 +390,8 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
     has_columns = size > 1 and not stepper.binding.clocked
     runs = _runs_as_columns(stepper, arguments, first_run) if has_columns else None
     if runs is None or not _are_consistent(stepper, runs):
-        number = stepper.binding.number_type
-        runs = EnsembleArguments.of([first_run, *(checked_run(i) for i in range(1, size))], number)
+        runs = EnsembleArguments.of([first_run, *(checked_run(i) for i in range(1, size))],
+                                    stepper.binding.number_type)
     return runs
 
 
@@ -404,13 +404,13 @@ def _runs_as_columns(
     the runs to the check of single runs, whose errors name the run.
     """
     binding, size = stepper.binding, len(arguments.q)
-    number = binding.number_type
+    number_type = binding.number_type
     # floats, integers and unsigned integers of NumPy
     has_objects = {arguments.q.dtype.kind, arguments.p.dtype.kind} - {*"fiu"}
-    if number is object or has_objects:
+    if number_type is object or has_objects:
         return None
     q, p = binding.to_real(arguments.q), binding.to_real(arguments.p)
-    dt, t0 = _numbers(arguments.dt, number), _numbers(arguments.t0, number)
+    dt, t0 = _plain_column(arguments.dt, number_type), _plain_column(arguments.t0, number_type)
     parameters = _parameter_columns(stepper, arguments, first_run, size)
     if dt is None or t0 is None or parameters is None or not dt.all():
         return None
@@ -419,8 +419,8 @@ def _runs_as_columns(
     return EnsembleArguments(first_run, q, p, dt, t0, parameters)
 
 
-def _numbers(column: Array | list[Any], number: Any) -> Array | None:
-    """Return a column in the type ``number``; None if an entry is not finite or not plain."""
+def _plain_column(column: Array | list[Any], number_type: Any) -> Array | None:
+    """Return a column in a NumPy type; None if an entry is not finite or of no plain type."""
     if isinstance(column, list):
         kinds = {*map(type, column)}
         # NumPy would turn bools, texts and mixed lists into numbers
@@ -430,7 +430,7 @@ def _numbers(column: Array | list[Any], number: Any) -> Array | None:
     if column.dtype.kind not in "fiu":
         return None
     with np.errstate(over="ignore"):
-        converted = column.astype(number)
+        converted = column.astype(number_type)
     return converted if np.isfinite(converted).all() else None
 
 
@@ -442,17 +442,17 @@ def _parameter_columns(
     ``size`` is the number of runs, ``first_run`` the first of them, checked.
     """
     column_of: dict[str, Array] = {}
-    number = stepper.binding.number_type
+    number_type = stepper.binding.number_type
     rates = {symmetry.name for symmetry in stepper.symmetries}
     if isinstance(arguments.parameters, tuple):
         columns: Mapping[str, Any] = arguments.parameters[1]
         if not columns:  # all runs have the parameters of the first
-            return {name: np.full(size, value, number)
+            return {name: np.full(size, value, number_type)
                     for name, value in first_run.parameters.items()}
     elif any({*run, *rates} != first_run.parameters.keys() for run in arguments.parameters):
         return None  # a name is missing or unknown: the check of single runs says which
     for name, domain in stepper.parameter_domains.items():
-        column = _numbers(_column_of(arguments, name, first_run, size, rates), number)
+        column = _plain_column(_column_of(arguments, name, first_run, size, rates), number_type)
         if column is None or not _in_domain(column, domain):
             return None
         column_of[name] = column

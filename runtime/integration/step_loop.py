@@ -153,12 +153,14 @@ def march(
     """
     pace = pace or ChunkSize(has_events=observer is not None)
     constants = constants or run.constants(binding)
-    if (observer is None and progress is None and run.stored_steps is None
-            and 0 < run.steps <= pace.most and not run.steps % run.every
-            and binding.dtype is not object and not stop()):
-        # a run of one chunk, without the bookkeeping of ``fill``: it takes microseconds; a longer
-        # one is timed, for the first chunk of the next call
-        pace.begin(run.steps if run.steps <= FIRST_STEPS else None)
+    # arrays of float128 hold Python objects, which ``integrate_short`` does not take
+    is_one_chunk = (observer is None and progress is None and run.stored_steps is None
+                    and 0 < run.steps <= pace.most and not run.steps % run.every
+                    and binding.dtype is not object)
+    if is_one_chunk and not stop():
+        # without the bookkeeping of ``fill``, as the run takes microseconds
+        is_timed = run.steps > FIRST_STEPS  # for the first chunk of the next call
+        pace.begin(remaining=None if is_timed else run.steps)
         status, state, read_rows = binding.integrate_short(
             constants, run.q, run.p, run.steps, run.every)
         pace.end(run.steps)

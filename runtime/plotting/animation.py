@@ -69,17 +69,19 @@ def animate(
     """
     target = check_film(path)
     choose("shape", shape, DRAWN)
-    frames, writer = _frames(seconds, fps), _writer(target, fps)
-    scene = scene_of(trajectory, max(frames, _TRACE))
+    picture_count, writer = _picture_count(seconds, fps), _writer(target, fps)
+    # as many states as the pictures and the traces need
+    scene = scene_of(trajectory, max(picture_count, _TRACE))
     # fewer stored states than pictures make a shorter film
-    shown_frames = np.unique(np.linspace(0, len(scene.t) - 1, frames).astype(int)).tolist()
+    shown_frames = np.unique(np.linspace(0, len(scene.t) - 1, picture_count).astype(int)).tolist()
     meshes: dict[str, IndexedMesh] = {}
     if shape == "auto":
         scene, meshes = with_visuals(trajectory, scene, meshes="small", budget=_BUDGET)
     else:
         scene = _with_inertia_shapes(scene, shape)
     width, height = _SIZE
-    figure = figure_class()(figsize=(width / _DPI, height * 1.25 / _DPI), dpi=_DPI)
+    full_height = height * 1.25  # with the energy below the bodies
+    figure = figure_class()(figsize=(width / _DPI, full_height / _DPI), dpi=_DPI)
     stage = _Stage(figure, scene, meshes, shown_frames)
     stage.draw_energy(trajectory)
     with (result_file(target, "The film") as partial_file,
@@ -105,7 +107,7 @@ def check_film(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def _frames(seconds: Any, fps: Any) -> int:
+def _picture_count(seconds: Any, fps: Any) -> int:
     """Return the number of pictures of a film, seconds · fps; InputError for fewer than 2 or too
     many."""
     arrays = [real_array(number) for number in (seconds, fps)]

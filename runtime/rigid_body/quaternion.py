@@ -155,10 +155,10 @@ def to_rotation(q: ArrayLike) -> Rotation:
 def attitude_quaternion(attitude: Rotation | ArrayLike) -> Floats:
     """Return q, scalar first, shape (4,) or (N, 4), of attitudes.
 
-    Of q and −q, which are the same attitude, it returns for a quaternion itself, for SciPy's
-    Rotation the one that SciPy stores, for a matrix the one whose scalar is not negative. Raises
-    InputError if it is neither a quaternion, shape (4,) or (N, 4), nor a rotation from body to
-    space axes: SciPy's, or a matrix of shape (3, 3) or (N, 3, 3).
+    q and −q are the same attitude. A quaternion keeps its sign, a Rotation of SciPy has the sign
+    that SciPy stores, and for a matrix the scalar is not negative. Raises InputError if
+    ``attitude`` is neither a quaternion, shape (4,) or (N, 4), nor a rotation from body to space
+    axes: SciPy's, or a matrix of shape (3, 3) or (N, 3, 3).
     """
     if hasattr(attitude, "as_quat"):  # SciPy is not needed to know its Rotation
         scalar_last: Floats = np.asarray(attitude.as_quat(), dtype=np.float64)

@@ -47,8 +47,10 @@ class Dynamics(Differentiation):
 
         They are exact but for rounding, without differences. ``.joint(name)`` is the acceleration
         of a hinge or a slide, ``.body(name)`` that of a body and the rate of its angular velocity,
-        ``.quantities[name]`` the rate of a quantity. MuJoCo calls d²q/dt² ``qacc``, Pinocchio's
-        function for it is ``aba``.
+        ``.quantities[name]`` the rate of a quantity. MuJoCo's ``qacc`` and the result of
+        Pinocchio's ``aba`` are the rates of their velocities: for hinges and slides the
+        accelerations of ``.joint(name)``, for a ball the rate of an angular velocity and not
+        d²q/dt² of a quaternion.
 
         Parameters
         ----------

@@ -183,8 +183,10 @@ class Stepper(Dynamics):
         q, p, t0 = state.q, state.p, state.t
         input_rows = as_inputs(inputs, self.binding, 1)
         if input_rows is not None:
-            state = replace_fields(state, parameters={name: value for name, value in as_mapping(
-                "parameters", state.parameters, "{'m': 1.0}").items()
+            # inputs among the parameters have no effect beside ``inputs``, and are not compared
+            parameter_values = as_mapping("parameters", state.parameters, example="{'m': 1.0}")
+            state = replace_fields(state, parameters={
+                name: value for name, value in parameter_values.items()
                 if name not in self.binding.input_names})
         # the names of inputs are compared too: a call without them does not hold the last ones
         arguments = (dt, solver, input_rows is None, state.parameters)
@@ -192,23 +194,25 @@ class Stepper(Dynamics):
         previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
         # gone until this step has succeeded: a step that fails leaves no memory to go on from
         self._local.previous_step = None
-        if previous_step is None or not previous_step.continues(q, p, t0, arguments):
+        if previous_step is not None and previous_step.continues(q, p, t0, arguments):
+            step = previous_step
+        else:
             run = self._checked_run(self._run_arguments(
                 state, dt=dt, steps=1, inputs=input_rows, solver=solver))
             self._warn(run)
             # work memory that a step has used needs no initialisation
             work = None if previous_step is None else previous_step.work
-            previous_step = ContinuedStep(self.binding, run, arguments, work)
+            step = ContinuedStep(self.binding, run, arguments, work)
         if input_rows is not None:
-            previous_step.feed(input_rows.at(0))
-        if previous_step.advance(1):
+            step.feed(input_rows.at(0))
+        if step.advance(1):
             # it has failed: without the memory of earlier steps it may succeed, else the error
             # raised here has the reason
-            run = previous_step.run_from(q, p, t0).with_inputs(input_rows)
+            run = step.run_from(q, p, t0).with_inputs(input_rows)
             end = integrate(self.binding, self.manifest, run)
             return end.q[-1], end.p[-1]
-        self._local.previous_step = previous_step
-        return previous_step.q.copy(), previous_step.p.copy()
+        self._local.previous_step = step
+        return step.q.copy(), step.p.copy()
 
     def start(
         self,

@@ -41,7 +41,7 @@ _MOST = 2**22
 #: The law shall be met with a margin; a number of steps that saves less is not tried.
 _SPARE, _WORTH = 0.8, 0.9
 #: Errors of halved steps that decrease by less than this factor are round-off.
-_HALVED = 1.5
+_LEAST_DECREASE = 1.5
 
 
 class StepSearch:
@@ -164,11 +164,12 @@ class StepSearch:
 
     def _refuse_round_off(self) -> None:
         """Raise an error if halving the step twice no longer reduces the error: round-off."""
+        # ``motion`` of a pilot is its error; each pilot has half the step of the one before
         last_errors = [pilot.motion for pilot in self.pilots[-3:]]
         # large errors that do not fall yet are the pre-asymptotic range, not round-off
         if len(last_errors) < 3 or max(last_errors[1:]) > math.sqrt(self.epsilon):
             return
-        if any(coarse >= _HALVED * fine for coarse, fine in pairwise(last_errors)):
+        if any(coarse >= _LEAST_DECREASE * fine for coarse, fine in pairwise(last_errors)):
             return
         raise InputError(
             f"step_error = {self.bound:g} is below round-off: the error stays at "

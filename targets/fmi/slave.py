@@ -102,7 +102,7 @@ class Slave:
         function = getattr(self._library, f"fmi{self._version}{name}")
         return STATUS[function(_Pointer(self._instance), *arguments)]
 
-    def must(self, name: str, *arguments: Any) -> None:
+    def call_checked(self, name: str, *arguments: Any) -> None:
         """Call a function; raise ``GyrosparkError`` with its message unless it succeeds."""
         status = self.call(name, *arguments)
         if status != "OK":
@@ -115,22 +115,24 @@ class Slave:
             self.set(values)
         # neither a tolerance nor a time of the end is defined
         if self._version == 2:
-            self.must("SetupExperiment", 0, _Real(0), _Real(time), 0, _Real(0))
-            self.must("EnterInitializationMode")
+            self.call_checked("SetupExperiment", 0, _Real(0), _Real(time), 0, _Real(0))
+            self.call_checked("EnterInitializationMode")
         else:
             flag = ctypes.c_bool(False)
-            self.must("EnterInitializationMode", flag, _Real(0), _Real(time), flag, _Real(0))
-        self.must("ExitInitializationMode")
+            self.call_checked("EnterInitializationMode", flag, _Real(0), _Real(time), flag,
+                              _Real(0))
+        self.call_checked("ExitInitializationMode")
 
     def set(self, values: Mapping[str, float]) -> None:
         """Set variables by name."""
         arguments, _ = self._arguments([*values], [*values.values()])
-        self.must("SetReal" if self._version == 2 else "SetFloat64", *arguments)
+        self.call_checked("SetReal" if self._version == 2 else "SetFloat64", *arguments)
 
     def get(self, names: Sequence[str]) -> list[float]:
         """Return variables by name."""
         arguments, values = self._arguments(names, [0.0] * len(names))
-        self.must("GetReal" if self._version == 2 else "GetFloat64", *arguments)
+        # the call writes into the array ``values``, which is among its arguments
+        self.call_checked("GetReal" if self._version == 2 else "GetFloat64", *arguments)
         return [*values]
 
     def _arguments(self, names: Sequence[str], numbers: Sequence[float]) -> tuple[list[Any], Any]:
@@ -159,29 +161,29 @@ class Slave:
     def keep(self) -> Any:
         """Return a copy of the state, for ``restore``, ``write`` and ``free``."""
         state = _Pointer()
-        self.must(self._state["Get*"], ctypes.byref(state))
+        self.call_checked(self._state["Get*"], ctypes.byref(state))
         return state
 
     def restore(self, state: Any) -> None:
         """Go back to a state."""
-        self.must(self._state["Set*"], state)
+        self.call_checked(self._state["Set*"], state)
 
     def free(self, state: Any) -> None:
         """Release the memory of a state."""
-        self.must(self._state["Free*"], ctypes.byref(state))
+        self.call_checked(self._state["Free*"], ctypes.byref(state))
 
     def write(self, state: Any) -> bytes:
         """Return a state as bytes."""
         size = ctypes.c_size_t()
-        self.must(self._state["Serialized*Size"], state, ctypes.byref(size))
+        self.call_checked(self._state["Serialized*Size"], state, ctypes.byref(size))
         content = ctypes.create_string_buffer(size.value)
-        self.must(self._state["Serialize*"], state, content, size)
+        self.call_checked(self._state["Serialize*"], state, content, size)
         return content.raw
 
     def read(self, content: bytes) -> Any:
         """Return the state of bytes, which another instance may have written."""
         state = _Pointer()
-        self.must(self._state["read"], content, ctypes.c_size_t(len(content)),
+        self.call_checked(self._state["read"], content, ctypes.c_size_t(len(content)),
                   ctypes.byref(state))
         return state
 

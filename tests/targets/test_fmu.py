@@ -228,13 +228,13 @@ def test_reset_and_time_of_the_start(satellite):
     with satellite.started() as slave:
         first = slave.get(OUTPUTS)
         go(slave, 0)
-        slave.must("Reset")
+        slave.call_checked("Reset")
         slave.start(time=5.0)
         assert slave.get(["time"]) == [5.0]
         assert slave.get(OUTPUTS) == first
         assert slave.step(5.0, DT) == "OK"
         assert slave.get(["time"]) == [5.1]
-        slave.must("Terminate")
+        slave.call_checked("Terminate")
         assert slave.step(5.1, DT) == "Error"
 
 
@@ -269,8 +269,8 @@ def test_a_step_that_fails_is_discarded_and_nothing_is_done(satellite):
         assert slave.get([*OUTPUTS, "time"]) == values_before
         if satellite.version == 2:
             time, ended = ctypes.c_double(7), ctypes.c_int(7)
-            slave.must("GetRealStatus", 2, ctypes.byref(time))
-            slave.must("GetBooleanStatus", 3, ctypes.byref(ended))
+            slave.call_checked("GetRealStatus", 2, ctypes.byref(time))
+            slave.call_checked("GetBooleanStatus", 3, ctypes.byref(ended))
             assert (time.value, ended.value) == (0, 0)
             assert slave.call("GetRealStatus", 0, ctypes.byref(time)) == "Error"
         for step in range(20):
