@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
@@ -230,26 +231,27 @@ class Examination:
 
         The width of each momentum is √(E/H_pp), so that a light body does not get the momentum of
         a heavy one. E is the largest |p·H_p| of the run, twice its kinetic energy, or the spread of
-        its energy if that is larger; for a motion at rest it is the largest Σ|q_i H_q_i|.
+        its energy if that is larger; for a motion at rest, of which both are round-off, the size of
+        the terms of H.
         """
         system, n = self.model.system, self.model.system.n
         q, p = (np.abs(x.astype(float)).max(axis=0) for x in (self.run.q, self.run.p))
         # a coordinate that stays near 0 gets a tenth of the largest one
         q_widths = np.maximum(q, 0.1 * (q.max() or 1.0))
-        energy, work, inverse_inertia = float(np.ptp(self.run.energy())), 0.0, np.zeros(n)
-        # H_p, H_q and the diagonal of H_pp
-        rates = [*system.H_p, *system.H_q,
+        energy, inverse_inertia = float(np.ptp(self.run.energy())), np.zeros(n)
+        # H_p and the diagonal of H_pp
+        rates = [*system.H_p,
                  *(derivative(v, x) for v, x in zip(system.H_p, system.p, strict=True))]
         for symbol_values, _ in self.round_off.states(rates):
             rate_values = evaluate(rates, symbol_values)
-            momenta, positions = (np.array([symbol_values[s] for s in symbols])
-                                  for symbols in (system.p, system.q))
+            momenta = np.array([symbol_values[s] for s in system.p])
             energy = max(energy, float(np.abs((momenta * rate_values[:n]).sum(axis=0)).max()))
-            work = max(work, float(np.abs(positions * rate_values[n : 2 * n]).sum(axis=0).max()))
-            inverse_inertia = np.maximum(inverse_inertia,
-                                         np.abs(rate_values[2 * n :]).max(axis=1))
+            inverse_inertia = np.maximum(inverse_inertia, np.abs(rate_values[n:]).max(axis=1))
+        size = self.round_off.energy
+        if energy < math.sqrt(self.round_off.epsilon) * size:
+            energy = size
         with np.errstate(all="ignore"):
-            p_widths = np.sqrt((energy or work) / inverse_inertia)
+            p_widths = np.sqrt(energy / inverse_inertia)
         # a momentum without H_pp gets the largest one of the run
         has_width = np.isfinite(p_widths) & (p_widths > 0)
         return q_widths, np.where(has_width, p_widths, p.max() or 1.0)
