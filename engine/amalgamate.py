@@ -1,7 +1,7 @@
 """One C file that compiles alone: the headers of the engine in place of their includes.
 
-A preprocessor for the names that begin with ``GS_`` and for includes of ``gyrospark/``, and for
-nothing else: it keeps the branches of the features, and leaves all other lines as they are.
+A preprocessor for the engine's names, which begin with ``GS_``, and for includes of ``gyrospark/``,
+and for nothing else: it keeps the branches of the features, and leaves all other lines as they are.
 """
 
 from __future__ import annotations
@@ -30,7 +30,9 @@ INCLUDE_CHECK = """\
 _DIRECTIVE = re.compile(
     r'\n(#(?:if|elif|else|endif|include "gyrospark/|define GS_|undef GS_|error).*)')
 _INCLUDE = re.compile(r'#include "(gyrospark/[\w./]+)"$')
-_DEFINE = re.compile(r"#define (GS_\w+)(?: (\d+))?(?: */\*.*\*/)?$")
+# A feature has a number, and the guard of a header ends with _H: a name without either is that of
+# a system "gs" or "gs_…", such as GS_DEMO_GL2_WORK, which its own header reads.
+_DEFINE = re.compile(r"#define (GS_\w+(?= \d)|GS_\w+_H)(?: (\d+))?(?: */\*.*\*/)?$")
 _CONDITIONAL = re.compile(r"#(?:(ifdef|ifndef) (GS_\w+)|(if|elif) "
                           r"((?:[!() ]*\bGS_\w+|[\d&|=!() ])+)|(else|endif)\b)")
 _TOKEN = re.compile(r"\s*(\w+|&&|\|\||==|!=|[!()])")

@@ -10,6 +10,7 @@ import shutil
 
 import numpy as np
 import pytest
+import sympy as sp
 
 import gyrospark as gs
 from calls import PARAMETERS
@@ -24,6 +25,7 @@ from gyrospark.generator.fingerprint import generator_fingerprint
 from gyrospark.runtime.compilation import prebuilt
 from gyrospark.runtime.compilation.build_cache import binary_key, digest
 from gyrospark.runtime.compilation.compiler import find_compiler
+from gyrospark.targets.native import native_bits
 from processes import ROOT, call, gyrospark_command
 from stores import START, record
 from toy import HEADERS
@@ -95,6 +97,19 @@ def test_standalone_files_contain_what_they_need():
         assert "gyrospark/" not in standalone, path
         assert not re.search(r"^#\w+.*\bGS_", standalone, re.MULTILINE), path
         assert amalgamate(standalone) == standalone, path
+
+
+def test_a_system_may_be_named_as_the_engine_names_its_features(tmp_path):
+    """The C of "gs_demo" defines GS_DEMO_GL2_WORK for its header, which is no name of the engine.
+    """
+    x, px = sp.symbols("x px", real=True)
+    system = gs.System((x,), (px,), (), px**2 / 2 + x**2 / 2, name="gs_demo")
+    run = gs.stepper("G-L", 2, system=system).integrate([0.0], [1.0], dt=0.02, steps=50)
+    assert run.q[-1, 0] == pytest.approx(np.sin(1), abs=1e-9)
+    built = gs.build("cpp", system, scheme="G-L", stages=2, dt=0.02, start=([0.0], [1.0]),
+                     out=tmp_path / "made")
+    assert np.frombuffer(bytes.fromhex(native_bits(built.stepper, built.options, 50)))[0] == (
+        pytest.approx(np.sin(1), abs=1e-9))
 
 
 def test_the_command_of_the_documents_builds_a_short_file(tmp_path):
