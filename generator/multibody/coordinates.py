@@ -298,9 +298,15 @@ class Slide(Cylindrical):
     def generalised_forces(
         self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
-        """Yield the generalised forces of a force along the axis."""
+        """Yield the generalised forces of a force along the axis, which is fixed in a, on b and a.
+        """
         k = named_number(f"{self.name}_scale", self.scale, store, UNIT)
-        return super().generalised_forces(quantity, k * effort, poses, store)
+        (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.local_points(store)
+        # no constraint keeps the axis in b, which a hinge of the same limb may turn
+        e = self.a.direction(in_a)
+        for frame, r, sign in ((self.a, on_a, -1), (self.b, on_b, 1)):
+            x, y, z = (sign * k * effort * c for c in e)
+            yield from frame.force_at(r, (x, y, z))
 
 
 @dataclass(eq=False, repr=False)

@@ -489,6 +489,28 @@ def test_joints_actuators_and_sites_have_their_names(tmp_path):
     assert build._components.connections[-1].on_b == pytest.approx([0, 0, -0.2])
 
 
+def test_forces_on_slides_of_the_ground_keep_their_axes_while_the_body_turns(tmp_path):
+    """A motor u and a damper d on one of two skew slides, s̈ = (u − d ṡ)/(m sin²), solved by hand.
+
+    The second slide, at the angle with the cosine c, has s̈₂ = −c s̈: its force is 0. The body turns
+    by 3 rad on its hinge, whose point is its centre of mass.
+    """
+    u, d, m, c, v, t = 2.0, 1.5, 1.25, 0.6, 1.0, 1.0
+    path = written(tmp_path, '<option gravity="0 0 0"/>' + hinged(
+        f'<inertial pos="0 0 0" mass="{m}" diaginertia=".1 .1 .1"/>',
+        f'<joint name="x" type="slide" axis="1 0 0" damping="{d}"/>'
+        '<joint name="z" type="slide" axis=".6 0 .8"/><joint name="h" axis="0 1 0"/>',
+        after='<actuator><motor name="u" joint="x"/></actuator>'))
+    model = gs.load_model(path, rates={"x": v, "h": 3.0})
+    run = gs.stepper("G-L", 2, system=model).integrate(model, dt=0.02, t_end=t,
+                                                       parameters={"u": u})
+    k = d / (m * (1 - c**2))
+    travel = u / d * t + (v - u / d) * (1 - math.exp(-k * t)) / k
+    assert run.quantity("h_angle")[-1] == pytest.approx(3, abs=1e-7)
+    assert run.quantity("x_travel")[-1] == pytest.approx(travel, abs=1e-7)
+    assert run.quantity("z_travel")[-1] == pytest.approx(c * (v * t - travel), abs=1e-7)
+
+
 @pytest.mark.parametrize("parts", ["free", "joined"])
 def test_names_that_begin_alike_stay_apart(tmp_path, parts):
     """A joint named as another body is no conflict; a parameter named as a coordinate is one."""
