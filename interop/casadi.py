@@ -173,22 +173,29 @@ def _name_shapes(names: list[str], shapes: list[tuple[int, int]]) -> dict[str, t
 
 
 def _value(flow: DiscreteFlow, has_second: bool) -> Any:
-    """Return z = F(x) as a CasADi function with Jacobian, forward and reverse derivatives."""
+    """Return z = F(x) as a CasADi function with Jacobian, forward and reverse derivatives.
+
+    A derivative is compiled where CasADi asks for its function: a stepper that has none says so
+    there, not where an expression of it is evaluated.
+    """
     x, z = (flow.size, 1), (2 * flow.n, 1)
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
         """Return the function x, z ↦ F'(x), one row per entry of F."""
+        flow.compile()
         return _Function(name, _name_shapes(ins, [x, z]), _name_shapes(outs, [(z[0], x[0])]),
                          lambda x, z: (flow.jacobian(x.T)[0],))
 
     def forward(name: str, ins: list[str], outs: list[str], count: int) -> Any:
         """Return the function x, z, dx ↦ F'(x) dx for ``count`` directions, the columns of dx."""
+        flow.compile()
         return _Function(
             name, _name_shapes(ins, [x, z, (x[0], count)]), _name_shapes(outs, [(z[0], count)]),
             lambda x, z, dx: (flow.tangent(x.T, dx.T[None])[0].T,))
 
     def reverse(name: str, ins: list[str], outs: list[str], count: int) -> Any:
         """Return the function x, z, w ↦ F'(x)ᵀ w for ``count`` cotangents, the columns of w."""
+        flow.compile()
         return _reverse(flow, has_second, name, ins, outs, count)
 
     return _Function("gyrospark_run", {"x": x}, {"z": z}, lambda x: (flow.value(x.T).T,),
@@ -210,6 +217,7 @@ def _reverse(
         if not has_second:
             raise no_second_order(
                 ": IPOPT does without them by hessian_approximation=\"limited-memory\"")
+        flow.compile(second=True)
         width = flow.size * count
         return _Function(
             name, _name_shapes(ins, [*shapes, (flow.size, count)]),

@@ -109,12 +109,12 @@ class DiscreteFlow:
 
     def tangent(self, x: Array, dx: Array) -> Array:
         """Return F'(x) dx, shape (rows, k, 2 n), of directions dx, shape (rows, k, size)."""
-        self._compile()
+        self.compile()
         return self._of_rows(self._tangent, (dx.shape[1], 2 * self.n), x, dx)
 
     def adjoint(self, x: Array, w: Array) -> Array:
         """Return F'(x)ᵀ w, shape (rows, k, size), of cotangents w, shape (rows, k, 2 n)."""
-        self._compile()
+        self.compile()
         return self._of_rows(self._adjoint, (w.shape[1], self.size), x, w)
 
     def jacobian(self, x: Array) -> Array:
@@ -133,10 +133,9 @@ class DiscreteFlow:
         each v. The directions of the start are projected onto the constraints. Exact, or by central
         differences of order 4.
         """
-        self._compile()
+        self.compile(second=True)
         width = self.size if linear == self.adjoint else 2 * self.n
         if self.exact:
-            _ = self.stepper._second_binding()  # compiled, as above
             exact_derivative = (
                 self._second_adjoint if linear == self.adjoint else self._second_tangent)
             return self._of_rows(exact_derivative, (v.shape[1], width), x, v, dx)
@@ -167,9 +166,15 @@ class DiscreteFlow:
             for node, weight in _DIFFERENCE for sign in (1, -1))
         return derivative
 
-    def _compile(self) -> None:
-        """Compile the derivatives: a compiler that fails is no failure of a row."""
+    def compile(self, *, second: bool = False) -> None:
+        """Compile the derivatives, with ``second`` those of second order too where they are exact.
+
+        A stepper that has none, and a compiler that fails, are no failures of a row. Raises
+        InputError and CompilerError.
+        """
         _ = self.stepper._derivative_binding()
+        if second and self.exact:
+            _ = self.stepper._second_binding()
 
     # ------------------------------------------------------------ x from its parts
 
@@ -228,7 +233,7 @@ class DiscreteFlow:
             solver="auto", tolerance=None, max_iterations=50, t0=float(t0),
             inputs=InputRows(self.input_names, input_rows, hold=1) if self.input_names else None)
         refuse_singular_mass(binding, stepper.manifest, run)
-        if not stepper.m:
+        if not binding.conditions:
             return run
         q, p = stepper._project(run.q, run.p, binding.parameters(run.parameters, run.t0))
         if not stepper.manifest.scheme.keeps_momentum_constraint:

@@ -23,6 +23,8 @@ _SECOND_ORDER = ("exact", "differences", "refuse")
 class FlowFunction(ABC):
     """N steps of a stepper as a function of a library: (q, p, parameters) → (q, p).
 
+    The steps have no impacts: contacts and stops of a model are left out, as in runs from q and p.
+
     Parameters
     ----------
     stepper : Stepper

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import input_systems
+import systems
 from flows import PARAMETERS, TOP, close, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import InputError
 
@@ -74,6 +75,20 @@ def test_a_failed_step_is_nan():
     assert "I1" in flow.failures[-1]
     with pytest.raises(InputError, match="q has shape"):
         flow(casadi.MX.sym("q", 3), P, THETA)
+
+
+@pytest.mark.parametrize(("name", "derivative", "said"), [
+    ("sleigh", casadi.jacobian, "velocity constraints"),
+    ("heavy_bob", lambda F, q: casadi.hessian(casadi.sumsqr(F), q), "a Lagrangian")])
+def test_a_derivative_that_a_stepper_has_not_is_refused_where_it_is_formed(name, derivative, said):
+    """CasADi raises a RuntimeError with our sentence; values have no need of derivatives."""
+    stepper, case = systems.stepper(name), systems.case(name)
+    q0, p0 = systems.start(name, stepper)
+    q = casadi.MX.sym("q", len(q0))
+    F = casadi.vertcat(*gc.step(stepper, dt=case.dt)(q, p0, case.parameters))
+    assert np.isfinite(casadi.Function("f", [q], [F])(q0).full()).all()
+    with pytest.raises(RuntimeError, match=said):
+        derivative(F, q)
 
 
 @pytest.mark.parametrize("second_order", ["refuse", "exact"])

@@ -12,6 +12,7 @@ import systems
 from flows import CASES, close, directions, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import CompilerError, InputError
 from gyrospark.interop.discrete_flow import DiscreteFlow
+from rolling_systems import SLEIGH, sleigh_end, sleigh_state
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -111,6 +112,18 @@ def test_a_start_off_the_constraints_is_projected():
     assert close(flow.value(off_constraints[None]), flow.value(on_constraints[None]), 1e-14)
     assert close(flow.tangent(off_constraints[None], dx), flow.tangent(on_constraints[None], dx),
                  1e-13)
+
+
+def test_momenta_off_velocity_constraints_are_projected():
+    """Of a sleigh, which has no other constraints; its end is known in closed form."""
+    flow = DiscreteFlow(systems.stepper("sleigh"), 20)
+    (q, p), row = sleigh_state(1.2, 0.7), [-np.sin(0.3), np.cos(0.3), -SLEIGH["a"]]
+    x = np.array([[*q, *momenta, *flow.parameters(SLEIGH), 0.05, 0.0]
+                  for momenta in (p, p + 0.4 * np.array(row))])
+    end, end_of_projected = flow.value(x)
+    u, w, th = sleigh_end(1.2, 0.7, 0.3, t=1.0)
+    np.testing.assert_allclose(end_of_projected[2:], [th, *sleigh_state(u, w, th)[1]], atol=1e-7)
+    assert close(end_of_projected, end, 1e-14)
 
 
 def test_a_row_that_fails_is_nan_and_says_why():
