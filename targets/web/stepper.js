@@ -37,15 +37,23 @@ class Stepper {
       view[size === 4 ? "setFloat32" : "setFloat64"](0, tolerance, true);
       view.setInt32(size, iterations, true);
     };
+    this.names = Object.keys(parameters);  // C reads their values in this order
     this.parameters = { ...parameters };
     this.q.set(q);
     this.p.set(p);
     this.dt = this.steps = this.iterations = 0;
   }
 
-  /** Writes the parameters where C reads them; returns their address. */
+  /** Writes the parameters, in any order, where C reads them; returns their address. */
   writeParameters() {
-    this.values.set(Object.values(this.parameters));
+    const given = Object.keys(this.parameters);
+    const unknown = given.find((name) => !this.names.includes(name));
+    const missing = this.names.find((name) => this.parameters[name] === undefined);
+    if (unknown !== undefined || missing !== undefined) {
+      throw new Error(`Parameter "${unknown ?? missing}" is ` +
+        `${unknown === undefined ? "not given" : "unknown"}; give ${this.names.join(", ")}.`);
+    }
+    this.values.set(this.names.map((name) => this.parameters[name]));
     return this.at.values;
   }
 

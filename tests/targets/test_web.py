@@ -184,6 +184,32 @@ def test_functions_of_the_header_are_exported(glued):
         assert all(hasattr(library, name) for name in names)
 
 
+#: A module without steps: ``toy_begin`` returns the two parameters at the address that it is given.
+TOY = """
+const memory = new WebAssembly.Memory({ initial: 1 });
+const exports = { memory, __heap_base: { value: 0 }, toy_work_size: () => 16,
+  toy_begin: (_, at) => Number([...new Float64Array(memory.buffer, at, 2)].join("")) };
+const start = { real: "double", parameters: { a: 1, b: 2 }, q: [0], p: [0], velocities: 0 };
+for (const parameters of [{ a: 1, b: 2 }, { b: 3, a: 4 }, { b: 3 }, { a: 1, b: 2, c: 3 }]) {
+  const toy = new Stepper({ exports }, "toy", start);
+  toy.parameters = parameters;
+  try { console.log(toy.begin(1)); } catch (error) { console.log(error.message); }
+}
+"""
+
+
+@needs_node
+def test_parameters_in_javascript_go_by_their_names(tmp_path):
+    """Their order is any; those that are missing or unknown are refused."""
+    (tmp_path / "toy.mjs").write_text(webassembly.read("stepper.js") + TOY, encoding="utf-8")
+    in_order, in_another, missing, unknown = subprocess.run(
+        ["node", tmp_path / "toy.mjs"], check=True, capture_output=True,
+        text=True).stdout.splitlines()
+    assert (in_order, in_another) == ("12", "43")
+    assert missing == 'Parameter "a" is not given; give a, b.'
+    assert unknown == 'Parameter "c" is unknown; give a, b.'
+
+
 #: Text that glue.c includes in place of a stepper: fused multiply-adds with and without its own.
 STUB = """
 #define NAME(function) stub_##function
