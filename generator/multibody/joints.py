@@ -752,6 +752,15 @@ class Cylindrical(Planar):
         """Return n₁ and n₂ in the axes of a, unit vectors perpendicular to the joint's axis."""
         return normals(direction(poses[self.a].R.T @ self.hinge.axis))
 
+    def _offset(self, poses: Poses, travel: float) -> float:
+        """Return ``travel`` − e·d of the described pose, so that e·d + offset is ``travel`` there.
+        """
+        a, b = (poses[frame] for frame in (self.a, self.b))
+        point_a, point_b = a.space(np.asarray(self.on_a)), b.space(np.asarray(self.on_b))
+        offset = travel - float(self.hinge.axis @ (point_b - point_a))
+        # a sum that cancels to round-off is 0, so that it costs no parameter and no arithmetic
+        return float(clean(np.array([offset]), np.array([travel]), point_a, point_b)[0])
+
     def measure(self, quantity: str, poses: Poses, store: Store) -> sp.Expr:
         """Return angle, rate, travel or speed.
 
@@ -759,12 +768,8 @@ class Cylindrical(Planar):
         at ``self.travel``; the speed is e·(v_b − v_a), as ė·d = 0 with d along e.
         """
         if quantity == "travel":
-            a, b = (poses[frame] for frame in (self.a, self.b))
-            d = b.space(np.asarray(self.on_b)) - a.space(np.asarray(self.on_a))
-            # a sum that cancels to round-off is 0, so that it costs no parameter and no arithmetic
-            terms = np.array([self.travel, -float(self.hinge.axis @ d)])
-            offset = float(clean(np.array([terms.sum()]), terms)[0])
-            return named_number(f"{self.name}_offset", offset, store) + self.along(poses, store)
+            offset = named_number(f"{self.name}_offset", self._offset(poses, self.travel), store)
+            return offset + self.along(poses, store)
         if quantity == "speed":
             (in_a, _), (on_a, on_b) = self.hinge.ends(poses, store), self.local_points(store)
             relative = difference(self.b.point_velocity(on_b), self.a.point_velocity(on_a))
@@ -802,24 +807,28 @@ class Prismatic(Cylindrical):
 
 @dataclass(eq=False, repr=False)
 class Screw(Cylindrical):
-    """b turns about an axis of a and moves along it by h = ``lead`` a turn, in m."""
+    """b turns about an axis of a and moves along it by h = ``lead`` a turn, in m.
+
+    The angles of ``hinge`` are 2π/h times the travels.
+    """
 
     lead: float = field(kw_only=True)
 
-    def motion(self, poses: Poses) -> RigidMotion:
-        """Return the motion along the axis, and the rotation about it."""
-        assert self.on_a is not None
-        angle = 2 * math.pi * self.travel_to_start / self.lead
-        return super().motion(poses) @ RigidMotion.about(
-            self.hinge.axis, angle, poses[self.a].space(self.on_a))
+    def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
+        """Yield the travel, if it is given for the start; the thread gives the angle."""
+        yield from (value for value in super().start_values(poses, store)
+                    if value.measure == "travel")
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints of ``Cylindrical``, and sin(θ − 2π s/h) = 0 of the travel s.
+        """Yield the constraints of ``Cylindrical``, and sin(θ − 2π (s − s₀)/h) = 0 of the travel s.
 
-        Values of parameters go into ``store``.
+        θ is the turn since the described pose and s₀ the travel there. Values of parameters go into
+        ``store``.
         """
         yield from super().equations(poses, store)
-        phi = self._angle_by_length(store) * self.along(poses, store)
+        # the turn and s − s₀ are 0 in the described pose, where the points may be apart
+        start = named_number(f"{self.name}_thread_offset", self._offset(poses, 0.0), store)
+        phi = self._angle_by_length(store) * (start + self.along(poses, store))
         cosine, sine = cosine_and_sine(self.hinge, poses, store)
         in_a, _ = self.hinge.ends(poses, store)
         lead = named_number(f"{self.name}_lead", self.lead, store)

@@ -727,16 +727,19 @@ class Multibody:
     ) -> Screw:
         """Let b turn about an axis of a and move along it by ``lead`` (m) a turn: five constraints.
 
-        A lead below 0 is a left-handed thread. All else as for ``prismatic``, with ``thread`` in
-        place of ``turn``.
+        A lead below 0 is a left-handed thread. The angle is 2π times the travel by the lead. All
+        else as for ``prismatic``, with ``thread`` in place of ``turn``.
         """
         pitch = float(finite(f"lead of {name!r}", lead, shape=()))
         if not pitch:
             raise InputError(f"The lead of {name!r} is 0, and a screw moves; take a revolute.")
-        return self._join(Screw(
-            name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
-            hinge=self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate),
-            **self._travel(name, travel)))
+        hinge = self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate)
+        travels = self._travel(name, travel)
+        hinge.angle = 2 * math.pi * travels["travel"] / pitch
+        if travels["start_travel"] is not None:
+            hinge.start_angle = 2 * math.pi * travels["start_travel"] / pitch
+        return self._join(Screw(name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
+                                hinge=hinge, **travels))
 
     def universal(
         self, name: str, a: Frame | str, b: Frame | str, *, axis_a: ArrayLike,
@@ -1047,14 +1050,14 @@ class Multibody:
 
         Parameters
         ----------
-        joint : what ``revolute`` or ``align`` returned, a flywheel on it, or its name
+        joint : a joint with an angle, such as ``revolute``, a flywheel on it, or its name
         angle : expression of ``time`` and parameters
             φ = f(t) of the second body against the first about the axis, in rad. f(0) is the
-            joint's angle and f'(0) its rate at the start; the law moves no body to there. The
-            multiplier is the torque about the axis, in N m, that the drive exerts on the second
-            body, as a motor does, and its opposite on the first;
-            ``trajectory.joint(name).torque()`` has it in space axes. The angle of a flywheel is
-            ``ratio`` times that of its joint, which is driven.
+            joint's angle and f'(0) its rate at the start, and a screw has the travel
+            f(0) · lead/2π; the law moves no body to there. The multiplier is the torque about the
+            axis, in N m, that the drive exerts on the second body, as a motor does, and its
+            opposite on the first; ``trajectory.joint(name).torque()`` has it in space axes. The
+            angle of a flywheel is ``ratio`` times that of its joint, which is driven.
 
         Raises
         ------
@@ -1081,12 +1084,15 @@ class Multibody:
                              "rate.")
         # an angle 0 of the described pose is the default, and contradicts no law
         if not (_agrees(hinge.start_angle, begin) and _agrees(hinge.angle or None, begin)):
+            value = "travel" if isinstance(hinge_joint, Screw) else "angle"
             raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
-                             f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; leave "
-                             "out the joint's.")
+                             f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; "
+                             f"leave out the joint's {value}.")
         hinge.rate = rate
         if hinge.start_angle is None:
             hinge.angle = begin
+            if isinstance(hinge_joint, Screw):
+                hinge_joint.travel = begin * hinge_joint.lead / (2 * math.pi)
         return self._join(RheonomicConstraint(
             name, hinge_joint.a, hinge_joint.b, joints=(hinge_joint,), law=law))
 

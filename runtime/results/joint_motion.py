@@ -77,9 +77,10 @@ class JointMotion:
         The angle increases with rotation of b about the joint's axis, without jumps at full turns.
         If the model uses the angle, in a spring, a motor, a drive, a coupling or a quantity, it is
         that angle: at the model's start the value of ``angle=``, 0 by default, or of the drive's
-        law. Otherwise it is 0 where the axes of both bodies agree; if the axis has different
-        components in a and b, where the axes of b are those of a after the shortest rotation of
-        one axis onto the other. It then lies in (−π, π] in the first state.
+        law; of a screw 2π times its travel by its lead. Otherwise it is 0 where the axes of both
+        bodies agree; if the axis has different components in a and b, where the axes of b are those
+        of a after the shortest rotation of one axis onto the other. It then lies in (−π, π] in the
+        first state.
 
         Whole turns between two stored states follow from the mean of their rates. A warning is
         given where they are ambiguous: b turns by more than half a turn at a changing rate. A

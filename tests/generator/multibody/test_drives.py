@@ -268,6 +268,49 @@ def test_gears_and_drives_act_on_flywheels():
     assert motion.value("w") == pytest.approx(3 / 5, rel=1e-14)
 
 
+def test_the_angle_of_a_screw_is_its_travel_driven_or_beyond_a_turn():
+    """θ = 2π s/h for the law of a drive, which sets s at the start, and for a given travel."""
+    lead, begin = 0.4, 7.5
+    build = gs.Multibody("screws", gravity=(0, 0, -GRAVITY))
+    t = build.time
+    for name, x in (("driven", 0.0), ("free", 1.0)):
+        build.body(name, mass=MASS, inertia=(0.1, 0.1, INERTIA), position=(x, 0, 0.03))
+    # the points of the second screw are 3 cm apart along its axis, where its travel is 0
+    thread = build.screw("thread", "ground", "driven", lead=lead, axis=Z, at=(0, 0, 0))
+    build.screw("fall", "ground", "free", lead=lead, axis=Z, on_a=(1, 0, 0), on_b=(0, 0, 0),
+                travel=0.6)
+    build.drive("engine", thread, angle=begin + t)
+    for measure in ("angle", "travel"):
+        build.quantity(f"driven_{measure}", getattr(build, measure)("thread"))
+    model = build.model()
+    run = gs.stepper("IMS", system=model).integrate(model, dt=0.01, steps=20)
+    law = begin + run.t
+    for angle in (run.quantity("driven_angle"), run.joint("thread").angle(),
+                  2 * np.pi / lead * run.quantity("driven_travel")):
+        assert np.abs(angle - law).max() <= 256 * EPS
+    fall = run.body("free").position()[:, 2] - 0.03
+    assert fall[0] == pytest.approx(0.6, abs=16 * EPS)
+    assert np.abs(run.joint("fall").angle() - 2 * np.pi / lead * fall).max() <= 256 * EPS
+    angled = gs.Multibody("angled_screw")
+    angled.body("b", mass=1, inertia=(0.1, 0.1, 0.2))
+    angled.screw("thread", "ground", "b", lead=lead, axis=Z, at=(0, 0, 0), travel=0.05)
+    with pytest.raises(InputError, match=r"begins at 0 rad.*0\.785.*joint's travel"):
+        angled.drive("engine", "thread", angle=angled.time)
+    angled.drive("engine", "thread", angle=np.pi / 4 + angled.time)
+    assert angled.model().q0[-1] == pytest.approx(0.05, abs=EPS)
+
+
+def test_a_gear_begins_where_a_screw_stands():
+    """The travel of a screw turns the other wheel no more than the angle of a hinge does."""
+    build = gs.Multibody("geared_screw", gravity=(0, 0, 0))
+    for name, x in (("nut", 0), ("wheel", 1)):
+        build.body(name, mass=1, inertia=(0.1, 0.1, 0.2), position=(x, 0, 0))
+    build.screw("thread", "ground", "nut", lead=0.5, axis=Z, at=(0, 0, 0), travel=0.1)
+    build.revolute("hinge", "ground", "wheel", axis=Z, at=(1, 0, 0))
+    build.gear("mesh", "thread", "hinge", teeth=(1, 2))
+    np.testing.assert_allclose(build.model().q0[7:11], [1, 0, 0, 0], atol=16 * EPS)
+
+
 def test_a_derivative_by_time_of_a_measure_is_warned_of():
     """The derivative is 0, because the symbols of joints do not depend on the time."""
     build = gs.Multibody("turning", gravity=(0, 0, 0))
