@@ -109,8 +109,8 @@ def test_a_page_holds_the_module_that_was_compiled(monkeypatch, tmp_path):
     module, page = bytes(range(256)), tmp_path / "page.html"
     page.write_text('<script id="content">{"wasm": "@MODULE@"}</script>', encoding="utf-8")
 
-    def compiled(sources, target, *flags):
-        assert sources == tmp_path / "c"
+    def compiled(sources, target, *, level):
+        assert (sources, level) == (tmp_path / "c", "-Oz")
         target.write_bytes(module)
 
     monkeypatch.setattr(page_module, "compile_module", compiled)
