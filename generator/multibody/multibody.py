@@ -377,7 +377,7 @@ class Multibody:
         self, name: str, *, mass: float, position: ArrayLike | None = None,
         velocity: ArrayLike | None = None,
     ) -> Particle:
-        """Add a point with mass, 3 coordinates: for balls, rods, springs and forces.
+        """Add a point with mass, 3 coordinates: for balls, rods, springs and forces at the point.
 
         ``position`` and ``velocity`` are in space; by default as ball joints require, else 0.
         """
@@ -1260,6 +1260,12 @@ class Multibody:
         end_a, end_b = (end.on if end else 0.0 for end in map(self._components.end, (a, b)))
         points_a = points_of(name, on_a, box) + end_a
         point_b = vector(f"on_b of {name!r}", on_b) + end_b
+        _refuse_other_points(f"{'on_a' if box is None else 'box'} of {name!r}", frames[0], points_a,
+                             on_a if box is None else box)
+        _refuse_other_points(f"on_b of {name!r}", frames[1], point_b, on_b)
+        if normal is not None and isinstance(frames[1], Particle):
+            raise InputError(f"The normal of {name!r} asks for axes of {frames[1].name!r}, a point "
+                             "mass, which has none; give radius= of two spheres, or a body.")
         if normal is None and frames[1] is GROUND:
             normal = (0.0, 0.0, 1.0)
         values = self._components.values
@@ -1560,9 +1566,15 @@ class Multibody:
         return on_a, on_b
 
     def _point(self, label: str, frame: Frame | str, entry: Any) -> Array | None:
-        """Return a point in the axes of a body; at an end of a beam, ``entry`` is from that end."""
+        """Return a point in the axes of a body; at an end of a beam, ``entry`` is from that end.
+
+        A point mass has one point, 0 in its axes.
+        """
         r, end = optional_vector(label, entry), self._components.end(frame)
         if end is None:
+            if isinstance(body := self._components.frame(frame, label), Particle):
+                _refuse_other_points(label, body, np.zeros(3) if r is None else r, entry)
+                return np.zeros(3)
             return r
         return end.on if r is None else end.on + r
 
@@ -1696,6 +1708,16 @@ def _direction(name: str, label: str, entry: ArrayLike) -> Array:
     if not direction.any():
         raise InputError(f"The {label} of {name!r} is zero; give its direction.")
     return unit(direction)
+
+
+def _refuse_other_points(label: str, frame: Frame, points: Array, entry: Any) -> None:
+    """Refuse points of a point mass, (3,) or rows of three, other than 0; ``entry`` gave them.
+
+    A force there would have a torque, which turns nothing: the angular momentum would not be kept.
+    """
+    if isinstance(frame, Particle) and points.any():
+        raise InputError(f"The {label} is {shown(entry)}, and {frame.name!r}, a point mass, has no "
+                         "point but (0, 0, 0); leave it out, or give a body.")
 
 
 def _rest(label: str, entry: Any) -> float | tuple[float, float]:

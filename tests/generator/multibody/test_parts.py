@@ -55,7 +55,7 @@ def test_points_on_springs_and_balls():
     rod = build.body("bar", mass=1.0, inertia=(0.1, 0.1, 0.01), position=(0, 0, 0.5),
                      angular_velocity=(1.0, 0, 0))
     build.point_mass("load", mass=5.0)
-    build.ball("grip", rod, "load", on_a=(0, 0, 0.5), on_b=(0, 0, 0))
+    build.ball("grip", rod, "load", on_a=(0, 0, 0.5))  # the load has one point
     model = build.model()
     assert model.q0[-3:].tolist() == [0, 0, 1]
     assert model.p0[-3:] == pytest.approx([0, -2.5, 0])
@@ -100,6 +100,12 @@ def test_the_third_axis_is_turned_onto_the_rotors(axis):
     (lambda b: b.align("h", "bus", "bob", axis=(0, 0, 1)), "'h'.*axes.*'bob'"),
     (lambda b: b.universal("h", "bob", "bus", axis_a=(0, 0, 1), axis_b=(1, 0, 0)), "axes"),
     (lambda b: b.torque("bob", (0, 0, 1)), "torque.*'bob'"),
+    (lambda b: b.force("bob", (0, 0, 1), on_body=(0.3, 0, 0)), r"\(0\.3, 0, 0\).*'bob'"),
+    (lambda b: b.spring("s", "bob", "bus", stiffness=1, on_a=(0, 0.5, 0)), "on_a of 's'.*'bob'"),
+    (lambda b: b.fixed_point("s", "bob", at=(0, 0, 0), on_body=(0, 1, 0)), "on_b of 's'.*'bob'"),
+    (lambda b: b.rod("s", "bus", "bob", on_b=(0, 1, 0)), "on_b of 's'.*'bob'"),
+    (lambda b: b.contact("s", "bob", box=(1, 1, 1)), r"box of 's' is \(1, 1, 1\).*'bob'"),
+    (lambda b: b.contact("s", "bus", "bob", normal=(0, 0, 1)), "normal of 's'.*axes of 'bob'"),
     (lambda b: b.point_mass("dot", mass=-1), r"mass.*'dot'.*-1\.0"),
     (lambda b: b.point_mass("bob", mass=1), "'bob'.*twice"),
     (lambda b: b.point_mass("dot", mass=1, position=(1, 2)), "position.*'dot'"),
