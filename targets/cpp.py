@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from ..core.manifest import Manifest
+from ..generator.parsing.reserved_names import is_taken
 from .artefact import EXAMPLE_STEPS, Built, Options, fill_template, refuse_names, template_values
 from .native import C_FLAGS, refuse_difference
 from .tools import require, run_tool
@@ -22,6 +23,9 @@ _WORDS = (
     "wchar_t xor xor_eq")
 KEYWORDS = frozenset(_WORDS.split())
 
+#: Types in the class, which cannot have its name, and the type of <cstdio>.
+_TYPES = ("State", "Parameters", "Options", "Status", "Velocity", "Quantities", "FILE")
+
 
 def files(
     manifest: Manifest, sources: Mapping[str, str], options: Options
@@ -36,8 +40,11 @@ def files(
 
 
 def class_name(name: str) -> str:
-    """Return e.g. ``HeavyTop`` for ``heavy_top``."""
-    return "".join(word[:1].upper() + word[1:] for word in name.split("_"))
+    """Return e.g. ``HeavyTop`` for ``heavy_top``; ``StateStepper`` for ``state``, a type in it."""
+    words = "".join(word[:1].upper() + word[1:] for word in name.split("_"))
+    if not words.isidentifier():  # of "_" or "_1"
+        return f"Stepper{words}"
+    return f"{words}Stepper" if words in _TYPES or is_taken(words) else words
 
 
 def compile(folder: Path, platforms: tuple[str, ...]) -> Path:

@@ -19,7 +19,7 @@ import sympy as sp
 import gyrospark as gs
 import systems
 from command_line import refused
-from gyrospark.targets import TARGETS
+from gyrospark.targets import TARGETS, cpp
 from gyrospark.targets.artefact import MARKER, literal
 from gyrospark.targets.native import native_bits, refuse_difference
 from gyrospark.targets.tools import TOOLS
@@ -51,6 +51,17 @@ def test_artefacts_have_the_bits_of_c(built, target):
         if TOOLS[name].find() is None:
             pytest.skip(f"{name} is not installed")
     assert "2000 steps" in built(target).check()
+
+
+def test_a_class_has_another_name_than_the_types_in_it(built):
+    """A system may be named "state"; what the class is called is in docs/build.md."""
+    names = {"heavy_top": "HeavyTop", "state": "StateStepper", "Velocity": "VelocityStepper",
+             "FILE": "FILEStepper", "EOF": "EOFStepper", "_1": "Stepper1", "m_pi": "MPi"}
+    assert {name: cpp.class_name(name) for name in names} == names
+    x, y = sp.symbols("x y", real=True)
+    system = gs.System((x,), (y,), (), y**2 / 2 + x**2 / 2, name="state")
+    artefact = built("cpp", system=system, dt=0.1, start=([1.0], [0.0]), parameters=None)
+    assert "2000 steps" in artefact.check()
 
 
 def test_another_start_is_taken(built):
