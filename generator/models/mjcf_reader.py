@@ -44,7 +44,7 @@ EXTRAS = {
     "friction": "dry friction of a joint or a tendon",
     "fluid": "a medium with density or viscosity",
     "tendon": "springs and dampers along tendons",
-    "actuator": "actuators with states, or on other things than joints",
+    "actuator": "actuators with states, or on anything but hinges, slides and fixed tendons",
     "deformable": "flexible parts",
 }
 #: Derivation and C grow with the number of bodies; as many as links of a URDF file.

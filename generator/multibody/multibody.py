@@ -874,7 +874,8 @@ class Multibody:
     ) -> Coupling:
         """Let the second joint's coordinate be ratio × the first's + offset: one constraint.
 
-        Coordinates are the angle of a joint that turns and the travel of one that slides (rad, m).
+        Coordinates are the angle of a joint that turns and the travel of one that slides, as a
+        cylindrical one and a screw do (rad, m).
         Angles in a ratio of small whole numbers are coupled over any number of turns. Any other
         coupling of an angle holds within the range that ``angle`` has.
         """
@@ -1017,8 +1018,8 @@ class Multibody:
         """Let f(c₁, c₂, …) of the coordinates of joints be 0: one constraint, ``name: law``.
 
         Coordinates are the angle of a joint that turns, in rad, within the range that ``angle``
-        has, and the travel of one that slides, in m; f returns an expression of them, ``time``
-        and parameters.
+        has, and the travel of one that slides, as a cylindrical one and a screw do, in m; f returns
+        an expression of them, ``time`` and parameters.
 
         Raises
         ------
@@ -1177,12 +1178,12 @@ class Multibody:
     ) -> JointSpring:
         """Add V = ½ k (c − rest)² of a joint's coordinate c, and a damper.
 
-        c is the travel of a joint that slides, as a cylindrical one does, and the angle of others.
-        One of ``stiffness`` k and ``damping`` ≥ 0 is given, or both, in N m/rad and N m s/rad about
-        an axis, N/m and N s/m along one; ``rest``, by default 0, goes with a stiffness. Where it
-        is an interval, (lower, upper), the spring is slack in it and pushes back from beyond:
-        elastic ends of the range of a joint. The force is continuous and its slope is not, so that
-        a step across an end has an error of O(Δt²), with any scheme.
+        c is the travel of a joint that slides, as cylindrical ones and screws do, and the angle of
+        others. One of ``stiffness`` k and ``damping`` ≥ 0 is given, or both, in N m/rad and N m
+        s/rad about an axis, N/m and N s/m along one; ``rest``, by default 0, goes with a stiffness.
+        Where it is an interval, (lower, upper), the spring is slack in it and pushes back from
+        beyond: elastic ends of the range of a joint. The force is continuous and its slope is not,
+        so that a step across an end has an error of O(Δt²), with any scheme.
         """
         if stiffness is None and (damping is None or rest is not None):
             raise InputError(f"Spring {name!r} has no stiffness; give one, or damping alone.")
@@ -1313,8 +1314,8 @@ class Multibody:
     ) -> tuple[Impact, ...]:
         """End the range of a joint, whose angle (rad) or travel (m) rebounds, as in ``contact``.
 
-        It is the travel if the joint slides. With both ends the gaps are ``NAME_lower`` and
-        ``NAME_upper``.
+        It is the travel if the joint slides, as a cylindrical one and a screw do. With both ends
+        the gaps are ``NAME_lower`` and ``NAME_upper``.
         """
         link = self._components.joint(joint, f"Stop {name!r}")
         coordinate = self._measure(link, _coordinate(link))

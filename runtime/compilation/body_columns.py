@@ -253,14 +253,20 @@ def built_inertias(system: SystemManifest) -> dict[str, tuple[str, ...]]:
 def body_named(manifest: Manifest, name: Any) -> tuple[str, BodyAt | PlacedAt]:
     """Return a body and its name; None is the name of a single one.
 
-    Raises InputError where there is no body, or several and none is named.
+    Raises InputError where there is no body, or several and none is named, and for a point.
     """
-    system = manifest.system.name
+    system, coordinates = manifest.system.name, manifest.system.coordinates
     bodies: dict[str, BodyAt | PlacedAt] = {**bodies_of(manifest), **placed_of(manifest)}
+    position = [f"{name}_{axis}" for axis in "xyz"]
+    if isinstance(name, str) and name not in bodies and {*position} <= {*coordinates}:
+        first = coordinates.index(position[0])
+        raise InputError(f"{name!r} in system {system!r} is a point, which has no attitude; its "
+                         f"position is in the columns {', '.join(position)} of q, "
+                         f"run.q[:, {first}:{first + 3}], its momenta in the same ones of run.p.")
     if not bodies:
         raise InputError(
             f"System {system!r} has no rigid body; the columns of points and of other coordinates "
-            f"are in q and p: {few(manifest.system.coordinates)}. (That a gyrospark.System is one, "
+            f"are in q and p: {few(coordinates)}. (That a gyrospark.System is one, "
             "rigid_body=True says.)")
     body_name = _choose_of_several(system, "body", name, bodies,
                                    f"System {system!r} is not one rigid body but {len(bodies)},")

@@ -127,7 +127,8 @@ class Layout:
         # the generator names quantities JOINT_speed along a slide, and JOINT_rate about a hinge
         measures = {name.removesuffix(f"_{kind}"): name for kind in ("speed", "rate")
                     for name in system.quantities if name.endswith(f"_{kind}")}
-        # a slide is the joint whose constraints hold the rotation, or that has a speed
+        # A slide is the joint whose constraints hold the rotation, or that has a speed and no rate:
+        # of two quantities ``measures`` has the later one, the rate.
         slides = frozenset(name for name, joint in system.joints.items()
                            if f"{name}: turn" in joint.constraints
                            or measures.get(name, "").endswith("_speed"))
@@ -369,6 +370,9 @@ class Accelerations:
 
     def joint(self, name: str) -> Any:
         """Return d²θ/dt² of a hinge in rad/s², or d²s/dt² of a slide in m/s², shape (...).
+
+        A cylindrical joint or a screw counts as a hinge, or as a slide where the system has the
+        quantity NAME_speed and no NAME_rate.
 
         Raises
         ------

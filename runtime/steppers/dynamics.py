@@ -47,10 +47,11 @@ class Dynamics(Differentiation):
 
         They are exact but for rounding, without differences. ``.joint(name)`` is the acceleration
         of a hinge or a slide, ``.body(name)`` that of a body and the rate of its angular velocity,
-        ``.quantities[name]`` the rate of a quantity. MuJoCo's ``qacc`` and the result of
-        Pinocchio's ``aba`` are the rates of their velocities: for hinges and slides the
-        accelerations of ``.joint(name)``, for a ball the rate of an angular velocity and not
-        d²q/dt² of a quaternion.
+        ``.quantities[name]`` the rate of a quantity. Cylindrical joints and screws count as hinges,
+        or as slides where the system has the quantity NAME_speed and no NAME_rate. MuJoCo's
+        ``qacc`` and the result of Pinocchio's ``aba`` are the rates of their velocities: for hinges
+        and slides the accelerations of ``.joint(name)``, for a ball the rate of an angular velocity
+        and not d²q/dt² of a quaternion.
 
         Parameters
         ----------
@@ -113,9 +114,9 @@ class Dynamics(Differentiation):
             A start as of ``integrate``, or q followed by p.
         p : array_like, shape (n,), optional
         joints : str or sequence of str, optional
-            Hinges and slides, a row each, and bodies: six rows of one that moves freely, for the
-            velocity of its centre of mass and ω in space axes; three of one that turns about a held
-            point. A name of both is the joint's.
+            Hinges and slides, a row each as ``accelerations`` has it, and bodies: six rows of one
+            that moves freely, for the velocity of its centre of mass and ω in space axes; three of
+            one that turns about a held point. A name of both is the joint's.
         parameters, t
             As of ``accelerations``.
 

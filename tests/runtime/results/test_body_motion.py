@@ -358,7 +358,7 @@ def test_names_that_are_not_there(four_bar, tops, gl3):
               build.point_mass("bob", mass=0.5, position=(0, 0, -1)))
     source = generate(Spec.from_arguments("G-L", 2), system=build.model().system).source
     manifest = read_manifest(source.name, source.files())
-    with pytest.raises(gs.InputError, match="bob_x"):
+    with pytest.raises(gs.InputError, match=r"'bob'.*point.*bob_x, bob_y, bob_z.*q\[:, 0:3\]"):
         body_named(manifest, "bob")
     with pytest.raises(gs.InputError, match="string: length"):
         joint_named(manifest, "string")
