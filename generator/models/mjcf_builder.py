@@ -222,7 +222,7 @@ class MjcfBuilder(RobotBuilder):
         coordinate.
         """
         for name, _ in joints:
-            if name not in self.coordinates:
+            if name not in self._measured:
                 raise InputError(f"{owner} acts on {shown(name)}, which has no coordinate here; "
                                  "write armature for each joint of its body.")
         length, rate = (sum(c * self._symbols(name)[k] for name, c in joints) for k in (0, 1))
@@ -232,7 +232,7 @@ class MjcfBuilder(RobotBuilder):
         """Add motors with an effort along Σ coefficient · coordinate: coefficient · effort each."""
         for name, coefficient in joints:
             effort_kind = "torque" if self.robot.joints[name].kind == "hinge" else "force"
-            self.builder.motor(self.joint_names.free(f"{label}_motor"), self.coordinates[name],
+            self.builder.motor(self.joint_names.free(f"{label}_motor"), self._measured[name],
                                **{effort_kind: coefficient * effort})
 
     def _add_cable(self, cable: MjcfCable) -> None:

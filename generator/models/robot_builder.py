@@ -263,6 +263,9 @@ class RobotBuilder:
         Number of a limb → its frame, and its centre of mass in its axes; −1 is the ground.
     coordinates : dict
         Name of a joint → the connection whose angle or travel is the joint's coordinate.
+    cylindrical : dict
+        Name of a hinge with a slide along its axis → the cylindrical joint that has its angle, and
+        whose coordinate, for springs, ranges and couplings, is the travel.
     names, joint_names, parameter_names : Names
         Names of the model's bodies, joints and parameters, which must differ.
     joint_name : dict
@@ -285,6 +288,7 @@ class RobotBuilder:
         self.frames: dict[int, Frame] = {-1: self.builder.ground}
         self.centres: dict[int, Floats] = {-1: np.zeros(3)}
         self.coordinates: dict[str, Connection] = {}
+        self.cylindrical: dict[str, Connection] = {}
 
     def build(self) -> Multibody:
         """Return a ``Multibody`` with the bodies, joints, springs and quantities of the robot.
@@ -490,7 +494,7 @@ class RobotBuilder:
             hinge, slide = kinds.index("hinge"), kinds.index("slide")
             link = build.cylindrical(name, *frames, axis_in_space=axes[hinge], at=points[hinge],
                                      angle=coordinates[hinge], travel=coordinates[slide])
-            self.coordinates[joints[slide].name] = link
+            self.coordinates[joints[slide].name] = self.cylindrical[joints[hinge].name] = link
             # with an armature, for which it has no flywheel, the caller refuses the file
             return not has_armature
         if kinds == ["hinge"] * 2 and abs(axes[0] @ axes[1]) < _SAME and not has_armature:
@@ -561,16 +565,21 @@ class RobotBuilder:
                 angle=float(self.start.coordinates[joint.name][0])))
         return True
 
+    @property
+    def _measured(self) -> dict[str, Connection]:
+        """Name of each joint with an angle or a travel → the connection that measures it."""
+        return self.coordinates | self.cylindrical
+
     def _symbols(self, joint: str) -> tuple[Any, Any]:
         """Return the symbols of the coordinate and of the rate of a joint."""
-        link = self.coordinates[joint]
+        link = self._measured[joint]
         if self.robot.joints[joint].kind == "hinge":
             return self.builder.angle(link), self.builder.rate(link)
         return self.builder.travel(link), self.builder.speed(link)
 
     def _add_quantities(self, joint: RobotJoint) -> None:
         """Add angle and rate, or travel and speed, of a joint as quantities of the model."""
-        if joint.name in self.coordinates:
+        if joint.name in self._measured:
             names = ("angle", "rate") if joint.kind == "hinge" else ("travel", "speed")
             for measure, symbol in zip(names, self._symbols(joint.name), strict=True):
                 self.builder.quantity(f"{self.joint_name[joint.name]}_{measure}", symbol)

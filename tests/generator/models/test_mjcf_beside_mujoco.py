@@ -126,6 +126,11 @@ FEATURES = {
     + KEY.format(".3 1", "0 2", ""),
     "a plane": row(("slide", "1 0 0", 'stiffness="3"'), ("slide", "0 0 1", 'damping=".5"'),
                    ("hinge", "0 1 0", 'stiffness="1"')) + KEY.format(".3 1 2", "1 2 -1", ""),
+    **{f"a {first} and a {second} along it with motors": row(
+        (first, "1 .2 .4", ""), (second, "1 .2 .4", 'pos=".05 .1 0"'))
+       + '<actuator><position joint="j0" kp="4"/><velocity joint="j1" kv="2"/></actuator>'
+       + KEY.format(".3 -.7", "1.5 -2", 'ctrl="1 3"')
+       for first, second in (("slide", "hinge"), ("hinge", "slide"))},
     "three slides": row(("slide", "1 0 0", 'stiffness="3"'), ("slide", "0 1 0", ""),
                         ("slide", "0 0 1", 'pos=".1 0 0"')) + KEY.format(".3 1 2", "1 2 -1", ""),
     "a damping ratio": ARM.format("") + '<actuator><position joint="j" kp="12" dampratio="0.5" '
