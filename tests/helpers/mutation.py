@@ -203,7 +203,8 @@ def executing(copy: Copy, mutants: list[Mutant], limit: int = 60) -> dict[str, l
     (copy.folder.parent / "noting.py").write_text(NOTING)
     by_file = defaultdict(list)
     for mutant in mutants:
-        by_file[mutant.file].append(mutant)
+        if mutant.file.endswith(".py"):
+            by_file[mutant.file].append(mutant)
     for file, of_file in by_file.items():
         path = copy.folder / file
         path.write_text(with_notes(path.read_text(encoding="utf-8"), of_file), encoding="utf-8")
