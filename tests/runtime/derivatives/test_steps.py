@@ -17,6 +17,7 @@ from derivative_cases import (
     stepper_for,
     transposition_defect,
 )
+from gyrospark.runtime.derivatives.kept_steps import PIECE
 from gyrospark.runtime.derivatives.tangent_space import null_space
 from gyrospark.runtime.results.joint_motion import (
     cotangents_of_multipliers,
@@ -267,6 +268,20 @@ def test_inputs_have_the_same_bits_from_checkpoints():
     assert at_once.inputs.shape == rows.shape
     assert np.array_equal(at_once.vector(), pieces.vector())
     assert np.array_equal(at_once.inputs, pieces.inputs)
+
+
+def test_cotangents_of_multipliers_belong_to_their_steps_wherever_pieces_begin():
+    """A piece of a run may begin at a stored state and end between two; zeros add nothing."""
+    name, gradients = "driven_pendulum", []
+    step, case = systems.differentiable(name), systems.case(name)
+    (q, p), steps = systems.start(name, step), 4 * PIECE
+    for every in (2 * PIECE, PIECE):
+        run = step.integrate(gs.Start(q, p, t=case.t0), dt=case.dt / 10, steps=steps, every=every,
+                             parameters=case.parameters)
+        cotangents = np.zeros_like(run.multipliers)
+        cotangents[2 * PIECE // every - 1 :: 2 * PIECE // every] = 1.0
+        gradients.append(step.gradient(run, {"multipliers": cotangents}, memory="none"))
+    assert np.array_equal(*(gradient.vector() for gradient in gradients))
 
 
 @pytest.mark.parametrize(("size", "count", "dependent"), [
