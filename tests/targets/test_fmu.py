@@ -380,6 +380,7 @@ def test_every_function_of_the_interface_is_there(satellite):
 
 def test_the_description(satellite):
     root, two = satellite.description, satellite.version == 2
+    assert root.get("description") == satellite.built.options.description
     variables = {variable.get("name"): {**variable.attrib,
                                         **(variable.find("Real").attrib if two else {})}
                  for variable in root.find("ModelVariables")}
@@ -423,7 +424,11 @@ def test_the_same_model_is_the_same_file(satellite, tmp_path):
     if satellite.version == 3:  # both are linked by the same code
         assert target.compile(tmp_path, ("own",)).read_bytes() == artefact.path.read_bytes()
     assert json.loads(satellite.texts[f"resources/{MARKER}"])["name"] == artefact.stepper.name
-    description = texts(replace(artefact.options, dt=0.05))["modelDescription.xml"]
+    description = texts(replace(artefact.options, dt=0.05, description=""))[
+        "modelDescription.xml"]
+    # without a description of the model, the one of its stepper
+    assert artefact.stepper.manifest.scheme.method in ElementTree.fromstring(description).get(
+        "description")
     assert satellite.token not in description
     assert 'start="0.05"' in description
 

@@ -1,5 +1,7 @@
 """Constants of a run that loops evaluate: the same numbers as one assignment for each."""
 
+import re
+
 import pytest
 
 import gyrospark as gs
@@ -17,6 +19,21 @@ def sources_of(model, monkeypatch):
         monkeypatch.setattr(emit, "_LARGE", 4 * few)
         sources.append(generate(spec, system=model.system).source)
     return sources[0].name, *(source.files() for source in sources)
+
+
+def test_rows_of_a_loop_name_the_parameters_of_their_constants():
+    """Written out row by row, loops and single assignments are the constants again."""
+    constants = {f"k{i}": f"par->a{i}*par->b{i} - 2*par->a{i}" for i in range(70)}
+    constants |= {"single": "par->a0/par->b0"} | {f"c{i}": f"1/par->c{i}" for i in range(64)}
+    assigned, loops = constant_loops.split_constants(constants)
+    assert [len(loop.rows) for loop in loops] == [70, 64]
+    texts = dict(assigned)
+    for loop in loops:
+        for index, names in loop.rows:
+            row = [index, *names]
+            texts[index] = re.sub(rf"parameter_at\(par, {loop.name}\[i\]\[(\d+)\]\)",
+                                  lambda match, row=row: f"par->{row[int(match[1])]}", loop.formula)
+    assert [texts[index] for index in range(len(constants))] == [*constants.values()]
 
 
 @pytest.mark.slow  # bodies are derived twice

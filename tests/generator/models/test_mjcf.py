@@ -422,6 +422,18 @@ def test_bad_starts_are_refused(tmp_path, options, message):
         gs.load_model(path, **options)
 
 
+def test_a_keyframe_that_moves_mocap_bodies_is_refused_where_it_is_chosen(tmp_path):
+    """The first of them is named."""
+    mocaps = "".join(f'<body name="{name}" mocap="true" pos="{x} 0 0"/>'
+                     for x, name in enumerate(("here", "first", "second")))
+    text = ONE.replace("<worldbody>", f"<worldbody>{mocaps}")
+    path = written(tmp_path, text + '<keyframe><key name="still" qpos="1"/>'
+                                    '<key name="away" mpos="0 0 0 1 0 9 2 0 9"/></keyframe>')
+    gs.load_model(path, keyframe="still")
+    with pytest.raises(gs.InputError, match="'first'"):
+        gs.load_model(path, keyframe="away")
+
+
 def test_a_slide_of_the_ground_with_a_hinge_along_it_is_a_cylindrical_joint(tmp_path):
     path = tmp_path / "bolt.xml"
     ball = hinged('<geom size=".1" pos="0 0 -.3"/>', '<joint type="slide"/><joint/>')

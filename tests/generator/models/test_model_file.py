@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError
+from gyrospark.generator.models.common_tables import MAX_PARAMETERS
 from gyrospark.generator.models.model_file import parse_model
 from gyrospark.generator.models.single_body_file import from_euler
 from gyrospark.generator.multibody.rigid_body import left_matrix
@@ -204,6 +205,8 @@ MISTAKES: list[tuple[str, str, str, list[str]]] = [
     (BODY, 'inertia = [1, 2, "3/2"]', "", ["[body] inertia", "missing"]),
     (BODY, "a = 0.5", "sin = 0.5", ["[parameters] sin"]),
     (BODY, "a = 0.5", "q0 = 0.5\na = 1", ["[parameters] q0", "another name"]),
+    (BODY, "a = 0.5", "a = 0.5\n" + "".join(f"x{i} = 1\n" for i in range(MAX_PARAMETERS)),
+     ["parameters", f"{MAX_PARAMETERS}"]),
     (BODY, "a = 0.5", "I1 = 0.5\na = 1", ["[parameters] I1", "another name"]),
     (BODY, "a = 0.5", "mass = 1\na = 1", ["mass", "once"]),
     (BODY, "a = 0.5", '"a b" = 1', ["[parameters] a b", "letters, digits"]),

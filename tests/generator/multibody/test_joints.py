@@ -305,7 +305,9 @@ def test_a_ball_turns_a_flywheel():
     for k in range(3):
         build.quantity(f"u{k}", first.angular_velocity[k])
         build.quantity(f"w{k}", second.angular_velocity[k])
-    motion = Motion(build.model())
+    model = build.model()
+    assert all(s.is_positive for s in model.system.parameters if "inertia" in str(s))
+    motion = Motion(model)
     w = torque * (j1 + a) / (j1 * j2 + a * (j1 + j2))
     R = Rotation.from_quat([0.7, -0.5, 0.5, 0.1]).as_matrix()
     assert [motion.acceleration(f"w{k}") for k in range(3)] == pytest.approx(w, rel=1e-12)

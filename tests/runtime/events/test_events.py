@@ -249,6 +249,8 @@ def test_a_section_of_many_starts(tmp_path) -> None:
     assert np.abs(section.values("u") - speed[section.trajectory]).max() < 1e-12
     section.plot("height", "u", tmp_path / "section.png")
     assert (tmp_path / "section.png").stat().st_size > 5000
+    falling = replace(section, event=gs.Event("side", direction=-1)).plot("height", "u")
+    assert falling.axes[0].get_title() != section.plot("height", "u").axes[0].get_title()
     with pytest.raises(gs.InputError, match=r"quantity.*'w'"):
         section.values("w")
     with pytest.raises(gs.InputError, match=r"event = .side.*gs\.Event"):

@@ -121,6 +121,7 @@ def test_files_that_are_too_large_are_refused(tmp_path, monkeypatch):
 
 def test_clusters_stay_within_a_cell_and_keep_the_shape():
     mesh = IndexedMesh.of(sphere(60))
+    assert mesh.extent == pytest.approx(2)
     assert len(mesh.points) == 2 + 59 * 120  # each vertex once
     clustered = mesh.cluster(0.2)
     assert 100 < len(clustered.triangles) < len(mesh.triangles) / 5
