@@ -285,7 +285,7 @@ BAD = [
         ("general", 'armature="1"'), ("general", 'damping="1"'), ("position", 'timeconst="1"'),
         ("general", 'gaintype="affine" gainprm="1 1 0"'))),
     (one('name="j"', 'name="j" type="ball"') + ONE_ACTUATOR.format("motor", ""),
-     "anything but hinges, slides and fixed tendons, 1 of them"),
+     "actuator.*hinges, slides.*1"),
     ('<option><flag actuation="disable"/></option>' + ONE + ONE_ACTUATOR.format(
         "motor", 'damping="1"'), "actuator.*1"),
     (ONE + '<tendon><fixed stiffness="1" springlength="0 1"><joint joint="j" coef="1"/></fixed>'
