@@ -82,7 +82,8 @@ def build(
     start : tuple of two array_like, shape (n,), optional
         q and p at the start, on the constraints; the model's where left out.
     parameters : mapping, optional
-        Values by name, in place of the model's; of γ and α also a rule such as ``"m"``.
+        Numbers by name, in place of the model's; ``gs.gamma(inertia, "h")`` is one for γ and α.
+        Where neither has them they are γ_m.
     out : path, optional
         The file or folder; the stepper's name in the working directory where left out. What
         gyrospark did not write there is never written over.

@@ -162,6 +162,7 @@ def test_nothing_is_left_where_a_target_fails(built, tmp_path, monkeypatch):
     ({"parameters": {"u9": 1.0}}, "u9"),
     ({"parameters": 3}, "3.*u1"),
     ({"parameters": {"I1": -1.0}}, "I1.*-1"),
+    ({"parameters": {"gamma": "h"}}, r"gamma = 'h'.*gyrospark\.gamma"),  # as in runs
     ({"start": 3}, r"3.*\(q, p\)"),
     ({"start": ([1.0], [1.0])}, "q"),
     ({"start": ([1.0, 0.1, 0, 0], [0.0, 1, 1, 1])}, "constraints.*consistent"),
