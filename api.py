@@ -660,13 +660,18 @@ def files_of(spec: Spec) -> dict[str, str]:
     return derivation(spec).record().files
 
 
-def text_of(spec: Spec, system: Any = None) -> tuple[dict[str, str], RunDefaults | None]:
+def text_of(
+    spec: Spec, system: Any = None, *, settings: Mapping[str, str] = _NONE,
+    options: Mapping[str, Any] = _NONE,
+) -> tuple[dict[str, str], RunDefaults | None]:
     """Return the files of a stepper of any profile, and the numbers of its model if it has some.
 
-    Nothing is compiled. ``system``, a System or a Model, takes the place of the spec's. Raises
-    InputError for a system that the profile does not support, and a file that is no model.
+    Nothing is compiled. ``system``, a System or a Model, takes the place of the spec's;
+    ``settings`` and ``options`` are those of ``derivation``. Raises InputError for a system that
+    the profile does not support, and a file that is no model.
     """
-    record = derivation(spec, system, with_numbers=True).record()
+    record = derivation(spec, system, settings=settings, options=options,
+                        with_numbers=True).record()
     return record.files, record.start
 
 

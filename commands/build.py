@@ -19,8 +19,8 @@ from ..generator.spec import is_model_file
 from ..generator.tableaux.compositions import COMPOSITIONS
 from ..runtime.rigid_body.gamma_rules import is_inertia_parameter
 from ..targets import TARGETS, Target
+from ..targets.build import Changed, target_named
 from ..targets.build import build as build_artefact
-from ..targets.build import target_named
 from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
 from .options import DEFAULT, check_no_file, completing, real_number, whole_number
@@ -154,18 +154,15 @@ def _write(
 
 
 def _model(name: str, settings: tuple[str, ...]) -> Any:
-    """Return the name of a model as it is; with settings, the model that they make."""
+    """Return the name of a model as it is; with settings, the problem or model that they make."""
     refuse_repeated_keys(settings)
     if is_model_file(name):
-        from ..generator.models.model_file import read_model
-        from ..generator.parsing.text_file import model_text
-
-        changes = settings_of(settings)
-        if not changes:
-            return name
-        return read_model(model_text(Path(name)), name, settings=changes).model
+        return Changed(name, settings_of(settings)) if settings else name
     entry = entry_named(name)
-    return entry.make(**arguments_of(entry, settings)) if settings else entry.name
+    if not settings:
+        return entry.name
+    arguments = arguments_of(entry, settings)
+    return entry.make(**arguments) if entry.kind == "problem" else Changed(entry.name, arguments)
 
 
 def _name_and_value(text: str) -> tuple[str, Any]:

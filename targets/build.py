@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ..api import consistent, load_model, text_of
+from ..api import consistent, derivation, text_of
 from ..core.arguments import as_items, as_path, choose, shown, unknown
 from ..core.errors import InputError
 from ..core.exact_numbers import Number
@@ -19,7 +19,7 @@ from ..core.inertia import RepName
 from ..core.manifest import Manifest
 from ..core.progress import Progress, log_stages
 from ..core.real_types import RealName
-from ..core.registry import MEANS, MODELS, SYSTEMS, entry_named
+from ..core.registry import MEANS, SYSTEMS, entry_named
 from ..core.start import Rule
 from ..generator.schemes.named_schemes import SCHEMES
 from ..generator.spec import Spec, is_model_file
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from ..generator.multibody.model import Model
     from ..generator.systems.system import System
 
-__all__ = ["build", "target_named"]
+__all__ = ["Changed", "build", "target_named"]
 
 #: How far a start may be from the constraints, relative to it: profile control does not project
 #: starts. 1e-9 is below the rounding of float, 6e-8, and above that of ten typed digits.
@@ -44,6 +44,22 @@ _MAX_DISTANCE = 1e-9
 
 #: Number types of profile control.
 _REALS: tuple[RealName, ...] = ("float", "double")
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A model file, or a named model, with other values: what ``--set`` of the command names.
+
+    Attributes
+    ----------
+    name : str
+        The path of the file, or the name.
+    values : mapping
+        Key of the file → its text, or the arguments of the function that makes the named model.
+    """
+
+    name: str
+    values: Mapping[str, Any]
 
 
 def build(
@@ -129,9 +145,10 @@ def build(
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
         check_out(path, chosen_target.suffix)
-    model = None if isinstance(system, (str, Problem)) else system
+    model = None if isinstance(system, (str, Problem, Changed)) else system
+    changes = _changes(system)
     with log_stages(f"building {chosen_target.name}", 2, progress) as end_stage:
-        files_and_defaults = [text_of(spec, model) for spec in specs]
+        files_and_defaults = [text_of(spec, model, **changes) for spec in specs]
         end_stage()
         steppers = tuple(_written_stepper(files) for files, _ in files_and_defaults)
         _, model_defaults = files_and_defaults[0]
@@ -140,9 +157,10 @@ def build(
         # other parameters of the constraints than the model's leave its start off them
         if start is not None or not {*(parameters or ())}.isdisjoint(
                 steppers[0].manifest.system.start_parameters):
-            _refuse_off_constraints(specs[0], model, options)
+            _refuse_off_constraints(specs[0], _system_of(specs[0], model, changes), options)
         if chosen_target.has_velocities:
-            options = replace(options, rates=_rates(_system_of(specs[0], model), options))
+            options = replace(options,
+                              rates=_rates(_system_of(specs[0], model, changes), options))
         if path is None:
             path = Path(f"{steppers[0].name}{chosen_target.suffix}")
             check_out(path, chosen_target.suffix)
@@ -223,14 +241,15 @@ def _spec(
 ) -> Spec:
     """Return the checked spec of one stepper, of profile control."""
     system_source = system.system if isinstance(system, Problem) else (
+        system.name if isinstance(system, Changed) else
         system if isinstance(system, str) else None)
     return Spec.from_arguments(scheme, stages, rep, system_source, real, order=order,
                                composition=composition).with_profile("control")
 
 
 def _resolve_system(system: Any, rep: Any) -> Any:
-    """Return the ``system`` of ``build`` as a Problem, the name of a model, a path, a Model or a
-    System."""
+    """Return the ``system`` of ``build`` as a Problem, the name of a model, a path, a Changed, a
+    Model or a System."""
     if isinstance(system, (str, Path)):
         if is_model_file(str(system)):
             return str(system)
@@ -239,7 +258,7 @@ def _resolve_system(system: Any, rep: Any) -> Any:
     if system is None:
         raise InputError("system = None names nothing; give a problem such as 'fast-top', a model "
                          "or a model file.")
-    if rep is not None and not isinstance(system, Problem):
+    if rep is not None and not isinstance(system, (Problem, Changed)):
         raise InputError("rep belongs to what is named; a System or Model brings its own H.")
     return system
 
@@ -294,13 +313,20 @@ def _refuse_beyond_float(numbers: Mapping[str, float]) -> None:
                              "double, or other units.")
 
 
-def _system_of(spec: Spec, model: Any) -> System:
-    """Return the system of a file, of a name, or of ``model``, the caller's own."""
-    if spec.model is not None:
-        model = load_model(spec.model, spec.rep or None)  # type: ignore[arg-type]
-    elif model is None:
-        entry = {**SYSTEMS, **MODELS}[spec.system]
-        model = entry.make(**({"rep": spec.rep} if spec.rep else {}))
+def _changes(system: Any) -> dict[str, Any]:
+    """Return the values of a Changed by the argument of ``derivation`` that takes them."""
+    if not isinstance(system, Changed):
+        return {}
+    return {"settings" if is_model_file(system.name) else "options": system.values}
+
+
+def _system_of(spec: Spec, model: Any, changes: Mapping[str, Any]) -> System:
+    """Return the system of a file or a name, with its ``changes``, or of ``model``, the caller's.
+    """
+    if model is None:
+        # of one of SYSTEMS, which has no numbers, the generator makes it from its name
+        made = derivation(spec, **changes).arguments()
+        model = made["model"] if made else SYSTEMS[spec.system].make(spec.rep)
     system: System = getattr(model, "system", model)
     return system
 
@@ -313,10 +339,9 @@ def _rates(system: System, options: Options) -> tuple[float, ...]:
     return tuple(rates.tolist())
 
 
-def _refuse_off_constraints(spec: Spec, model: Any, options: Options) -> None:
+def _refuse_off_constraints(spec: Spec, system: System, options: Options) -> None:
     """Refuse a start off the constraints at the artefact's parameters: steps do not project it."""
-    projection = consistent(_system_of(spec, model), options.q, options.p,
-                            parameters=options.parameters)
+    projection = consistent(system, options.q, options.p, parameters=options.parameters)
     size = max(map(abs, (*options.q, *options.p)))
     # the projection moves a start by its distance from the constraints
     distance = max(projection.q_moved, projection.p_moved)

@@ -236,6 +236,24 @@ def test_the_command_writes_and_checks(gyrospark, tmp_path):
     assert marker["parameters"]["u1"] == 0.01
 
 
+def test_settings_are_those_of_a_changed_file(gyrospark, tmp_path):
+    """They leave the name of the C and the choice of --rep as they are."""
+    edited, whole = tmp_path / "satellite.toml", ROOT / "examples" / "satellite.toml"
+    edited.write_text(whole.read_text().replace("r = 6.778e6", "r = 7e6"))
+    for model, *words in ((edited,), (whole, "--set", "r=7e6")):
+        answer = gyrospark("build", "cpp", model, *words, "--scheme", "IMS", "--rep", "alpha",
+                           "--out", tmp_path / f"made{len(words)}")
+        assert answer.code == 0, answer.stderr
+    of_file, of_settings = ({path.name: path.read_text() for path in (tmp_path / name).iterdir()}
+                            for name in ("made0", "made2"))
+    assert of_settings == of_file
+    assert '"r": 7000000.0' in of_file[MARKER]
+    assert "satellite_ims_alpha.c" in of_file
+    answer = gyrospark("build", "cpp", "chain", "--set", "count=1", "--rep", "alpha", "--scheme",
+                       "IMS", "--dt", "1e-3", "--out", tmp_path / "chain")
+    assert "chain_1_ims_alpha" in answer.stdout, answer.stderr
+
+
 def test_a_check_that_fails_ends_with_1(gyrospark, tmp_path, monkeypatch):
     monkeypatch.setattr(TARGETS["cpp"].load(), "check",
                         lambda artefact: refuse_difference("It", "00", artefact, 1))

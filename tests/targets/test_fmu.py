@@ -478,7 +478,7 @@ def test_velocities_of_a_start_are_those_of_either_representation():
     path, rates = ROOT / "examples" / "damped_top.toml", []
     for rep, number in (("gamma", 0.3), ("alpha", 0.2)):  # any, as q' of a start is on |q| = 1
         model = gs.load_model(path, rep=rep)
-        system = _system_of(Spec.from_arguments("IMS", rep=rep, system=str(path)), None)
+        system = _system_of(Spec.from_arguments("IMS", rep=rep, system=str(path)), None, {})
         options = Options(1e-3, model.q0, model.p0, {**model.parameters, rep: number})
         rates.append(_rates(system, options))
     assert rates[0] == pytest.approx(rates[1], rel=1e-13)
