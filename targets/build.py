@@ -92,7 +92,8 @@ def build(
         ``parameters`` and ``dt``.
     scheme, stages, rep, order, composition, real
         As for ``stepper``; G-L with 3 stages where no scheme is named. A target that takes several
-        schemes takes a list of them, such as ``["2-G-L", "3-G-L", "IMS"]``.
+        schemes takes a list of them, such as ``["2-G-L", "3-G-L", "IMS"]``; ``stages``, ``order``
+        and ``composition`` are then for those that leave them open.
     dt : float, optional
         Time step in s that the artefact starts with; the model's where it names one.
     start : tuple of two array_like, shape (n,), optional
@@ -139,8 +140,9 @@ def build(
         require(name, f"Target {chosen_target.name}")
     real_name = choose("floating-point type", chosen_target.real if real is None else real, _REALS)
     system = _resolve_system(system, rep)
-    specs = [_spec(*scheme_arguments, rep, real_name, system)
-             for scheme_arguments in _schemes(chosen_target, scheme, stages, order, composition)]
+    specs = [*dict.fromkeys(  # G-L with 3 stages and 3-G-L are one stepper
+        _spec(*scheme_arguments, rep, real_name, system)
+        for scheme_arguments in _schemes(chosen_target, scheme, stages, order, composition))]
     # arguments are checked before anything is derived, which takes seconds
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
@@ -212,7 +214,7 @@ def _schemes(
     """Return scheme, stages, order and composition of each stepper; most targets take one.
 
     In a list of schemes, ``"2-G-L"`` names its stages; other schemes get the given stages, order
-    and composition if they have such a choice.
+    and composition if they have such a choice. Raises InputError for those that no scheme takes.
     """
     if schemes is None or not target.several:
         return [(schemes, stages, order, composition)]
@@ -223,7 +225,7 @@ def _schemes(
     # one scheme in a list takes the arguments as a scheme alone does
     if len(names) == 1 and names[0] in SCHEMES:
         return [(names[0], stages, order, composition)]
-    scheme_arguments = []
+    scheme_arguments, takes_stages, is_composed = [], False, False
     for text in dict.fromkeys(names):
         stage_prefix = re.match(r"(\d+)-", text)
         name = text if stage_prefix is None else text[stage_prefix.end():]
@@ -233,6 +235,15 @@ def _schemes(
             count = int(stage_prefix[1])
         orders = (order, composition) if scheme.composed else (None, None)
         scheme_arguments.append((name, count, *orders))
+        takes_stages = takes_stages or (scheme.takes_stages and stage_prefix is None)
+        is_composed = is_composed or scheme.composed
+    if stages is not None and not takes_stages:
+        raise InputError(f"stages = {shown(stages)} is given, and each of {', '.join(names)} names "
+                         "its stages or has none to choose; leave it out.")
+    for option, value in (("order", order), ("composition", composition)):
+        if value is not None and not is_composed:
+            raise InputError(f"{option} = {shown(value)} belongs to scheme splitting, which is "
+                             f"none of {', '.join(names)}; leave it out.")
     return scheme_arguments
 
 

@@ -105,6 +105,23 @@ def test_what_a_page_cannot_show_is_refused(text_alone, tmp_path):
         build("web", **SATELLITE | {"scheme": ["99-G-L", "IMS"]}, out=tmp_path / "p.html")
 
 
+@pytest.mark.parametrize(("options", "said"), [
+    ({"scheme": "2-G-L,IMS", "stages": 4}, "stages = 4 .*2-G-L, IMS"),
+    ({"scheme": ["2-G-L"], "stages": 3}, "stages = 3 .*2-G-L"),
+    ({"scheme": "2-G-L,IMS", "order": 4}, "order = 4 .*2-G-L, IMS"),
+    ({"scheme": "2-G-L,IMS", "composition": "Suzuki"}, "composition = 'Suzuki' .*2-G-L, IMS")])
+def test_a_choice_that_no_scheme_takes_is_refused(text_alone, tmp_path, options, said):
+    with pytest.raises(gs.InputError, match=said):
+        build("web", "fast-top", dt=1e-3, **options, out=tmp_path / "p.html")
+
+
+def test_equal_schemes_are_one(text_alone, tmp_path):
+    artefact = build("web", "fast-top", dt=1e-3, scheme="G-L,2-G-L,IMS,2-G-L", stages=2,
+                     out=tmp_path / "p.html")
+    assert [stepper.name for stepper in artefact.options.steppers] == [
+        "heavy_top_gl2_gamma", "heavy_top_ims_gamma"]
+
+
 def test_a_page_holds_the_module_that_was_compiled(monkeypatch, tmp_path):
     module, page = bytes(range(256)), tmp_path / "page.html"
     page.write_text('<script id="content">{"wasm": "@MODULE@"}</script>', encoding="utf-8")
