@@ -546,7 +546,7 @@ def test_names_that_begin_alike_stay_apart(tmp_path, parts):
 LOOKS = """<asset>
   <texture name="flat" type="2d" builtin="flat" rgb1="1 .5 0"/><material name="tan" texture="flat"/>
   <material name="blue" rgba="0 0 1 1"/>
-  <mesh file="meshes/a.stl" scale="2 1 1" refpos="1 0 0" refquat="0 0 0 1"/></asset>
+  <mesh file="meshes/a.stl" scale="2 1 1" refpos="1 0 0" refquat="1 0 0 1"/></asset>
 <worldbody><geom type="plane" size="1 1 1"/><geom type="box" size=".1 .2 .3" pos="0 0 1"/>
   <body name="b" pos="0 0 2"><joint/><inertial pos=".5 0 0" mass="1" diaginertia="1 1 1"/>
     <geom type="ellipsoid" size=".1 .2 .3" rgba="1 0 0 1" material="blue"/>
@@ -575,8 +575,10 @@ def test_bodies_look_as_their_geoms(tmp_path):
     assert (capsule.kind, capsule.size.tolist(), capsule.colour) == (
         "bar", [0.1, 0.1, 1.0], "#ff8000")
     assert (mesh.file, mesh.colour) == (str(tmp_path / "meshes" / "a.stl"), "#0000ff")
-    corner = mesh.centre + mesh.axes @ (mesh.size * [1, 0, 0])
-    assert corner == pytest.approx([1 - 0.5, 0, 0], abs=1e-15)  # its point refpos is the origin
+    # its point refpos is the origin, and a quarter turn leads y of the file to x, which is doubled
+    for point, x in (([1, 0, 0], 1 - 0.5), ([1, 1, 0], 3 - 0.5)):
+        corner = mesh.centre + mesh.axes @ (mesh.size * point)
+        assert corner == pytest.approx([x, 0, 0], abs=1e-15)
     assert [shape.kind for shape in visuals["d"]] == ["sphere"]  # "d" has no other visible geom
     (tmp_path / "meshes" / "a.stl").unlink()
     remaining = gs.Multibody.from_file(path, ignore="all")._visuals["b"]

@@ -189,6 +189,9 @@ def test_events_in_a_moving_frame():
     rates = [symmetry.name for symmetry in moving.symmetries]
     arguments = {"dt": 4e-5, "steps": 2500, "events": gs.Event("q1", level=0.01)}
     turning = gs.tune(moving, problem, dt=4e-5, frame="start").parameters
+    start = gs.Start(problem.q0, problem.p0, parameters | turning)
+    *end, _, _ = moving.jvp(start, np.zeros(4), np.zeros(4), dt=4e-5)
+    assert np.abs(np.array(end) - moving.step(start, dt=4e-5)).max() <= 16 * np.finfo(float).eps
     run = moving.integrate(problem.q0, problem.p0, **arguments, t_eval=[0.0173, 0.0999],
                            parameters=parameters | turning,
                            tangents=gs.Tangents("all", ["I3", *rates], multipliers=True))
