@@ -54,6 +54,11 @@ class Flow(FlowFunction):
     _arrays = (torch.Tensor,)
     _stack = "torch.stack"
 
+    def _array(self, name: str, argument: Any) -> Any:
+        """Return an array as ``FlowFunction`` does; tensors in a list are refused as others are."""
+        _refuse_listed(argument)
+        return super()._array(name, argument)
+
     def _evaluate(self, parts: list[tuple[Any, tuple[int, ...]]]) -> Any:
         """Return F(x) as a tensor of 2 n numbers."""
         x = torch.cat([_double(component).broadcast_to(shape).flatten()
@@ -69,6 +74,15 @@ def _double(component: Any) -> Any:
         raise InputError(f"A tensor is {component.dtype} on {component.device}; steps take "
                          "torch.float64 on the CPU: x.double().cpu().")
     return component
+
+
+def _refuse_listed(argument: Any) -> None:
+    """Refuse tensors of another type or device in a list, or in lists of a list."""
+    if isinstance(argument, (list, tuple)):
+        for entry in argument:
+            _refuse_listed(entry)
+            if isinstance(entry, torch.Tensor):
+                _double(entry)
 
 
 # ---------------------------------------------------------------- functions of torch.autograd

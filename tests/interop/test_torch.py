@@ -122,8 +122,13 @@ def test_a_failed_step_is_nan():
 def test_tensors_are_double_and_on_the_cpu():
     flow, _ = top()
     for tensor_of_other_kind in (Q.float(), Q.to("meta")):
-        with pytest.raises(InputError, match="float64"):
-            flow(tensor_of_other_kind, P, THETA)
+        for q in (tensor_of_other_kind, list(tensor_of_other_kind)):
+            with pytest.raises(InputError, match="float64"):
+                flow(q, P, THETA)
+    rows = [[*inputs_of("pushed", 1)[0]], list(torch.zeros(2))]
+    with pytest.raises(InputError, match="float32"):
+        gt.run(stepper_of("pushed"), steps=2, dt=0.1)([0.6, 0.8], [0, 0], {"k": 1.3}, inputs=rows)
+    assert np.array_equal(flow(list(Q), P, THETA)[0], flow(Q, P, THETA)[0])
     assert flow(list(map(float, Q)), P, PARAMETERS)[0].dtype is torch.float64
 
 
