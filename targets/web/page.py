@@ -13,7 +13,11 @@ from typing import TYPE_CHECKING, Any
 
 from ..._version import __version__
 from ...core.errors import InputError
+from ...core.exact_numbers import Number
+from ...core.inertia import RepName
 from ...core.manifest import Manifest, NumberManifest
+from ...core.progress import Progress
+from ...core.real_types import RealName
 from ...runtime.compilation.body_columns import bodies_of
 from ...runtime.plotting.html_view import View, compact, filled_page
 from ...runtime.plotting.scene import check_bodies, drawn_joints
@@ -165,7 +169,15 @@ def playground(
     system: str | Path | System | Model | Problem,
     *,
     scheme: str | Sequence[str] = ("3-G-L", "IMS", "EMS"),
-    **options: Any,
+    stages: int | None = None,
+    rep: RepName | None = None,
+    order: int | None = None,
+    composition: str | None = None,
+    real: RealName | None = None,
+    dt: float | None = None,
+    start: tuple[Any, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None,
+    progress: Progress = None,
 ) -> View:
     """Return a page in which a model moves, integrated while it is looked at.
 
@@ -179,8 +191,8 @@ def playground(
         As for ``build``: with bodies.
     scheme : str or sequence of str
         Schemes that the page offers, the first to begin with.
-    **options
-        Further arguments of ``build``: ``dt``, ``start``, ``parameters``, ``rep``.
+    stages, rep, order, composition, real, dt, start, parameters, progress
+        As for ``build``.
 
     Returns
     -------
@@ -193,7 +205,9 @@ def playground(
         As ``build``; for a system without a body; where ziglang is missing, with the cure.
     """
     with tempfile.TemporaryDirectory() as folder_name:
-        artefact = build("web", system, scheme=scheme, out=Path(folder_name) / "page.html",
-                         **options)
+        artefact = build("web", system, scheme=scheme, stages=stages, rep=rep, order=order,
+                         composition=composition, real=real, dt=dt, start=start,
+                         parameters=parameters, out=Path(folder_name) / "page.html",
+                         progress=progress)
         page = artefact.path.read_text(encoding="utf-8")
     return View(_title(artefact.stepper.manifest), page)

@@ -84,6 +84,12 @@ def test_a_playground_is_the_page_of_build(text_alone, tmp_path):
     assert "satellite" in repr(view)
 
 
+@pytest.mark.parametrize("name", ["out", "target", "colour"])
+def test_a_playground_refuses_what_it_does_not_take(name):
+    with pytest.raises(gs.InputError, match=f"playground has no argument '{name}'.*parameters"):
+        gs.playground("fast-top", dt=1e-3, **{name: "web"})
+
+
 def test_text_of_a_model_stays_text(text_alone, tmp_path):
     model = tmp_path / "model.toml"
     text = SATELLITE["system"].read_text(encoding="utf-8")
