@@ -98,10 +98,10 @@ def _cells_of_a_tile(study: Study, is_stored: bool) -> int:
     return max(cells, 16)  # the lanes of a register of any width
 
 
-def tile_counts(study: Study, stored: bool = True) -> tuple[int, ...]:
+def tile_counts(study: Study, is_stored: bool = True) -> tuple[int, ...]:
     """Return the number of tiles along each axis."""
     return tuple(math.ceil(length / size)
-                 for length, size in zip(study.shape, tile_shape(study, stored), strict=True))
+                 for length, size in zip(study.shape, tile_shape(study, is_stored), strict=True))
 
 
 def tiles_of(study: Study, is_stored: bool = True) -> Iterator[Tile]:

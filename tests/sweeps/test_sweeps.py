@@ -152,7 +152,7 @@ def test_tiles_cover_every_cell_once_and_change_nothing(rows, columns, workers, 
         untiled = gs.sweep(TOP, over, scheme="G-L", stages=2, steps=3)
         patch.setattr(tiles, "_cells_of_a_tile", lambda study, stored: int(numbers.integers(1, 30)))
         fixed = tiles.tile_shape(study)
-        patch.setattr(tiles, "tile_shape", lambda study, stored=True: fixed)
+        patch.setattr(tiles, "tile_shape", lambda study, is_stored=True: fixed)
         counts = np.zeros(study.shape, dtype=int)
         for tile in tiles.tiles_of(study):
             counts[tile.slices] += 1
