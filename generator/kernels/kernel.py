@@ -339,20 +339,13 @@ def wrap(statement: str, width: int = 96) -> str:
 
 
 def _assignments(statements: Statements, printer: CPrinter) -> Iterator[str]:
-    """Yield one assignment for each entry; an entry equal to an earlier one is copied.
-
-    An entry without a target is the value that the function returns.
-    """
-    targets: dict[sp.Expr, str] = {}
+    """Yield one assignment for each entry, or the return of an entry without a target."""
     for target, e in statements.outputs:
         if not target:
             yield f"return {printer.number(e)};"
         elif e.is_number:
             yield f"{target} = {printer.number(e)};"
-        elif e in targets and not e.is_Atom:
-            yield f"{target} = {targets[e]};"
         else:
-            targets[e] = target
             yield f"{target} = {printer(e)};"
 
 

@@ -62,6 +62,7 @@ def test_damping_contracts_volume():
                            steps=1000, parameters=values)
     assert abs(spectrum.volume_rate + values["c"]) < 1e-9  # of the form, ½ log det
     assert abs(spectrum.exponents.sum() + values["c"]) < 1e-9
+    assert spectrum.symplectic_defect > 1e-3  # areas shrink between two decompositions
 
 
 def test_regular_motion():
