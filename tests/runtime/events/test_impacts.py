@@ -664,6 +664,7 @@ def relativistic():
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="none"), "impacts"),
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="1 kB"), "memory"),
     (lambda: dropped(100).hessian({"q": np.ones((101, 1))}), "impacts"),
+    (lambda: swung(200).gradient({"multipliers": swung(200).multipliers}), "Multipliers.*impacts"),
     (lambda: begun(0.0, -1.0, gs.Impact("floor"), tangents=gs.Tangents()), "start"),
     (lambda: gs.load(dropped(100).save(Path(tempfile.mkdtemp()) / "x.npz")).gradient(
         {"q": np.ones((101, 1))}, stepper=stepper("ball")), "stored"),
