@@ -19,6 +19,7 @@ import gyrospark as gs
 import systems
 from derivative_cases import difference
 from gyrospark.core.errors import InputError
+from gyrospark.runtime.results.joint_motion import multipliers_at_states
 from stores import Interrupted, assert_same, ends_after, small_blocks
 
 EPS = 2.0**-52
@@ -587,6 +588,10 @@ def test_multipliers_at_steps_with_impacts():
     (step,) = run.impacts["gap"].steps
     smooth = np.abs(np.diff(run.multipliers[:, 0], axis=0))[step + 1 : step + 20].max()
     assert np.abs(run.multipliers[step, 0] - run.multipliers[step + 1, 0]).max() < 4 * smooth
+    # the state before an impact in the first step has none of its own
+    later = swung(9, start=(run.q[step], run.p[step]), end=0.09)
+    assert later.impacts["gap"].steps.tolist() == [0]
+    assert np.isnan(multipliers_at_states(later)).all(axis=1).tolist() == [True] + 9 * [False]
 
 
 def test_pictures_mark_impacts():
@@ -665,6 +670,7 @@ def relativistic():
     (lambda: dropped(100).gradient({"q": np.ones((101, 1))}, memory="1 kB"), "memory"),
     (lambda: dropped(100).hessian({"q": np.ones((101, 1))}), "impacts"),
     (lambda: swung(200).gradient({"multipliers": swung(200).multipliers}), "Multipliers.*impacts"),
+    (lambda: swung(9, tangents=gs.Tangents(multipliers=True)), "multipliers"),
     (lambda: begun(0.0, -1.0, gs.Impact("floor"), tangents=gs.Tangents()), "start"),
     (lambda: gs.load(dropped(100).save(Path(tempfile.mkdtemp()) / "x.npz")).gradient(
         {"q": np.ones((101, 1))}, stepper=stepper("ball")), "stored"),

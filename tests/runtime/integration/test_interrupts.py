@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 
 import gyrospark as gs
+import systems
 from calls import RUN, TOP, integrate
 from command_line import RUN as COMMAND
 from gyrospark.core.interrupts import catch_ctrl_c, catch_signals, catch_termination
@@ -151,6 +152,21 @@ def test_ensemble_comes_with_what_it_has(solver, count, gl3):
         assert member.report.q == alone.members[0].report.q
         np.testing.assert_array_equal(ensemble.q[done.index(steps), : len(member)], member.q)
     assert np.isnan(ensemble.q[:, -1]).all()
+
+
+def test_ensemble_to_a_time_comes_with_what_it_has():
+    """Runs of different numbers of steps end too: those to one time in scaled time."""
+    step, entry = systems.stepper("eccentric"), systems.case("eccentric")
+    start, dtau, presses = systems.timed_start("eccentric", step), [0.01, 0.02], [interrupt]
+    with pytest.raises(gs.errors.Stopped, match=r"\.ensemble") as error:
+        step.integrate_ensemble([start] * 2, dtau=dtau, t_end=1e4, parameters=entry.parameters,
+                                progress=lambda done: presses.pop()() if done and presses else None)
+    for member, size in zip(error.value.ensemble.members, dtau, strict=True):
+        steps = member.report.steps
+        assert member.t[-1] < 1e4
+        assert len(member) == steps + 1
+        alone = step.integrate(start, dtau=size, steps=steps, parameters=entry.parameters)
+        assert np.array_equal(member.q, alone.q)
 
 
 def test_sweep_in_memory_comes_with_its_cells():

@@ -15,6 +15,7 @@ import sympy as sp
 import gyrospark as gs
 import scaled_motions
 import systems
+from gyrospark.core.registry import SYSTEMS
 from gyrospark.interop.discrete_flow import DiscreteFlow
 from systems import case, differentiable, stepper, timed_start
 
@@ -81,6 +82,19 @@ def test_a_scale_that_misses_the_fast_part_is_warned_of(power, dtau, t_end, warn
         step.integrate_ensemble([start] * 3, **span)  # one warning for all
     assert t_end == 7 or 12 < len(run) < 30
     assert [warning.category for warning in caught] == [gs.errors.InputWarning] * 2 * warns
+
+
+def test_a_rotation_is_measured_by_steps_of_time():
+    """With σ = 1/20 a step of 2.1 rad in τ is one of 0.1 rad, of which no ensemble warns."""
+    entry = case("heavy_top")
+    slowed = gs.stepper("G-L", 1, system=SYSTEMS["heavy_top"].make("gamma").with_time_scale(
+        sp.Rational(1, 20)))
+    pair = [[x] * 2 for x in (entry.q, entry.p)]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", gs.errors.InputWarning)
+        slowed.integrate_ensemble(*pair, dtau=1 / 60, steps=4, parameters=entry.parameters)
+    with pytest.warns(gs.errors.InputWarning, match="rad"):
+        slowed.integrate_ensemble(*pair, dtau=1 / 3, steps=4, parameters=entry.parameters)
 
 
 # ---------------------------------------------------------------- times
