@@ -292,6 +292,28 @@ def test_two_slopes_that_agree_are_found(law, dt, order):
     assert measured.order == pytest.approx(order, abs=0.1)
 
 
+def test_the_search_for_slopes_ends_where_they_agree_and_where_a_step_fails():
+    def first_steps(law):
+        ladder, first = Ladder(law), []
+        integrate = ladder.integrate
+
+        def counted(q, p, *, dt, steps, **options):
+            first.extend([dt] * (steps == 8))
+            return integrate(q, p, dt=dt, steps=steps, **options)
+
+        ladder.integrate = counted
+        found = measure_order(ladder, np.ones(1), np.ones(1), 0.2, {}, lambda h: (1.0, 1.0))
+        return first, found is not None
+
+    smooth = SimpleNamespace(manifest=SimpleNamespace(system=SimpleNamespace(jumps="")))
+
+    def failing(h, T):
+        raise gs.StepFailed(step=1, t=0.0, reason="diverged", trajectory=smooth)
+
+    assert first_steps(lambda h, T: h**6 + 0.1 * h**8) == ([0.2], True)
+    assert first_steps(failing) == ([0.2], False)
+
+
 @pytest.mark.parametrize(("seen", "found"), [
     (MeasuredOrder(6.19, 4.02, 0.02, (10.21, 6.19)), "slopes 10.21, 6.19"),
     (None, "errors are round-off"),

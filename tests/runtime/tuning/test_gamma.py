@@ -175,3 +175,5 @@ def test_each_body_has_its_own_gamma():
     motion = gs.tune(step, start, dt=1e-3, gamma="auto", steps=40)
     assert next(pilot for pilot in motion.pilots
                 if pilot.parameters == motion.parameters).worst <= 1
+    assert [("energy error" in tuned.reason, "error of the motion is" in tuned.reason)
+            for tuned in (both, motion)] == [(True, False), (False, True)]

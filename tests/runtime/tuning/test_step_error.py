@@ -83,6 +83,7 @@ def test_backwards_and_from_another_time(gl3):
     tuned = gs.tune(gl3, gs.Start(TOP.q0, TOP.p0, TOP.parameters, t=1), step_error=1e-6, t_end=0.6)
     ahead = gs.tune(gl3, TOP, step_error=1e-6, t_end=0.4)
     assert float(tuned.dt) == pytest.approx(-float(ahead.dt))
+    assert 64 < 0.4 / float(ahead.dt) < 128  # between the steps of two pilots
 
 
 def test_round_off_is_reported(gl3):
