@@ -12,9 +12,11 @@ import pytest
 import gyrospark as gs
 import systems
 from gyrospark.api import text_of
+from gyrospark.core.errors import InputError
 from gyrospark.core.json_records import UnfitError
 from gyrospark.core.manifest import Manifest
 from gyrospark.generator.spec import Spec
+from gyrospark.runtime.compilation.manifest import read_manifest
 from processes import ROOT
 
 #: Between them these have every key but keys of velocity constraints and symmetries.
@@ -57,6 +59,21 @@ def changed(content, path, value):
 def test_text_is_read_and_written_to_the_byte(path):
     text = path.read_text(encoding="utf-8")
     assert Manifest.from_text(text).text == text
+
+
+@pytest.mark.parametrize(("part", "key", "value"), [
+    ("scheme", "unknowns", 11), ("scheme", "order", 4), ("scheme", "multipliers", 3),
+    ("system", "coordinates", ["q0", "q1", "q2"])])
+def test_a_manifest_of_another_header_is_refused(part, key, value):
+    """The compiled code would read and write beyond arrays of other sizes."""
+    name = "heavy_top_ims_gamma"
+    files = {path.name: path.read_text("utf-8") for path in (ROOT / "generated").glob(f"{name}.*")}
+    assert read_manifest(name, files).text == files[f"{name}.json"]
+    other = json.loads(files[f"{name}.json"])
+    assert other[part][key] != value
+    other[part][key] = value
+    with pytest.raises(InputError):
+        read_manifest(name, files | {f"{name}.json": json.dumps(other)})
 
 
 def test_every_key_comes_back():

@@ -17,6 +17,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from zarr.core.buffer import default_buffer_prototype
 
 import gyrospark as gs
 import gyrospark.storage
@@ -25,7 +26,7 @@ from calls import integrate
 from gyrospark.runtime.bindings.real_numbers import without_padding
 from gyrospark.runtime.compilation.compiler import find_compiler
 from gyrospark.storage import recorder
-from gyrospark.storage.durable_files import write_durably
+from gyrospark.storage.durable_files import DurableStore, write_durably
 from stores import START, assert_same_bytes, record, recorded, small_blocks
 
 
@@ -216,6 +217,18 @@ def test_disk_that_fails_at_any_operation(number, every, tmp_path, monkeypatch):
         record(step, out=out, resume=True, **arguments)
         assert_same_bytes(tmp_path / "whole.zarr", out)
     assert good > 60
+
+
+def test_a_file_written_at_once_makes_its_store(tmp_path):
+    store = DurableStore(tmp_path / "new.zarr")
+    store.set_sync("key", default_buffer_prototype().buffer.from_bytes(b"abc"))
+    assert (tmp_path / "new.zarr" / "key").read_bytes() == b"abc"
+    with pytest.raises(ValueError, match="read"):
+        DurableStore(tmp_path / "new.zarr", read_only=True).set_sync(
+            "key", default_buffer_prototype().buffer.from_bytes(b"d"))
+    with pytest.raises(FileNotFoundError):
+        DurableStore(tmp_path / "none.zarr", read_only=True).set_sync(
+            "key", default_buffer_prototype().buffer.from_bytes(b"d"))
 
 
 @pytest.mark.parametrize("end", [".csv", ".nc"])

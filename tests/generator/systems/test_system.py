@@ -67,6 +67,7 @@ def test_what_is_no_system_is_refused(changes, message):
     ({"parameters": {"m": 1.0, "g": 1.0, "k": 2.0}}, "'k'.*g, m"),
     ({"parameters": {"m": 1.0}}, "'g'"),
     ({"rules": {"m": "m"}}, "'m'"), ({"rules": {"m": "n"}}, "'n'.*h"),
+    ({"dt": float("nan")}, "dt.*nan"), ({"dt": "1 ms"}, "dt.*ms"),
     ({"visuals": {"": [3]}}, "3.*Shape"), ({"visuals": {"bob": []}}, "'bob'.*''"),
 ])
 def test_what_is_no_model_is_refused(changes, message):
