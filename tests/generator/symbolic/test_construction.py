@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from gyrospark.generator.symbolic.construction import negative, product_of, rebuilt, sum_of
-from gyrospark.generator.symbolic.shared_subexpressions import Shared
+from gyrospark.generator.symbolic.shared_subexpressions import Shared, tree_size
 
 X = sp.symbols("x y z", real=True)
 NUMBERS = [sp.Integer(n) for n in (-2, -1, 0, 1, 3)] + [sp.Rational(-1, 3), sp.Rational(1, 2)]
@@ -42,3 +42,8 @@ def test_same_arguments_are_the_same_expression():
     assert rebuilt(e, e.args) is e
     assert rebuilt(e, [sp.Integer(2), X[2]]) == 2 * X[2]
     assert rebuilt(sp.sin(X[0]), [X[1]]) == sp.sin(X[1])
+
+
+def test_the_size_of_a_tree_counts_repeated_parts():
+    e = sp.sin(X[0] + X[1])  # 4 nodes
+    assert tree_size([X[2], e, e**2 + e]) == 1 + 4 + (1 + 6 + 4)

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from gyrospark.core.errors import InputError, TableauError
 from gyrospark.core.real_types import REALS, round_binary
-from gyrospark.generator.tableaux.conditions import check_tableau, counts, order
+from gyrospark.generator.tableaux.conditions import check_tableau, counts, holds_to, order
 from gyrospark.generator.tableaux.enclosures import horner
 from gyrospark.generator.tableaux.families import gauss_lobatto, lobatto_iiiab, solve_rows
 from gyrospark.generator.tableaux.node_algebra import PolynomialNodes, column, power
@@ -113,6 +113,13 @@ def test_exact_roots_are_radicals_while_short_and_satisfy_the_polynomial(kind):
         assert sp.radsimp(sp.expand(polynomial.as_expr().subs(polynomial.gen, root))) == 0
 
 
+def test_conditions_that_all_hold_are_counted_to_the_limit():
+    tableau = gauss_lobatto(1)
+    for first_wrong, count in ((1, 0), (3, 2), (4, 3), (5, 3)):
+        assert holds_to(lambda k, wrong=first_wrong: column([sp.QQ(k == wrong)], sp.QQ),
+                        tableau, 3) == count
+
+
 def test_what_gives_no_tableau_is_refused():
     for call in (lambda: lobatto_polynomial(1), lambda: lobatto_iiiab(1)):
         with pytest.raises(TableauError, match="at least 2"):
@@ -128,10 +135,18 @@ def test_what_gives_no_tableau_is_refused():
         REALS["double"].round(Enclosure(Fraction(1, 3), Fraction(1, 10**10)))
 
 
-@pytest.mark.parametrize("polynomial", [sp.Poly((X - 1) ** 2, X), sp.Poly(X**2 + 1, X)])
+@pytest.mark.parametrize("polynomial", [
+    sp.Poly((X - 1) ** 2, X), sp.Poly(X**2 + 1, X),
+    # two roots that are one number of 512 bits
+    sp.Poly((X - 1) * (X - 1 - sp.Rational(1, 2**514)), X)])
 def test_polynomial_without_simple_real_roots_is_refused(polynomial):
     with pytest.raises(TableauError, match=r"change|distinct|simple"):
         enclose_roots(polynomial)
+
+
+def test_roots_of_any_sign_are_enclosed():
+    enclosures = enclose_roots(sp.Poly((X + 2) * (X + 1) * (X - 3), X))
+    assert enclosures == tuple(Enclosure(Fraction(x), Fraction(0)) for x in (-2, -1, 3))
 
 
 fixed = st.tuples(st.integers(-(2**600), 2**600), st.integers(0, 2**300))
