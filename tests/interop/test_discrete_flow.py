@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from concurrent.futures import ThreadPoolExecutor
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -234,3 +236,10 @@ def test_parameters_are_refused_by_name():
 def test_other_steppers_are_refused(make, steps, word):
     with pytest.raises(InputError, match=word):
         DiscreteFlow(make(), steps)
+
+
+def test_a_library_is_imported_when_its_module_is_asked_for(monkeypatch):
+    module = ModuleType("gyrospark.interop.casadi")
+    monkeypatch.setitem(sys.modules, module.__name__, module)
+    monkeypatch.delitem(vars(gs.interop), "casadi", raising=False)
+    assert gs.interop.casadi is module

@@ -211,6 +211,17 @@ def test_a_model_is_drawn_with_shapes_of_its_own():
         build.visual("ball", "sphere")
 
 
+@pytest.mark.parametrize("unit", [1e-9, 1.0, 1e9])
+def test_a_bar_of_any_size_has_its_direction(unit):
+    """Between equal points it is a ball."""
+    bar = gs.Shape.bar((0, 0, 0), (2 * unit, 0, 0), unit)
+    assert bar.axes[:, 2].tolist() == [1, 0, 0]
+    assert bar.size.tolist() == [unit, unit, unit]
+    ball = gs.Shape.bar((unit, 0, 0), (unit, 0, 0), unit)
+    assert ball.centre.tolist() == [unit, 0, 0]
+    assert 0 < ball.size[2] < 1e-5 * unit
+
+
 @pytest.mark.parametrize(("arguments", "words"), [
     ({"kind": "cone"}, "kind.*'cone'"), ({"size": (1, 0, 1)}, "size.*above 0"),
     ({"size": (1, 1)}, "size.*3"), ({"size": (1, -1, 1)}, "size.*above 0"),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,7 +16,7 @@ from gyrospark.core.shapes import Shape
 from gyrospark.runtime.plotting.body_shapes import rim_of
 from gyrospark.runtime.plotting.picture import SceneDrawing, draw_picture, draw_scene
 from gyrospark.runtime.plotting.rasterizer import rasterize
-from gyrospark.runtime.plotting.scene import drawn_joints, scene_of
+from gyrospark.runtime.plotting.scene import drawn_joints, is_held, scene_of
 from gyrospark.runtime.plotting.solids import colour_of, mesh_of
 
 SMALL = {"size": (120, 90)}
@@ -123,6 +124,16 @@ def test_a_top_is_seen_from_its_side(top):
         sight = SceneDrawing(scene, {}, [frame], size=(40, 30)).camera.axes[2]
         axis = (scene_part.at(scene_part.axes[:, 2]) - scene_part.x[:, None])[frame, 0]
         assert abs(axis[:2] @ sight[:2]) < 1e-12
+
+
+def test_the_ground_holds_an_origin_that_rests_off_the_centre_of_mass():
+    rest, moving = np.zeros((3, 3)), np.arange(9.0).reshape(3, 3)
+    joint, axle = (SimpleNamespace(a=0, b=-1, on_a=np.array(r), on_b=np.ones(3))
+                   for r in ([0, 0, 0], [0, 0, 1]))
+    for centre, x, ties, held in (([0, 0, 2], rest, [], True), ([0, 0, 2], rest, [axle], True),
+                                  ([0, 0, 0], rest, [], False), ([0, 0, 2], moving, [], False),
+                                  ([0, 0, 2], rest, [axle, joint], False)):
+        assert is_held([SimpleNamespace(centre=np.array(centre), x=x)], ties, 0) is held
 
 
 def test_a_top_between_joints_has_its_flywheel_at_its_centre_of_mass():
