@@ -6,6 +6,7 @@ import re
 from dataclasses import replace
 from fractions import Fraction
 from itertools import pairwise
+from operator import mul
 
 import mpmath as mp
 import numpy as np
@@ -182,6 +183,7 @@ def test_a_parallelogram_goes_through_a_hundred_change_points():
     passed = int(mp.floor(phi / mp.pi + mp.mpf(1) / 2))
     assert passed >= 100
     assert f" {passed} " in problem.title
+    assert problem.make().system.n == 3 * 7  # two cranks and a rod
 
 
 @pytest.mark.parametrize(("name", "left_out"), [("bricard", 1), ("four-bar", 6)])
@@ -299,3 +301,14 @@ def _fixed(text):
     """Return the lines that no run changes: no rows of schemes, no summary, no invariants."""
     changing = re.compile(r"\| (`|\d-|G-L|LIIIA|EMS|IMS|SciPy|heyoka|exudyn|MuJoCo)|Invariants: ")
     return [line for line in text.splitlines() if not changing.match(line)]
+
+
+def test_an_ellipsoid_begins_on_itself_along_the_x_axis():
+    """The normal, e_x and the velocity of length 1 lie in one plane."""
+    model = REFERENCES["ellipsoid"].make()
+    axes, q, p = [1, 2, 4], [*model.q0], [*model.p0]
+    n = [x / b for x, b in zip(q, axes, strict=True)]
+    for value, expected in ((sum(map(mul, q, n)), 1), (sum(map(mul, p, n)), 0),
+                            (sum(map(mul, p, p)), 1), (n[1] * p[2] - n[2] * p[1], 0)):
+        assert abs(value - expected) < Fraction(1, 10**45)
+    assert p[0] > 0

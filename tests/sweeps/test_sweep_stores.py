@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -10,7 +11,7 @@ import pytest
 import gyrospark as gs
 from gyrospark.storage.staging import writer_lock
 from gyrospark.sweeps import compute_tile, tiles
-from gyrospark.sweeps.cost_estimate import estimate
+from gyrospark.sweeps.cost_estimate import _sample, estimate
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import NOT_COMPUTED, done_tiles, fields_of
 from interruption import differences
@@ -201,6 +202,17 @@ def test_every_tile_has_a_file_of_every_result(tmp_path, small_tiles):
              if file.is_file()]
     assert len(files) == predicted.files == len(fields) * predicted.tiles > len(fields)
     assert sum(file.stat().st_size - 4 for file in files) == predicted.disk_bytes  # a checksum each
+
+
+@pytest.mark.parametrize(("axes", "ratio"), [(1, 1.618033988749895), (2, 1.324717957244746)])
+def test_timed_cells_cover_the_axes_evenly(axes, ratio):
+    """The golden ratio is the root of φ² = φ + 1, the plastic ratio that of φ³ = φ + 1."""
+    assert abs(ratio ** (axes + 1) - ratio - 1) < 1e-14
+    study = SimpleNamespace(shape=(1000,) * axes)
+    for i in range(20):
+        expected = [int((0.5 + i * ratio**-k) % 1 * 1000) for k in range(1, axes + 1)]
+        expected[-1] = min(expected[-1], 1000 - 16)
+        assert _sample(study, i).place == tuple(expected)
 
 
 def test_keep_keeps_what_it_names(tmp_path):

@@ -111,6 +111,21 @@ def test_compiled_kernels_agree(module):
     assert all(compared.values())
 
 
+def test_variables_have_both_signs_and_constants_one(module, monkeypatch):
+    drawn, evaluate = {}, kernel_check.evaluate
+
+    def evaluated(kernel, by, values):
+        for name, numbers in values.items():
+            if not isinstance(numbers, kernel_text.Bounded):
+                drawn.setdefault("->" in name, []).append(np.asarray(numbers, float))
+        return evaluate(kernel, by, values)
+
+    monkeypatch.setattr(kernel_check, "evaluate", evaluated)
+    assert not kernel_check.differences(*module)[0]
+    assert np.min(drawn[True]) >= 0.25
+    assert np.min(drawn[False]) < -0.9
+
+
 def damaged(kernel: kernel_text.KernelText):
     """Yield each output, and the kernel with its statement changed by a hundred-millionth."""
     for output in kernel_check.outputs_of(kernel):
