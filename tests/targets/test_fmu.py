@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import ctypes
+import gc
 import importlib.util
 import json
 import math
 import shutil
+import sys
 import zipfile
 from dataclasses import replace
 from types import SimpleNamespace
@@ -162,6 +164,30 @@ def test_two_instances_in_turns_do_not_know_each_other(satellite):
             for step in range(20):
                 go(reference, step)
             assert reference.get(OUTPUTS) == first_slave.get(OUTPUTS) != second_slave.get(OUTPUTS)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="glibc counts its bytes")
+def test_an_instance_that_is_freed_leaves_no_memory(satellite):
+    library = ctypes.CDLL(None)
+    if not hasattr(library, "mallinfo2"):
+        pytest.skip("glibc counts its bytes")
+
+    class Counts(ctypes.Structure):
+        _fields_ = [(f"field{k}", ctypes.c_size_t) for k in range(10)]
+
+    count = library.mallinfo2
+    count.restype = Counts
+
+    def bytes_left(instances):
+        before = count().field7  # bytes in use
+        for _ in range(instances):
+            with satellite.instance():
+                pass
+        gc.collect()  # the callbacks of an instance refer to it
+        return count().field7 - before
+
+    bytes_left(20)
+    assert bytes_left(200) < 200 * 256  # an instance has more bytes than 256
 
 
 def test_a_communication_step_is_split_into_equal_steps(satellite, native):
