@@ -137,14 +137,14 @@ class Copy:
         command = ["-p", Path(__file__).stem, "-q", "-n", "0", "-p", "no:cacheprovider",
                    "--basetemp", str(self.scratch), "-x",
                    *(f"--deselect={name}" for name in skipped), *tests]
-        said, until = self.folder.parent / "said.txt", time.monotonic() + 60 + 5 * seconds
+        output_file, until = self.folder.parent / "said.txt", time.monotonic() + 60 + 5 * seconds
         child = os.fork()  # what this process has imported needs no second import
         if not child:
             os.setsid()
             os.environ.update(environment)
             os.chdir(self.folder)
             sys.path.insert(0, str(self.folder.parent))
-            with said.open("w") as file:
+            with output_file.open("w") as file:
                 os.dup2(file.fileno(), 1)
                 os.dup2(file.fileno(), 2)
             ended = 70
@@ -161,13 +161,13 @@ class Copy:
             if time.monotonic() > until or int(pages) > MEMORY:
                 os.killpg(child, 9)
         code = os.waitstatus_to_exitcode(done[1])
-        return None if code in (-9, -24) else code, said.read_text(errors="replace")
+        return None if code in (-9, -24) else code, output_file.read_text(errors="replace")
 
 
-def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
+def near(mutant: Mutant, limit: int = 4) -> list[list[tuple[float, str]]]:
     """Return the test files named after a mutant's module, those that import it, its folder's.
 
-    Of the latter, or of the folder above where tests have none of that name, the ``most`` shortest
+    Of the latter, or of the folder above where tests have none of that name, the ``limit`` shortest
     are returned; at last those of ``WHOLE``.
     """
     path = Path(mutant.file)
@@ -177,10 +177,10 @@ def near(mutant: Mutant, most: int = 4) -> list[list[tuple[float, str]]]:
     named = [file for file in texts if file.stem == f"test_{path.stem}"]
     importing = sorted((file for file, text in texts.items()
                         if re.search(rf"gyrospark\.{re.escape(module)}\b", text)),
-                       key=lambda file: len(texts[file]))[:most]
+                       key=lambda file: len(texts[file]))[:limit]
     level = next(parent for parent in path.parents if (ROOT / "tests" / parent).is_dir())
     folder = sorted((file for file in texts if file.parent == ROOT / "tests" / level),
-                    key=lambda file: len(texts[file]))[:most]
+                    key=lambda file: len(texts[file]))[:limit]
     files = dict.fromkeys([*named, *importing, *folder, *(
         ROOT / "tests" / name for name in WHOLE.get(mutant.package, ()))])
     return [[(20.0, str(file.relative_to(ROOT)))] for file in files]
@@ -230,8 +230,8 @@ def executing(copy: Copy, mutants: list[Mutant], limit: int = 60) -> dict[str, l
 
 def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) -> str | None:
     """Return the first test that fails, "" if none does, None after too long a time."""
-    code, said = copy.run(tests, cost, skipped=failed)
-    if code == 4 and "not found: " in said:  # cases whose values the change has renamed
+    code, output = copy.run(tests, cost, skipped=failed)
+    if code == 4 and "not found: " in output:  # cases whose values the change has renamed
         renamed = list(dict.fromkeys(name.split("[")[0] for name in tests))
         return failing(copy, renamed, cost, failed) if renamed != tests else ""
     if code is None or code in (0, 5):  # 5: no test was left
@@ -239,10 +239,11 @@ def failing(copy: Copy, tests: list[str], cost: float, failed: Iterable[str]) ->
     if code < 0:
         return CRASH
     if copy.failed.is_file():
-        return COMPILE if re.search(r"\.[ch]:\d+:\d+: .*error:", said) else copy.failed.read_text()
-    if "while loading conftest" in said:
+        is_of_compiler = re.search(r"\.[ch]:\d+:\d+: .*error:", output)
+        return COMPILE if is_of_compiler else copy.failed.read_text()
+    if "while loading conftest" in output:
         return CONFTEST
-    raise RuntimeError(said)
+    raise RuntimeError(output)
 
 
 def try_out(copy: Copy, parts: list[list[tuple[float, str]]], sound: set[str], failed: set[str],
@@ -251,22 +252,22 @@ def try_out(copy: Copy, parts: list[list[tuple[float, str]]], sound: set[str], f
     began, outcome, by = time.monotonic(), "not executed", ""
     for tests in parts:
         cost, names = 30 + 4 * sum(seconds for seconds, _ in tests), [name for _, name in tests]
-        found: str | None = ""
+        failure: str | None = ""
         copy.write(mutant, changed=changed)
-        while names and (found := failing(copy, names, cost, failed)) and found not in sound:
-            if found in failed:
-                raise RuntimeError(f"{found} fails although it was left out")
+        while names and (failure := failing(copy, names, cost, failed)) and failure not in sound:
+            if failure in failed:
+                raise RuntimeError(f"{failure} fails although it was left out")
             copy.write(mutant, changed=False)
-            alone = [found] if "::" in found else [found, "--collect-only"]
+            alone = [failure] if "::" in failure else [failure, "--collect-only"]
             if failing(copy, alone, cost, ()) == "":
-                sound.add(found)
+                sound.add(failure)
             else:
-                names = [name for name in names if found not in (name, name.split("::")[0])]
-                failed.add(found)
+                names = [name for name in names if failure not in (name, name.split("::")[0])]
+                failed.add(failure)
             copy.write(mutant, changed=changed)
-        outcome, by = ("timeout", "") if found is None else ("caught", found) if found else (
-            "survived", "")
-        if found == COMPILE and mutant.package == "engine":
+        outcome, by = ("timeout", "") if failure is None else (
+            ("caught", failure) if failure else ("survived", ""))
+        if failure == COMPILE and mutant.package == "engine":
             outcome = "does not compile"
         if outcome != "survived":
             break
@@ -292,15 +293,15 @@ def reasons() -> dict[str, str]:
 def pick(places: dict[str, list[list[Mutant]]], count: int, seed: int,
          done: dict[str, dict[str, Any]]) -> list[Mutant]:
     """Return mutants that the log lacks, so that with it there are as many as asked for."""
-    whole, chosen = sum(map(len, places.values())), []
+    statement_count, chosen = sum(map(len, places.values())), []
     for package, statements in places.items():
         logged = sum(record["file"].split("/")[0] == package
                      and record["outcome"] != "does not compile" for record in done.values())
-        wanted = round(count * len(statements) / whole) - logged
+        missing = round(count * len(statements) / statement_count) - logged
         choose = random.Random(f"{seed} {package}")
         choose.shuffle(statements)
         fresh = [mutant for mutant in map(choose.choice, statements) if mutant.key not in done]
-        chosen += fresh[:max(wanted, 0)]
+        chosen += fresh[:max(missing, 0)]
     random.Random(seed).shuffle(chosen)
     return chosen
 
@@ -323,12 +324,12 @@ def run(work: Path, copy: Copy, mutants: list[Mutant], tests: list[str], seconds
         parts = ([[(seconds, name) for name in tests]] if tests else
                  [[(6.0, name) for name in names[k : k + 6]] for k in range(0, len(names), 6)]
                  or near(mutant))
-        found = try_out(copy, parts, sound, failed, mutant, changed=changed)
-        record = {"key": mutant.key, **asdict(mutant), **found, "commit": commit}
+        result = try_out(copy, parts, sound, failed, mutant, changed=changed)
+        record = {"key": mutant.key, **asdict(mutant), **result, "commit": commit}
         with (work / ("log.jsonl" if changed else "unchanged.jsonl")).open("a") as log:
             log.write(json.dumps(record) + "\n")
-        print(f"{found['outcome']:12} {found['seconds']:6} s  {mutant.file}:{mutant.line} "
-              f"{mutant.before[:40]!r} -> {mutant.after[:40]!r}  {found['by'][:90]}", flush=True)
+        print(f"{result['outcome']:12} {result['seconds']:6} s  {mutant.file}:{mutant.line} "
+              f"{mutant.before[:40]!r} -> {mutant.after[:40]!r}  {result['by'][:90]}", flush=True)
 
 
 def table(work: Path) -> None:
@@ -379,17 +380,17 @@ def main() -> None:
                         help="only mutants of files whose path has this regular expression")
     parser.add_argument("--unchanged", action="store_true",
                         help="run the same tests without the changes: none may fail")
-    given = parser.parse_args()
-    work = given.work.resolve()
-    if given.command == "table":
+    arguments = parser.parse_args()
+    work = arguments.work.resolve()
+    if arguments.command == "table":
         return table(work)
     os.nice(19)
     for name in HEAVY:
         importlib.import_module(name)
     copy = Copy(work, os.getpid())
-    done = {} if given.unchanged else read_log(work)
-    places = {package: mutants_of(copy.folder, package) for package in given.packages}
-    if given.again:
+    done = {} if arguments.unchanged else read_log(work)
+    places = {package: mutants_of(copy.folder, package) for package in arguments.packages}
+    if arguments.again:
         living = {key for key, record in done.items()
                   if record["outcome"] in ("survived", "not executed")} - reasons().keys()
         mutants = list({mutant.key: mutant for statements in places.values()
@@ -397,12 +398,12 @@ def main() -> None:
                         if mutant.key in living}.values())
     else:
         engine = {name: places.pop(name) for name in ("engine",) if name in places}
-        mutants = [*pick(places, given.mutants, given.seed, done),
-                   *pick(engine, given.engine, given.seed, done)]
-    mutants = [mutant for mutant in mutants if re.search(given.files, mutant.file)]
-    executed = executing(copy, mutants) if given.again and not given.tests else {}
-    return run(work, copy, mutants, given.tests, given.seconds, changed=not given.unchanged,
-               executed=executed)
+        mutants = [*pick(places, arguments.mutants, arguments.seed, done),
+                   *pick(engine, arguments.engine, arguments.seed, done)]
+    mutants = [mutant for mutant in mutants if re.search(arguments.files, mutant.file)]
+    executed = executing(copy, mutants) if arguments.again and not arguments.tests else {}
+    return run(work, copy, mutants, arguments.tests, arguments.seconds,
+               changed=not arguments.unchanged, executed=executed)
 
 
 if __name__ == "__main__":

@@ -238,9 +238,9 @@ def test_the_command_writes_and_checks(gyrospark, tmp_path):
 
 def test_settings_are_those_of_a_changed_file(gyrospark, tmp_path):
     """They leave the name of the C and the choice of --rep as they are."""
-    edited, whole = tmp_path / "satellite.toml", ROOT / "examples" / "satellite.toml"
-    edited.write_text(whole.read_text().replace("r = 6.778e6", "r = 7e6"))
-    for model, *words in ((edited,), (whole, "--set", "r=7e6")):
+    edited, example = tmp_path / "satellite.toml", ROOT / "examples" / "satellite.toml"
+    edited.write_text(example.read_text().replace("r = 6.778e6", "r = 7e6"))
+    for model, *words in ((edited,), (example, "--set", "r=7e6")):
         answer = gyrospark("build", "cpp", model, *words, "--scheme", "IMS", "--rep", "alpha",
                            "--out", tmp_path / f"made{len(words)}")
         assert answer.code == 0, answer.stderr
