@@ -34,9 +34,9 @@ def dense_newton(step, start, dt, parameters):
 
 @pytest.mark.parametrize(("name", "scheme", "stages"), [
     ("double_top", "G-L", 2), ("beads", "G-L", 2), ("two_rods", "EMS", None),
-    *(pytest.param(*given, marks=pytest.mark.slow) for given in (  # a stepper each
-        ("beads", "EMS", None), ("double_top", "EMS", None), ("double_top", "LIIIA-B", 3),
-        ("andrews", "EMS", None)))])
+    ("beads", "EMS", None),
+    *(pytest.param(*case, marks=pytest.mark.slow) for case in (  # a stepper each
+        ("double_top", "EMS", None), ("double_top", "LIIIA-B", 3), ("andrews", "EMS", None)))])
 def test_condensed_steps_are_those_of_the_whole_jacobian(name, scheme, stages):
     """They take as many iterations as dense Newton: a wrong entry makes them linear."""
     if name == "beads":
