@@ -108,7 +108,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="make bench", formatter_class=argparse.RawDescriptionHelpFormatter,
         description=__doc__, epilog="\n".join(
-            f"{name:12}{one.about}" for name, one in BENCHMARKS.items()))
+            f"{name:12}{benchmark.about}" for name, benchmark in BENCHMARKS.items()))
     parser.add_argument("what", nargs="?", default="peers", choices=[*BENCHMARKS, "all"],
                         metavar="WHAT", help="peers (default), one of those below, or all")
     parser.add_argument("--programs", metavar="A,B", help=f"of {', '.join(PROGRAMS)} (all)")
@@ -152,21 +152,22 @@ def tables(name: str, rows: list[Row], choice: Choice) -> dict[str, list[list[st
         from .equal_error import levels, losses
 
         return {**levels(rows), "where another program is cheaper": losses(rows)}
-    more = {}
+    cheapest_table = {}
     if name == "bodies":
         from .bodies import ACCURACIES, COST, ERROR
 
-        more = {"cheapest for an error": table(accuracies(rows, COST, ERROR, ACCURACIES, " m"))}
+        cheapest_table = {
+            "cheapest for an error": table(accuracies(rows, COST, ERROR, ACCURACIES, " m"))}
     if name == "adaptive":
         from .adaptive import levels as levels_of
 
-        more = {"cheapest for an error": table(levels_of(rows))}
+        cheapest_table = {"cheapest for an error": table(levels_of(rows))}
     groups: dict[str, list[Row]] = {}
-    for row in rows:  # those without numbers are beside those before them
+    for row in rows:  # rows without numbers join the rows before them
         cost = next(iter(row.numbers), next(reversed(groups), ""))
         groups.setdefault(cost, []).append(row)
     return {f"{about}{', continued' * bool(i)}": table(group, choice.base)
-            for i, group in enumerate(groups.values())} | more
+            for i, group in enumerate(groups.values())} | cheapest_table
 
 
 def show(name: str, rows: list[Row], choice: Choice) -> None:

@@ -28,7 +28,7 @@ __all__ = ["adaptive", "kepler", "levels"]
 Array = NDArray[Any]
 
 _X, _Y, _U, _V = sp.symbols("x y u v", real=True)
-#: Of Arenstorf's orbit: the mass of the Moon, the start, the period.
+#: Arenstorf's orbit: the mass of the Moon; x and y' of the start, and the period.
 _MU = 0.012277471
 _ARENSTORF = (0.994, -2.00158510637908252240537862224, 17.0652165601579625588917206249)
 _ECCENTRICITIES = (0.3, 0.6, 0.9, 0.99)
@@ -48,9 +48,9 @@ class Orbit:
     q, p : tuple of float
         The start.
     t_end, tau_end : float
-        t and τ of the end; τ = 0 where a run is to tell it.
+        t and τ of the end; τ = 0 where a run has to compute it.
     periods : float
-        The same in periods.
+        ``t_end`` in periods.
     position : callable
         (x, y) at a time.
     constant, scaled : sequence
@@ -107,7 +107,7 @@ def kepler(e: float, periods: float) -> Orbit:
 
 
 def _on_ellipse(e: float, t: float) -> Array:
-    """E − e sin E = t, r = (cos E − e, √(1 − e²) sin E)."""
+    """Return r = (cos E − e, √(1 − e²) sin E) with E − e sin E = t."""
     with mpmath.workdps(30):
         M = mpmath.fmod(mpmath.mpf(t), 2 * mpmath.pi)
         E = mpmath.findroot(lambda E: E - e * mpmath.sin(E) - M, (M - e, M + e), solver="anderson",

@@ -125,7 +125,7 @@ def exudyn(count: int, dt: float) -> Prepared:
 
 
 def beams(choice: Choice) -> list[Row]:
-    """Return a row for each program and setting; those of PyElastica take minutes."""
+    """Return a row for each program and setting; PyElastica's take minutes."""
     return contest("steel rod", [
         *(Entry("gyrospark", f"{'extensible, ' * stretches}N={count} G-L s=2 Δt={dt:g}",
                 partial(ours, count, 2, dt, stretches), quick=count == 10)

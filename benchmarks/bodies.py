@@ -5,8 +5,8 @@
     batches                 eight starts of the first two in the lanes of a register, beside alone
 
 The error is the largest distance of a centre of mass from a reference in long double; "limit" is
-the same of Richardson's extrapolation with the row of twice the time step, and says independently
-of us whether the reference is right.
+the distance of Richardson's extrapolation with the row of twice the time step, and checks the
+reference independently of us.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ ACCURACIES = (1e-3, 1e-4, 1e-5, 1e-6)
 _OURS = {2: (2e-2, 1e-2, 5e-3, 2e-3, 1e-3), 3: (2e-2, 1e-2, 5e-3, 2e-3),
          4: (2e-2, 1e-2, 5e-3, 2e-3)}
 _THEIRS = (4e-3, 2e-3, 1e-3, 5e-4, 2.5e-4, 1.25e-4, 6.25e-5)
-#: Stages and time step of the reference; half the step says how far it is trusted.
+#: Stages and time step of the coarser reference; half the step gives the reference.
 _REFERENCE = (6, 1e-3)
 #: Returns the centres of mass at the end of a run.
 Centres = Callable[[], Array]
@@ -53,8 +53,8 @@ class Motion:
 
     Parameters
     ----------
-    centres : callable
-        Stepper, step and start in another type → centres of mass at the end.
+    ours : callable
+        Stepper and time step → centres of mass at the end.
     make : callable
         Stages and floating-point type → stepper.
     """
@@ -88,7 +88,7 @@ class Motion:
         return float(np.linalg.norm(end - self.reference, axis=1).max())
 
     def entries(self, steps: Mapping[int, tuple[float, ...]]) -> Iterator[Entry]:
-        """Yield ours."""
+        """Yield our entries: stages → time steps."""
         for stages, dts in steps.items():
             for dt in dts:
                 yield Entry("gyrospark", f"G-L s={stages} Δt={dt:g}",
@@ -319,13 +319,14 @@ def _batch(model: gs.Model, stages: int, steps: int) -> Prepared:
         return ends
 
     ends, ensemble = alone(), together()
-    each = _TRAJECTORIES * steps
+    total_steps = _TRAJECTORIES * steps
     return Prepared(
-        {"iterations": float(np.mean([one.report.iterations_mean for one in ensemble.members])),
-         "differs by": float(max(np.abs(ensemble.q[i, -1] - one.q[-1]).max()
-                                 for i, one in enumerate(ends))),
-         "|g|": max(one.report.constraint_max for one in ensemble.members)},
+        {"iterations": float(np.mean([trajectory.report.iterations_mean
+                                      for trajectory in ensemble.members])),
+         "differs by": float(max(np.abs(ensemble.q[i, -1] - trajectory.q[-1]).max()
+                                 for i, trajectory in enumerate(ends))),
+         "|g|": max(trajectory.report.constraint_max for trajectory in ensemble.members)},
         {"together": together, "alone": alone},
-        lambda seconds: {"µs/step": seconds["together"].median / each * 1e6,
-                         "alone µs/step": seconds["alone"].median / each * 1e6,
+        lambda seconds: {"µs/step": seconds["together"].median / total_steps * 1e6,
+                         "alone µs/step": seconds["alone"].median / total_steps * 1e6,
                          "ratio": seconds["together"].median / seconds["alone"].median})

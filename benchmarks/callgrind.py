@@ -85,8 +85,8 @@ def count_step(counter: Counter, scheme: str, stages: int | None, rep: str) -> t
                  "--rep", rep, "--standalone", "--no-compile", "--out", folder])
         header, = Path(folder).glob("*.h")
         program = _build(counter, header.stem, rep, Path(folder))
-        few, many_steps = (_count(program, steps) for steps in (_FEW, _MANY))
-    return header.stem, (many_steps - few) / (_MANY - _FEW)
+        few_count, many_count = (_count(program, steps) for steps in (_FEW, _MANY))
+    return header.stem, (many_count - few_count) / (_MANY - _FEW)
 
 
 def _build(counter: Counter, name: str, rep: str, folder: Path) -> Path:
@@ -109,7 +109,7 @@ def _count(program: Path, steps: int) -> int:
 
 def _output(command: list[str]) -> str:
     """Run a command and return its stdout and stderr; raises RuntimeError if it fails."""
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
-        raise RuntimeError(f"{command[0]} failed: {done.stderr}")
-    return done.stdout + done.stderr
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    if process.returncode:
+        raise RuntimeError(f"{command[0]} failed: {process.stderr}")
+    return process.stdout + process.stderr

@@ -76,7 +76,7 @@ class Accuracy:
 
 
 def subjects(names: Sequence[str] = ()) -> Iterator[Subject]:
-    """Yield the reference problems and the models, or those of the names."""
+    """Yield the reference problems and the models, all or only the named ones."""
     for name in gs.references.names():
         if not names or name in names:
             problem = gs.references.reference(name)
@@ -207,7 +207,7 @@ def _differences(step: _Step, shift: float) -> float:
     mixed = basis @ (rng.normal(size=basis.shape[1]) / basis.shape[1] ** 0.5)
     size = np.abs(np.concatenate([step.q, step.p])).max()
     columns: list[tuple[Array, dict[str, Any]]] = [(mixed * size, {})]
-    # entries of I⁻¹ move less: the rod of a linkage is near what no body has
+    # entries of I⁻¹ move less: the inertia of a linkage's rod is nearly impossible for a body
     columns += [(zero, {k: (x / 64 if re.search("_K[1-3]{2}$", k) else x) if x != 0 else 1.0})
                 for k, x in step.values.items()]
     columns.append((zero, {"dt": step.dt}))
@@ -215,8 +215,8 @@ def _differences(step: _Step, shift: float) -> float:
     expected = np.array([_slope(step, v, d, shift) for v, d in columns])
     n = step.step.n
     errors, sizes = np.abs(differences - expected), np.abs(expected)
-    return max(float(errors[:, part].max() / sizes[:, part].max())
-               for part in (slice(n), slice(n, None)))
+    return max(float(errors[:, half].max() / sizes[:, half].max())
+               for half in (slice(n), slice(n, None)))
 
 
 def _slope(step: _Step, v: Array, d: Mapping[str, Any], shift: float) -> Array:
@@ -229,7 +229,7 @@ def _slope(step: _Step, v: Array, d: Mapping[str, Any], shift: float) -> Array:
 
 
 def main() -> None:
-    """Print a line for each."""
+    """Print a line for each subject."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("names", nargs="*")
     parser.add_argument("--real", choices=[*_SHIFT], default="double")
@@ -240,7 +240,7 @@ def main() -> None:
     rows = []
     for subject in subjects(options.names):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", gs.errors.InputWarning)  # of rotations a step
+            warnings.simplefilter("ignore", gs.errors.InputWarning)  # many rotations in a step
             row = measure(subject, options.real)
         rows.append(asdict(row))
         cells = ("–" if (x := getattr(row, name)) is None else f"{x:.1e}" for name in columns)

@@ -66,7 +66,7 @@ class Code:
 
 @dataclass(frozen=True)
 class Problem:
-    """A motion, what its end is compared with, and the codes that compute it.
+    """A motion, the reference of its end, and the codes that compute it.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class Problem:
     levels : tuple of float
         Errors for which the cheapest run of each program is looked up.
     reference : callable
-        Returns what ``error`` compares an end with; it can be pickled.
+        Returns the reference that ``error`` compares an end with; it can be pickled.
     codes : callable
         Returns the codes.
     error : callable
@@ -123,8 +123,8 @@ def _fastest(name: str, reference: Any, choice: Choice) -> list[Row]:
             choice.watch(f"{name}: {program}, process {number + 1} of {choice.rounds}")
             job = _Job(name, program, reference, near, choice.quick)
             for row in _in_own_process(job) if choice.rounds > 1 else job():
-                other = best.setdefault((program, row.setting), row)
-                if row.numbers.get(COST, np.inf) < other.numbers.get(COST, np.inf):
+                previous = best.setdefault((program, row.setting), row)
+                if row.numbers.get(COST, np.inf) < previous.numbers.get(COST, np.inf):
                     best[program, row.setting] = row
     return list(best.values())
 
@@ -318,13 +318,14 @@ def _double_pendulums() -> Iterator[Code]:
 
     def model() -> gs.Model:
         """Return the points as bodies that are as small as MuJoCo lets them be."""
-        build, above, at = gs.Multibody("pendulum_of_points", gravity=(0, -9.81, 0)), "ground", (
+        build, above, hinge = gs.Multibody("pendulum_of_points", gravity=(0, -9.81, 0)), "ground", (
             np.zeros(3))
         for number, angle in enumerate(_ANGLES):
-            end = np.add(at, (np.sin(angle), -np.cos(angle), 0.0))
+            end = np.add(hinge, (np.sin(angle), -np.cos(angle), 0.0))
             build.body(f"point{number}", mass=1.0, inertia=(1e-14,) * 3, position=tuple(end))
-            build.revolute(f"hinge{number}", above, f"point{number}", axis=(0, 0, 1), at=tuple(at))
-            above, at = f"point{number}", end
+            build.revolute(f"hinge{number}", above, f"point{number}", axis=(0, 0, 1),
+                           at=tuple(hinge))
+            above, hinge = f"point{number}", end
         with warnings.catch_warnings():  # of bodies that are so small beside their rods
             warnings.simplefilter("ignore", gs.errors.InputWarning)
             return build.model(redundant="leave out")
@@ -332,8 +333,8 @@ def _double_pendulums() -> Iterator[Code]:
     def angles(motions: Any) -> Array:
         first, second = (motions[f"point{number}"].x for number in range(2))
         rods = np.array([first, second - first])
-        turned: Array = np.arctan2(rods[:, 0], -rods[:, 1])
-        return turned
+        rod_angles: Array = np.arctan2(rods[:, 0], -rods[:, 1])
+        return rod_angles
 
     yield from _scene(model, _SWINGS, angles, {"RK4": (1e-2, 5e-3, 2e-3, 1e-3)},
                       {"trapezoidal index 2": (1e-2, 1e-3), "generalised α": (1e-3,)})
@@ -346,7 +347,7 @@ _PERIODS = 10.37
 
 
 def _orbits(e: float) -> Iterator[Code]:
-    """Yield runs that return the position and the time there, in scaled time near ``t_end``."""
+    """Yield codes whose run returns a position and its time, near ``t_end`` in scaled time."""
     orbit = kepler(e, _PERIODS)
     plain = orbit.system.with_time_scale(None)
 
@@ -427,7 +428,7 @@ def _gradients() -> Iterator[Code]:
         for dt in dts:
             yield Code("gyrospark", f"{stages}-G-L adjoint Δt={dt:g}",
                        partial(prepare, partial(case.ours, stages, dt)), (stages, dt) == (3, 4e-3))
-    for program, settings in (one for one in case.others() if one[0] in PROGRAMS):
+    for program, settings in (peer for peer in case.others() if peer[0] in PROGRAMS):
         for number, (setting, make) in enumerate(settings.items()):
             yield Code(program, setting, partial(prepare, make), number == 0)
 
@@ -483,7 +484,7 @@ PROBLEMS: dict[str, Problem] = {
 }
 
 
-# ---------------------------------------------------------------- what rows say
+# ---------------------------------------------------------------- tables of rows
 
 
 def levels(rows: Sequence[Row]) -> dict[str, list[list[str]]]:
@@ -498,9 +499,9 @@ def levels(rows: Sequence[Row]) -> dict[str, list[list[str]]]:
         for program in PROGRAMS:
             program_rows = _rows_of(rows, name, program)
             if program_rows:
-                own, best = (_cheapest(rows, name, key) for key in (PROGRAMS[0], program))
+                our_cheapest, best = (_cheapest(rows, name, key) for key in (PROGRAMS[0], program))
                 lines.append([program_rows[0].program, *(
-                    _cell(row, own[level]) for level, row in best.items())])
+                    _cell(row, our_cheapest[level]) for level, row in best.items())])
                 notes = {row.note for row in program_rows if row.note}
                 if not any(best.values()) and notes:
                     lines[-1][1] = min(notes)
@@ -530,10 +531,11 @@ def losses(rows: Sequence[Row]) -> list[list[str]]:
     """Return a table of the problems and errors for which another program is cheaper."""
     lines = [["problem", "error", "cheapest", "its time over gyrospark's"]]
     for name in dict.fromkeys(row.case for row in rows):
-        for level, own in _cheapest(rows, name, PROGRAMS[0]).items():
+        for level, our_cheapest in _cheapest(rows, name, PROGRAMS[0]).items():
             best = cheapest([row for row in rows if row.case == name], COST, ERROR, level)
-            if best is not None and best is not own:
-                ratio = "–" if own is None else text_of(best.numbers[COST] / own.numbers[COST])
+            if best is not None and best is not our_cheapest:
+                ratio = "–" if our_cheapest is None else text_of(
+                    best.numbers[COST] / our_cheapest.numbers[COST])
                 lines.append([name, f"{level:.0e}", best.program, ratio])
     return lines
 

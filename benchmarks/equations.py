@@ -21,8 +21,8 @@ def neumann() -> Motion:
     """q'' = (q·Aq − |q'|²) q − A q, A = diag(1, 2, 4)."""
     def rates(_: Any, state: Sequence[Any]) -> list[Any]:
         q, v = state[:3], state[3:]
-        held = sum(a * x**2 for a, x in zip((1, 2, 4), q, strict=True)) - sum(x**2 for x in v)
-        return [*v, *((held - a) * x for a, x in zip((1, 2, 4), q, strict=True))]
+        multiplier = sum(a * x**2 for a, x in zip((1, 2, 4), q, strict=True)) - sum(x**2 for x in v)
+        return [*v, *((multiplier - a) * x for a, x in zip((1, 2, 4), q, strict=True))]
 
     return rates, [mp.mpf(x) for x in ("0.6", "0.64", "0.48", "0.8", "-0.48", "-0.36")]
 
@@ -73,8 +73,8 @@ def _top(moments: Sequence[int], omega: Sequence[str]) -> Motion:
 def flyball_governor(damping: str = "4e4", struck: str = "0") -> Motion:
     """J ψ'' = −J_β β' ψ',   I β'' = ½ J_β ψ'² + f L_β + (m + 2 m_b) g cos β,   M s'' = f L_s − M g.
 
-    J of all about the shaft, I of both rods about their hinges, L the length of a spring and
-    f = −2 (K (L − ½) + C L').
+    J is the inertia of all parts about the shaft, I of both rods about their hinges, L the length
+    of a spring and f = −2 (K (L − ½) + C L').
     """
     K, C, g, m, M, ball, w, a = (mp.mpf(x) for x in (
         "8e5", damping, "9.81", "0.3", "3", "5", "0.01", "0.05"))

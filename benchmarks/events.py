@@ -2,7 +2,8 @@
 
     pendulum    let go at 1 rad, g = l = 1: through the bottom at odd multiples of a quarter of its
                 period 4 K(sin² ½), at the angle 2 asin(k cd(t, k²)) in between
-    fast top    its height over the middle of its range; where it is, by long double and 8 stages
+    fast top    falls through the middle of its range of heights; the reference of these times and
+                of its mass centres is G-L of 8 stages in long double
 
 A run alone, with the event, and with states at random times: CPU time, contestants in turn,
 medians. Every program has its own state at these times, heyoka its dense output.
@@ -31,7 +32,7 @@ __all__ = ["FastTop", "Pendulum", "events"]
 
 #: Seed of the times between steps, and how many they are.
 _SEED, _TIMES = 20250101, 1000
-#: Bits of what is computed by mpmath.
+#: Bits of mpmath's numbers.
 _BITS = 120
 
 
@@ -60,13 +61,13 @@ class Pendulum:
 
     @cached_property
     def crossings(self) -> Array:
-        """When it goes through the bottom."""
+        """Times at which it goes through the bottom."""
         with mpmath.workprec(_BITS):
             return np.array([float(self._quarter * (2 * k + 1)) for k in range(self.passages)])
 
     @cached_property
     def positions(self) -> Array:
-        """The angle at the times."""
+        """Angles at ``times``."""
         with mpmath.workprec(_BITS):
             k = mpmath.sqrt(self._m)
             return np.array([float(2 * mpmath.asin(k * mpmath.ellipfun("cd", mpmath.mpf(t),
@@ -121,9 +122,10 @@ class FastTop:
                                "parameters": parameters()}
         heights = step.integrate(q, p, **run).quantity("height").astype(float)
         level = float((heights.min() + heights.max()) / 2)
-        found = step.integrate(q, p, **run, events=gs.Event("height", level, -1))
-        between = found.at(self.times)
-        return level, found.events["height"].t.astype(float), LEVER * axis(between.q).astype(float)
+        trajectory = step.integrate(q, p, **run, events=gs.Event("height", level, -1))
+        between = trajectory.at(self.times)
+        return (level, trajectory.events["height"].t.astype(float),
+                LEVER * axis(between.q).astype(float))
 
     @staticmethod
     def _stepper(stages: int, real: Any = "double") -> Any:
@@ -134,8 +136,8 @@ class FastTop:
     def errors(self, times: Array, positions: Array) -> tuple[float, float]:
         """Return the largest relative error of times, and how far mass centres are off."""
         _, crossings, centres = self._reference
-        apart = np.linalg.norm(LEVER * axis(positions) - centres, axis=1)
-        return _worst(times, crossings), float(apart.max())
+        distances = np.linalg.norm(LEVER * axis(positions) - centres, axis=1)
+        return _worst(times, crossings), float(distances.max())
 
     def ours(self) -> dict[str, Callable[[], EventJob]]:
         """Return our settings."""
@@ -185,8 +187,8 @@ def _our_job(
     run: dict[str, Any] = {"dt": dt, "steps": steps, "parameters": values}
 
     def events() -> Array:
-        found: gs.Trajectory = step.integrate(q, p, **run, every=steps, events=event)
-        t: Array = found.events[event.name].t
+        trajectory: gs.Trajectory = step.integrate(q, p, **run, every=steps, events=event)
+        t: Array = trajectory.events[event.name].t
         return t[t <= t_end]
 
     return EventJob(lambda: step.integrate(q, p, **run, every=steps), events,
@@ -198,12 +200,12 @@ def _heyoka_job(
     position: Callable[[Array], Array],
 ) -> EventJob:
     heyoka = need("heyoka")
-    found: list[float] = []
+    event_times: list[float] = []
     event_direction = {0: heyoka.event_direction.any,
                        -1: heyoka.event_direction.negative}[direction]
     plain = heyoka.taylor_adaptive(equations, list(start))
     watched = heyoka.taylor_adaptive(equations, list(start), nt_events=[heyoka.nt_event(
-        value, lambda motion, t, sign: found.append(t), direction=event_direction)])
+        value, lambda motion, t, sign: event_times.append(t), direction=event_direction)])
 
     def run(motion: Any, **options: Any) -> Any:
         motion.time = 0.0
@@ -211,12 +213,12 @@ def _heyoka_job(
         return motion.propagate_until(t_end, **options)
 
     def events() -> Array:
-        found.clear()
+        event_times.clear()
         run(watched)
-        return np.array(found)
+        return np.array(event_times)
 
     def dense() -> Array:
-        output = next(part for part in run(plain, c_output=True) if callable(part))
+        output = next(result for result in run(plain, c_output=True) if callable(result))
         return position(output(times))
 
     return EventJob(lambda: run(plain), events, dense)

@@ -98,48 +98,49 @@ def free_body(moments: Sequence[Any], momentum: Sequence[Any], t: Any) -> Number
     """
     Is, M0 = list(moments), list(momentum)
     square, twice = sum(x**2 for x in M0), sum(x**2 / Ii for x, Ii in zip(M0, Is, strict=True))
-    least, s, most = sorted(range(3), key=Is.__getitem__)
-    d, c = (least, most) if square < twice * Is[s] else (most, least)
+    smallest, s, largest = sorted(range(3), key=Is.__getitem__)
+    d, c = (smallest, largest) if square < twice * Is[s] else (largest, smallest)
 
-    def amplitude(of: int, zero: int, other: int) -> Any:
-        """Return the square of M's component where that of ``zero`` is 0."""
-        return (twice - square / Is[other]) / (1 / Is[of] - 1 / Is[other])
+    def amplitude(axis: int, zero: int, third: int) -> Any:
+        """Return the square of M's component along ``axis`` where the one along ``zero`` is 0."""
+        return (twice - square / Is[third]) / (1 / Is[axis] - 1 / Is[third])
 
     D, C, S = (mp.sqrt(amplitude(*axes)) for axes in ((d, s, c), (c, s, d), (s, c, d)))
     m = 1 - (square - S**2) / D**2
     D *= mp.sign(M0[d])
-    even = 1 if (s - d) % 3 == 1 else -1  # of the axes d, s, c
-    # M_s' = ± M_c M_d (1/I_d − 1/I_c): of M' = M × Ω
+    even = 1 if (s - d) % 3 == 1 else -1  # sign of the permutation d, s, c
+    # M_s' = ± M_c M_d (1/I_d − 1/I_c), from M' = M × Ω
     rate = even * C * D * (1 / Is[d] - 1 / Is[c]) / S
     begin = mp.ellipf(mp.atan2(M0[s] / S, M0[c] / C), m)
 
-    def at(time: Any) -> list[Any]:
+    def momentum_at(time: Any) -> list[Any]:
         sn, cn, dn = jacobi(begin + rate * time, m)
-        found = [mp.mpf(0)] * 3
-        found[d], found[s], found[c] = D * dn, S * sn, C * cn
-        return found
+        M = [mp.mpf(0)] * 3
+        M[d], M[s], M[c] = D * dn, S * sn, C * cn
+        return M
 
     size = mp.sqrt(square)
 
     def turning(time: Any) -> Any:
-        x, y, _ = at(time)
+        x, y, _ = momentum_at(time)
         return size * (x**2 / Is[0] + y**2 / Is[1]) / (x**2 + y**2)
 
     # φ and so the sign of q go on without jumps
-    seen = [at(time) for time in mp.linspace(0, t, 8 * max(1, int(t)))]
-    spin = [mp.atan2(x, y) for x, y, _ in seen]
+    momenta = [momentum_at(time) for time in mp.linspace(0, t, 8 * max(1, int(t)))]
+    spin = [mp.atan2(x, y) for x, y, _ in momenta]
     turns = sum(mp.nint((a - b) / (2 * mp.pi)) for a, b in pairwise(spin))
 
-    def attitude(M: Sequence[Any], psi: Any, more: Any) -> list[Any]:
+    def attitude(M: Sequence[Any], psi: Any, full_turns: Any) -> list[Any]:
         tilt = mp.acos(M[2] / size)
-        parts = (about(2, psi), about(0, tilt), about(2, mp.atan2(M[0], M[1]) + more))
+        parts = (about(2, psi), about(0, tilt), about(2, mp.atan2(M[0], M[1]) + full_turns))
         return product(product(parts[0], parts[1]), parts[2])
 
-    start = attitude(seen[0], mp.mpf(0), 0)
-    end = attitude(seen[-1], _sum(turning, t, 4 * max(1, int(t))), 2 * mp.pi * turns)
-    # space axes are those of the body at the start
+    start = attitude(momenta[0], mp.mpf(0), 0)
+    end = attitude(momenta[-1], _sum(turning, t, 4 * max(1, int(t))), 2 * mp.pi * turns)
+    # space axes are the body's axes at the start
     q = product([start[0], *(-x for x in start[1:])], end)
-    return {"attitude": q, "angular velocity": [x / Ii for x, Ii in zip(seen[-1], Is, strict=True)]}
+    return {"attitude": q,
+            "angular velocity": [x / Ii for x, Ii in zip(momenta[-1], Is, strict=True)]}
 
 
 def heavy_top(moments: Sequence[Any], mgl: Any, spin: Any, turn: Any, t: Any) -> Numbers:
@@ -172,11 +173,11 @@ def heavy_top(moments: Sequence[Any], mgl: Any, spin: Any, turn: Any, t: Any) ->
 
     above, below = over(-1), over(1)
     psi = ((turn - k) * above + (turn + k) * below) / 2
-    own = spin * t - ((turn - k) * above - (turn + k) * below) / 2 - k * t
+    phi = spin * t - ((turn - k) * above - (turn + k) * below) / 2 - k * t
     tilt = mp.asin(u)
-    q = product(product(about(2, psi), about(0, tilt)), about(1, own))
+    q = product(product(about(2, psi), about(0, tilt)), about(1, phi))
     x, y = climb / mp.cos(tilt), (turn - k * u) / mp.cos(tilt)
-    c, s = mp.cos(own), mp.sin(own)
+    c, s = mp.cos(phi), mp.sin(phi)
     return {"attitude": q, "angular velocity": [c * x - s * y, spin, s * x + c * y]}
 
 
@@ -201,5 +202,5 @@ def product(a: Sequence[Any], b: Sequence[Any]) -> list[Any]:
 
 
 def _sum(f: Callable[[Any], Any], t: Any, pieces: int) -> Any:
-    """Return ∫₀ᵗ f by Gauss-Legendre quadrature of so many pieces."""
+    """Return ∫₀ᵗ f by Gauss-Legendre quadrature in ``pieces`` equal pieces."""
     return mp.quadgl(f, mp.linspace(0, t, pieces + 1))

@@ -50,8 +50,8 @@ def errors_of(end: TopState, t_end: float) -> dict[str, float]:
     """Return the largest errors of tops at ``t_end``."""
     q = np.atleast_2d(end.q)
     H0 = np.array([energy(state_of(top)) for top in tops(len(q))])
-    near = {"dx (m)": float(distance(q, t_end).max())} if t_end in TIMES else {}
-    return {**near, "ΔH/H": float(np.abs((np.atleast_1d(energy(end)) - H0) / H0).max()),
+    position_error = {"dx (m)": float(distance(q, t_end).max())} if t_end in TIMES else {}
+    return {**position_error, "ΔH/H": float(np.abs((np.atleast_1d(energy(end)) - H0) / H0).max()),
             "|q| − 1": float(np.abs((q**2).sum(axis=-1) - 1).max() / 2)}
 
 
@@ -137,7 +137,7 @@ def _solved(stepper: gs.Stepper, problem: Any, dt: float, solver: Any, steps: in
 
 
 def ensemble(choice: Choice) -> list[Row]:
-    """Return the cost of one of many tops and its simulated second, by CPU and by wall time."""
+    """Return the cost of a simulated second of one of many tops, by CPU and by wall time."""
     count, t_end = 8 if choice.quick else 64, _end(choice, 10.0)
     return _contest(f"{count} tops, {t_end:g} s", list(_ensembles(count)), choice, t_end, count)
 

@@ -39,7 +39,7 @@ class FitCase:
     Attributes
     ----------
     step, dt : gs.Stepper and float
-        What fits.
+        The stepper and the time step of the fit.
     t, attitudes : array
         Times of the samples and exact quaternions, four columns for each body.
     q, p, guess : array and mapping
@@ -63,16 +63,16 @@ class FitCase:
     def data(self, seed: int, noise: float = NOISE) -> Array:
         """Return the attitudes with noise."""
         draw = np.random.default_rng(seed)
-        made = self.attitudes.copy()
-        for k in range(0, made.shape[1], 4):
-            angles = noise * draw.normal(size=(len(made), 3))
-            made[:, k : k + 4] = turned(made[:, k : k + 4], angles)
-        return made
+        noisy = self.attitudes.copy()
+        for k in range(0, noisy.shape[1], 4):
+            angles = noise * draw.normal(size=(len(noisy), 3))
+            noisy[:, k : k + 4] = turned(noisy[:, k : k + 4], angles)
+        return noisy
 
-    def fit(self, data: Array, **more: Any) -> Any:
+    def fit(self, data: Array, **options: Any) -> Any:
         """Return the fit to data."""
         return gs.fit(self.step, gs.Start(self.q, self.p, self.guess), self.t, data, **{
-            "dt": self.dt, "free": [*self.free, "start"], **more})
+            "dt": self.dt, "free": [*self.free, "start"], **options})
 
 
 def turned(q: Array, angles: Array) -> Array:
@@ -143,7 +143,7 @@ class Recovery:
     failures: list[int]
 
     def within(self, deviations: float = 2.0) -> dict[str, int]:
-        """Return how many seeds are within so many standard deviations."""
+        """Return how many seeds of each name are within so many standard deviations."""
         counts = (np.abs(self.errors) < deviations).sum(axis=0).tolist()
         return dict(zip(self.names, counts, strict=True))
 
@@ -172,8 +172,9 @@ def main() -> None:
         print(f"{name}: {len(seeds)} seeds, {len(recovery.failures)} failures, CPU s: median "
               f"{statistics.median(recovery.seconds):.2f}, largest {max(recovery.seconds):.2f}")
         spread = np.sqrt((recovery.errors**2).mean(axis=0))
-        for one, deviation in zip(recovery.names, spread, strict=True):
-            print(f"  {one:12} {recovery.within()[one]:4d} within 2 σ, rms error {deviation:.2f} σ")
+        for parameter, deviation in zip(recovery.names, spread, strict=True):
+            print(f"  {parameter:12} {recovery.within()[parameter]:4d} within 2 σ, "
+                  f"rms error {deviation:.2f} σ")
 
 
 if __name__ == "__main__":

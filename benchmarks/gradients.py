@@ -5,8 +5,8 @@
     chain of 8    the same
 
 Each program has the equations that suit it; its derivatives by (q, p) are compared as ours are,
-by coordinates of the tangent space at the start. Truth is our gradient in long double. What is
-timed is value and gradient together, and beside it a run alone: CPU time, contestants in turn.
+by coordinates of the tangent space at the start. Truth is our gradient in long double. Timed are
+value and gradient together, and beside them a run alone: CPU time, contestants in turn.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ __all__ = ["OUR_STEPS", "FastTopGradient", "LinkageGradient", "derivatives", "gr
 
 #: Stages → time steps.
 OUR_STEPS = {3: (1e-3, 2e-3, 4e-3), 4: (1e-3, 2e-3, 4e-3), 5: (8e-3,), 6: (5e-3, 1e-2)}
-#: Stages and time step of the truth; half the step tells its error.
+#: Stages and time step of the coarser truth; half the step gives the truth.
 _TRUTH = (6, 4e-3)
 
 
 class _Case:
-    """A motion, a loss |z_i(T) − z*|² of some coordinates, and what it is differentiated by."""
+    """A motion, a loss |z_i(T) − z*|² of some coordinates, and the parameters of its gradient."""
 
     name: str
     t_end: float
@@ -48,7 +48,7 @@ class _Case:
     values: Mapping[str, float]
     #: Parameters that the gradient is taken by.
     wrt: tuple[str, ...]
-    #: Coordinates of the loss, and what they are compared with.
+    #: Coordinates of the loss, and their target z*.
     watched: slice
     target: Array
 
@@ -57,19 +57,20 @@ class _Case:
         raise NotImplementedError
 
     def others(self) -> Iterator[tuple[str, Mapping[str, Callable[[], Job]]]]:
-        """Yield each program with its settings and what prepares their gradients."""
+        """Yield each program with its settings: name → function that prepares a gradient."""
         raise NotImplementedError
 
     def prepared(self, make: Callable[[], Job]) -> Prepared:
         """Return a gradient with its errors, relative to the largest entry."""
         begin = with_children()
         job = make()
-        found = job.gradient()
+        gradient = job.gradient()
         built = with_children() - begin
-        truth, off = self.truth
-        errors = self.errors(found, truth)
+        truth, truth_error = self.truth
+        errors = self.errors(gradient, truth)
         return Prepared(
-            {"error": max(errors.values()), **errors, "truth off by": off, "built in (s)": built},
+            {"error": max(errors.values()), **errors, "truth off by": truth_error,
+             "built in (s)": built},
             {"gradient": job.gradient, "run": job.primal},
             lambda seconds: {"gradient (ms)": seconds["gradient"].median * 1e3,
                              "run (ms)": seconds["run"].median * 1e3,
@@ -77,10 +78,10 @@ class _Case:
 
     def loss(self, run: Any) -> tuple[Any, dict[str, Array]]:
         """Return the loss of a run and its cotangents."""
-        away = run.q[-1][self.watched] - self.target
+        deviation = run.q[-1][self.watched] - self.target
         by_q = np.zeros_like(run.q[-1])
-        by_q[self.watched] = 2 * away
-        return away @ away, {"q": by_q}
+        by_q[self.watched] = 2 * deviation
+        return deviation @ deviation, {"q": by_q}
 
     def _run(self, dt: float) -> dict[str, Any]:
         steps = round(self.t_end / dt)
@@ -95,8 +96,8 @@ class _Case:
         q, p = self._start(step)
 
         def gradient() -> GradientJob:
-            found = step.gradient(step.integrate(q, p, **self._run(dt)), loss=self.loss)
-            return GradientJob(found.q, found.p, [found[name] for name in self.wrt])
+            partials = step.gradient(step.integrate(q, p, **self._run(dt)), loss=self.loss)
+            return GradientJob(partials.q, partials.p, [partials[name] for name in self.wrt])
 
         return Job(gradient, lambda: step.integrate(q, p, **self._run(dt)))
 
@@ -104,11 +105,11 @@ class _Case:
         """Return our gradient by tangents along all directions of the start and parameters."""
         step = self.make(stages)
         q, p = self._start(step)
-        wanted, space = gs.Tangents(parameters=self.wrt), self._space
+        tangents, space = gs.Tangents(parameters=self.wrt), self._space
         basis = space.basis()
 
         def gradient() -> GradientJob:
-            run = step.integrate(q, p, **self._run(dt), tangents=wanted)
+            run = step.integrate(q, p, **self._run(dt), tangents=tangents)
             columns = self.loss(run)[1]["q"] @ run.tangents.q[-1]
             split = len(columns) - len(self.wrt)
             by_start = np.zeros(space.binding.rows)
@@ -118,7 +119,7 @@ class _Case:
 
         return Job(gradient, lambda: step.integrate(q, p, **self._run(dt)))
 
-    # ------------------------------------------------------------ how far it is off
+    # ------------------------------------------------------------ error of a gradient
 
     @cached_property
     def _space(self) -> TangentSpace:
@@ -131,26 +132,26 @@ class _Case:
         return TangentSpace(binding, binding.module.parameters(numbers, 0.0), q, p,
                             step.constraint_names)
 
-    def vector(self, found: GradientJob) -> tuple[Array, Array]:
+    def vector(self, gradient: GradientJob) -> tuple[Array, Array]:
         """Return the gradient by coordinates of the tangent space, and θ ∂/∂θ.
 
         Parameters that move the constraints move the start too, as ``consistent`` does.
         """
         space, n = self._space, self._space.n
         z_bar = np.zeros(space.binding.rows)
-        z_bar[:n], z_bar[n : 2 * n] = (np.asarray(x, dtype=float) for x in (found.q, found.p))
-        places = [2 * n + self._names.index(name) for name in self.wrt]
-        if found.parameters is not None:
-            z_bar[places] = np.asarray(found.parameters, dtype=float)
+        z_bar[:n], z_bar[n : 2 * n] = (np.asarray(x, dtype=float) for x in (gradient.q, gradient.p))
+        indices = [2 * n + self._names.index(name) for name in self.wrt]
+        if gradient.parameters is not None:
+            z_bar[indices] = np.asarray(gradient.parameters, dtype=float)
         z_bar = space.pulled_back(z_bar)
-        scaled = z_bar[places] * [self.values[name] for name in self.wrt]
+        scaled = z_bar[indices] * [self.values[name] for name in self.wrt]
         return space.basis().T @ z_bar[: 2 * n], scaled
 
-    def errors(self, found: GradientJob, truth: tuple[Array, Array]) -> dict[str, float]:
+    def errors(self, gradient: GradientJob, truth: tuple[Array, Array]) -> dict[str, float]:
         """Return the errors of a gradient, relative to the largest entry of the true one."""
-        by_start, scaled = self.vector(found)
+        by_start, scaled = self.vector(gradient)
         errors = {"by start": _off(by_start, truth[0])}
-        if found.parameters is not None:
+        if gradient.parameters is not None:
             errors["by parameters"] = _off(scaled, truth[1])
         return errors
 
@@ -278,8 +279,8 @@ def _costs(make: Callable[[], _Motion], dt: float, steps: int) -> Prepared:
     jobs: dict[str, Callable[[], object]] = {
         "run": partial(step.integrate, q, p, **run), "gradient": partial(step.gradient, end, ends)}
     for count in COUNTS:
-        along = gs.Tangents(random.normal(size=(2 * step.n, count)), project=True)
-        jobs[f"{count} tangents"] = partial(step.integrate, q, p, **run, tangents=along)
+        tangents = gs.Tangents(random.normal(size=(2 * step.n, count)), project=True)
+        jobs[f"{count} tangents"] = partial(step.integrate, q, p, **run, tangents=tangents)
     return Prepared(
         {"derivatives built in (s)": built}, jobs,
         lambda seconds: {"µs/step": seconds["run"].median / steps * 1e6, **{

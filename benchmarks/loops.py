@@ -1,7 +1,7 @@
 """Closed loops with one degree of freedom, by quadrature: t(s) = ∫ √(m/2(E − V)) dθ.
 
-Each loop tells what it is at a coordinate θ: the points that are compared, their velocities per
-θ', the mass m = 2T/θ'² and the potential V. Nothing of the engine is in them.
+Each loop returns its ``Place`` at a coordinate θ: the points that are compared, their velocities
+per θ', the mass m = 2T/θ'² and the potential V. They use nothing of the engine.
 """
 
 from __future__ import annotations
@@ -42,18 +42,19 @@ def slider_crank(t: Any) -> Numbers:
     energy = begin.mass * 18 + begin.potential
 
     def rate(angle: Any) -> Any:
-        place = _slider_crank(angle)
-        return mp.sqrt(2 * (energy - place.potential) / place.mass)
+        state = _slider_crank(angle)
+        return mp.sqrt(2 * (energy - state.potential) / state.mass)
 
     angle = _reached(lambda a: 1 / rate(a), t)
-    place, speed = _slider_crank(angle), rate(angle)
-    (_, y, z), (x, _, _) = place.points
-    (_, vy, vz), (vx, _, _) = place.velocities
+    state, speed = _slider_crank(angle), rate(angle)
+    (_, y, z), (x, _, _) = state.points
+    (_, vy, vz), (vx, _, _) = state.velocities
     return {"positions": [y, z, x], "velocities": [speed * v for v in (vy, vz, vx)]}
 
 
 def _slider_crank(angle: Any) -> Place:
-    """The conrod's vector X that is x at the start stays across y, and at its angle to the rod."""
+    """The conrod's vector X, x at the start, stays perpendicular to y and at its angle to the rod.
+    """
     length, arm = mp.mpf("0.3"), mp.mpf("0.08")
     out, up = [0, -mp.sin(angle), mp.cos(angle)], [0, -mp.cos(angle), -mp.sin(angle)]
     crank = [mp.mpf(0), mp.mpf("0.1"), mp.mpf("0.12")]
@@ -65,10 +66,10 @@ def _slider_crank(angle: Any) -> Place:
     turn = mp.atan2(d[2], d[0]) + mp.acos(mp.mpf(2) / 3 / mp.hypot(d[0], d[2]))
     X = [mp.cos(turn), mp.mpf(0), mp.sin(turn)]
     across = _cross(d, rate)
-    own = -_cross(across, X)[1] / _cross(d, X)[1]
+    spin = -_cross(across, X)[1] / _cross(d, X)[1]
     centre = _times(mp.mpf(1) / 2, _plus(vB, vC))
     mass = (mp.mpf("1e-4") + mp.mpf("0.12") * (arm / 2) ** 2 + _dot(centre, centre) / 2
-            + mp.mpf("4e-3") * _dot(across, across) + mp.mpf("4e-4") * own**2 + 2 * vC[0] ** 2)
+            + mp.mpf("4e-3") * _dot(across, across) + mp.mpf("4e-4") * spin**2 + 2 * vC[0] ** 2)
     height = mp.mpf("0.12") * (crank[2] + B[2]) / 2 + B[2] / 4
     return Place(mass, mp.mpf(_G) * height, [B, C], [vB, vC])
 
@@ -83,8 +84,8 @@ def bricard(t: Any, rate: str = "0") -> Numbers:
     if lift := begin.mass * mp.mpf(rate) ** 2 / 2:
         near = mp.findroot(lambda a: _bricard(a).potential - begin.potential - lift,
                            (_NEAR, 0), solver="ridder")
-    place, _ = _swing(_bricard, mp.pi - near, t, near)
-    (x, _, z), third = place.points
+    state, _ = _swing(_bricard, mp.pi - near, t, near)
+    (x, _, z), third = state.points
     return {"positions": [x, z, *third]}
 
 
@@ -110,9 +111,9 @@ def bennett(t: Any) -> Numbers:
     """Bennett's linkage of four equal links by the angle of its hinge at A, from rest."""
     start = _bennett(mp.mpf(0)).potential
     far = mp.findroot(lambda a: (_bennett(a).potential - start) / a, _FAR)
-    place, rate = _swing(_bennett, far, t)
-    return {"positions": [x for point in place.points for x in point],
-            "velocities": [rate * v for velocity in place.velocities for v in velocity]}
+    state, rate = _swing(_bennett, far, t)
+    return {"positions": [x for point in state.points for x in point],
+            "velocities": [rate * v for velocity in state.velocities for v in velocity]}
 
 
 #: About where Bennett's linkage turns back.
@@ -145,38 +146,39 @@ def _bennett(theta: Any) -> Place:
 
 
 def _swing(loop: Callable[[Any], Place], far: Any, t: Any, near: Any = 0) -> tuple[Place, Any]:
-    """Return a loop that is at 0 at the start and turns back at ``near`` and ``far``, and its rate.
+    """Return the state at t of a loop that starts at 0, and its rate.
 
+    The loop turns back at ``near`` and ``far``.
     θ = near + ½ (far − near) (1 − cos s): dt/ds has no singularity where it turns back.
     """
     near, half = mp.mpf(near), (far - near) / 2
     energy = loop(near).potential
 
-    def at(s: Any) -> Place:
+    def state_at(s: Any) -> Place:
         return loop(near + half * (1 - mp.cos(s)))
 
     def speed(s: Any) -> Any:
-        place = at(s)
-        return abs(half * mp.sin(s)) * mp.sqrt(place.mass / 2 / (energy - place.potential))
+        state = state_at(s)
+        return abs(half * mp.sin(s)) * mp.sqrt(state.mass / 2 / (energy - state.potential))
 
     s = _reached(speed, t, mp.acos(1 + near / half))
-    return at(s), half * mp.sin(s) / speed(s)
+    return state_at(s), half * mp.sin(s) / speed(s)
 
 
 def _reached(slope: Callable[[Any], Any], t: Any, s: Any = 0, piece: float = 0.25) -> Any:
     """Return where ∫ slope from s on is t, for slope > 0: by pieces, and Newton in the last.
 
-    Pieces end at multiples of π/4: a slope may have no value at those of π, where it has a limit.
+    Pieces end at multiples of π/4: at multiples of π a slope may have a limit and no value.
     """
-    step, left = mp.pi * piece, t
+    step, remaining = mp.pi * piece, t
     number = mp.floor(s / step) + 1
-    while (more := mp.quadgl(slope, [s, number * step])) <= left:
-        s, left, number = number * step, left - more, number + 1
+    while (increment := mp.quadgl(slope, [s, number * step])) <= remaining:
+        s, remaining, number = number * step, remaining - increment, number + 1
     for _ in range(60):
-        ds = left / slope(s + step * mp.mpf("1e-9"))
-        left -= mp.quadgl(slope, [s, s + ds])
+        ds = remaining / slope(s + step * mp.mpf("1e-9"))
+        remaining -= mp.quadgl(slope, [s, s + ds])
         s += ds
-        if abs(left) < mp.mpf(10) ** (8 - mp.mp.dps):
+        if abs(remaining) < mp.mpf(10) ** (8 - mp.mp.dps):
             break
     return s
 
@@ -186,7 +188,7 @@ def _reached(slope: Callable[[Any], Any], t: Any, s: Any = 0, piece: float = 0.2
 
 @dataclass(frozen=True)
 class LoopRod:
-    """A rod of 1 kg from a point along a vector; rates are per that of the coordinate."""
+    """A rod of 1 kg from a point along a vector; rates are per rate of the coordinate."""
 
     begin: Vector
     along: Vector
@@ -195,7 +197,7 @@ class LoopRod:
 
     @property
     def end(self) -> Vector:
-        """Where it ends."""
+        """Its end point."""
         return _plus(self.begin, self.along)
 
     @property
@@ -206,7 +208,7 @@ class LoopRod:
 
 def _chain(hinges: Sequence[tuple[Vector, Any]], angles: Sequence[Any], begin: Vector,
            along: Sequence[Vector]) -> list[LoopRod]:
-    """Return rods from hinge to hinge; axes and directions are those of the start."""
+    """Return rods from hinge to hinge, with axes and directions at the start."""
     rods: list[LoopRod] = []
     point: Vector = begin
     rate: Vector = [mp.mpf(0)] * 3

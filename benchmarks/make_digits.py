@@ -10,7 +10,7 @@ Each problem goes two ways, and each number of both has the same 24 digits:
     series    mpmath's Taylor series of equations of motion without multipliers or constraints, and
               8-stage Gauss-Lobatto in float128
 
-With names of problems, only theirs are made again.
+With names of problems, only their digits are computed again.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from .extrapolation import extrapolated
 __all__ = ["WAYS", "digits", "main"]
 
 Way = Callable[[Reference], tuple[str, tuple[Numbers, Numbers]]]
-#: Digits that are kept, and the largest relative difference of a number by two ways.
+#: Digits that are written, and the largest relative difference of a number by two ways.
 _DIGITS, _AGREEMENT = 24, 2e-25
 _WORK, _SERIES = 50, 32
 
@@ -61,17 +61,17 @@ def digits(problem: Reference) -> dict[str, Any]:
     Raises
     ------
     ArithmeticError
-        If its two ways do not agree.
+        If its two ways disagree.
     """
     with mp.workdps(_WORK):
         origin, (values, second) = WAYS[problem.name](problem)
-        apart = max(_apart(values[group], second[group]) for group in problem.groups)
-        if apart > _AGREEMENT:
-            raise ArithmeticError(f"{problem.name}: the two ways differ by {apart:.1e}.")
+        difference = max(_apart(values[group], second[group]) for group in problem.groups)
+        if difference > _AGREEMENT:
+            raise ArithmeticError(f"{problem.name}: the two ways differ by {difference:.1e}.")
         texts = {name: mp.nstr(value, _DIGITS, strip_zeros=False)
                  for group, names in problem.groups.items()
                  for name, value in zip(names, values[group], strict=True)}
-    return {"values": texts, "made": origin, "agreement": apart}
+    return {"values": texts, "made": origin, "agreement": difference}
 
 
 def _apart(values: Sequence[Any], second: Sequence[Any]) -> float:
@@ -100,16 +100,16 @@ def _wide(value: Any) -> Any:
 
 def _stepped(steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
-        made = f"float128, 8-G-L, {2 * steps} steps, compared with {steps}"
-        return made, (_run(problem, 2 * steps), _run(problem, steps))
+        origin = f"float128, 8-G-L, {2 * steps} steps, compared with {steps}"
+        return origin, (_run(problem, 2 * steps), _run(problem, steps))
 
     return way
 
 
 def _closed(name: str, steps: int) -> Way:
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
-        made = f"closed form, mpmath, compared with float128, 8-G-L, {steps} steps"
-        return made, (CLOSED[name](mp.mpf(problem.seconds)), _run(problem, steps))
+        origin = f"closed form, mpmath, compared with float128, 8-G-L, {steps} steps"
+        return origin, (CLOSED[name](mp.mpf(problem.seconds)), _run(problem, steps))
 
     return way
 
@@ -118,9 +118,10 @@ def _loop(motion: Callable[[Any], Numbers], steps: int) -> Way:
     """Go by quadrature of one coordinate, and by all bodies and joints."""
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         with mp.workdps(40):
-            found = motion(mp.mpf(problem.seconds))
-        made = f"quadrature of one coordinate, mpmath, compared with float128, 8-G-L, {steps} steps"
-        return made, (found, _run(problem, steps))
+            values = motion(mp.mpf(problem.seconds))
+        origin = ("quadrature of one coordinate, mpmath, compared with float128, 8-G-L, "
+                  f"{steps} steps")
+        return origin, (values, _run(problem, steps))
 
     return way
 
@@ -137,14 +138,14 @@ def _four_bars(count: int) -> Way:
 
 
 def _series(motion: Callable[[], tuple[Callable[..., Any], Sequence[Any]]], steps: int) -> Way:
-    """Go by the Taylor series of an equation of motion, of which the state is what is compared."""
+    """Go by the Taylor series of an equation of motion, whose state has the compared numbers."""
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         with mp.workdps(_SERIES):
             rates, start = motion()
             end = iter(mp.odefun(rates, 0, start)(mp.mpf(problem.seconds)))
             second = {group: [next(end) for _ in names] for group, names in problem.groups.items()}
-        made = f"float128, 8-G-L, {steps} steps, compared with Taylor series by mpmath"
-        return made, (_run(problem, steps), second)
+        origin = f"float128, 8-G-L, {steps} steps, compared with Taylor series by mpmath"
+        return origin, (_run(problem, steps), second)
 
     return way
 
@@ -153,7 +154,7 @@ def _midpoint(motion: Callable[[], equations.Motion], parts: Sequence[tuple[str,
               steps: int) -> Way:
     """Go by the extrapolated midpoint rule: seconds of each part, and steps it is divided into.
 
-    Few steps would do for what is left of a damped motion, but explicit ones have to be short.
+    Few steps would do for the later, damped part of a motion, but explicit ones have to be short.
     """
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         with mp.workdps(40):
@@ -162,9 +163,9 @@ def _midpoint(motion: Callable[[], equations.Motion], parts: Sequence[tuple[str,
                 state = extrapolated(rates, state, mp.mpf(seconds) / count, count, 14)
             end = iter(state)
             second = {group: [next(end) for _ in names] for group, names in problem.groups.items()}
-        made = (f"float128, 8-G-L, {steps} steps, compared with the extrapolated midpoint rule by "
-                "mpmath")
-        return made, (_run(problem, steps), second)
+        origin = (f"float128, 8-G-L, {steps} steps, compared with the extrapolated midpoint rule "
+                  "by mpmath")
+        return origin, (_run(problem, steps), second)
 
     return way
 
@@ -185,7 +186,7 @@ def _bruels(t: Any) -> Numbers:
     return forms.heavy_top(moments, mp.mpf("147.15"), mp.mpf(150), mp.mpf("-4.61538"), t)
 
 
-#: Motions at t, by what is no integration of steps.
+#: Motions at t in closed form.
 CLOSED: dict[str, Callable[[Any], Numbers]] = {
     "simple-pendulum": forms.simple_pendulum,
     "spherical-pendulum": forms.spherical_pendulum,
@@ -195,7 +196,7 @@ CLOSED: dict[str, Callable[[Any], Numbers]] = {
     "free-body": _free_body,
     "heavy-top": _bruels,
 }
-#: What is done for each problem, with steps of the engine.
+#: Problem → its two ways, with the number of the engine's steps.
 WAYS: dict[str, Way] = {
     "car-axis": _stepped(1000),
     "andrews": _stepped(600),

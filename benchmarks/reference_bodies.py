@@ -26,12 +26,12 @@ from .timing import stopwatch
 __all__ = ["largest_error", "measure_bodies"]
 
 Go = Callable[[], Mapping[str, SceneMotion]]
-#: Steps and seconds → what goes.
+#: Steps and seconds → the function that runs them.
 Prepare = Callable[[int, float], Go]
 
 #: A method takes four times as many steps until its run costs so many CPU seconds.
 _DEAR, _FACTOR, _MOST = 0.5, 4, 6
-#: What no more steps make better.
+#: An error that more steps do not reduce.
 _ENOUGH = 1e-13
 
 
@@ -42,7 +42,7 @@ def measure_bodies(problem: Reference, *, rounds: int = 3, quick: bool = False,
     Parameters
     ----------
     problem, rounds
-        As of ``gs.references.measure``.
+        As in ``gs.references.measure``.
     quick : bool
         Two numbers of steps alone.
     watch : callable
@@ -91,7 +91,7 @@ def _of_mujoco(
 def _finer(problem: Reference, scene: SceneReference, peer: str, scheme: str, prepare: Prepare,
            rounds: int,
            largest_count: int, watch: Callable[[str], None]) -> Iterator[WorkPrecisionRun]:
-    """Yield runs with ever more steps; one that fails is told."""
+    """Yield runs with ever more steps; ``watch`` receives a line for one that fails."""
     steps = min(min(attempt.steps) for attempt in problem.attempts)
     for _ in range(largest_count):
         go, start = prepare(steps, float(problem.seconds)), time.thread_time()
@@ -111,7 +111,7 @@ def _finer(problem: Reference, scene: SceneReference, peer: str, scheme: str, pr
 
 
 def _error(problem: Reference, scene: SceneReference, end: Mapping[str, SceneMotion]) -> float:
-    """Return how far the end of a run is from the truth, as ``Reference.error`` does of ours."""
+    """Return how far the end of a run is from the truth, as ``Reference.error`` does for ours."""
     groups = scene.read(end)
     return max(largest_error(groups[group], [problem.truth.value(name) for name in names])
                for group, names in problem.groups.items())
@@ -119,5 +119,5 @@ def _error(problem: Reference, scene: SceneReference, end: Mapping[str, SceneMot
 
 def largest_error(computed: Sequence[Any], true: Sequence[Fraction]) -> float:
     """Return the largest difference of numbers, relative to the largest true one."""
-    apart = [abs(Fraction(float(x)) - y) for x, y in zip(computed, true, strict=True)]
-    return float(max(apart) / max(map(abs, true)))
+    differences = [abs(Fraction(float(x)) - y) for x, y in zip(computed, true, strict=True)]
+    return float(max(differences) / max(map(abs, true)))

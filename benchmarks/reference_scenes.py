@@ -1,7 +1,7 @@
-"""The reference problems as bodies on joints, for programs that are given those and no equations.
+"""The reference problems as bodies on joints, for programs that take bodies and no equations.
 
-Each is made from the numbers of its own model. Most models say themselves what their bodies are;
-Andrews' mechanism and the governors, Lagrangians in few coordinates, are put together here and by
+Each is built from the numbers of its model. Most models record their bodies; Andrews' mechanism
+and the governors, Lagrangians in few coordinates, are put together here and by
 ``examples/flyball_governor.py``; a pendulum is a point on a rod.
 """
 
@@ -34,7 +34,8 @@ _STEP = 1e-30
 
 @dataclass(frozen=True)
 class SceneReference:
-    """A scene, and what is read off it: numbers by group, as ``Reference.read`` gives them."""
+    """A scene, and a function that reads numbers by group off its motions, as ``Reference.read``.
+    """
 
     scene: ReferenceScene
     read: Callable[[Motions], Numbers]
@@ -46,7 +47,7 @@ def scene_reference(problem: Reference) -> SceneReference:
     Raises
     ------
     Unavailable
-        With a reason, for what is no bodies on joints.
+        With a reason, for a problem that is no bodies on joints.
     """
     if problem.no_bodies:
         raise Unavailable(problem.no_bodies)
@@ -60,7 +61,7 @@ def scene_reference(problem: Reference) -> SceneReference:
 
 
 def _signed(problem: Reference, groups: Numbers) -> Numbers:
-    """Return the attitude by that of its two quaternions that is nearer to the true one."""
+    """Return the groups, the attitude as the quaternion of ±q that is nearer to the true one."""
     if "attitude" not in groups:
         return groups
     true = [float(problem.truth.value(name)) for name in problem.groups["attitude"]]
@@ -72,7 +73,7 @@ def _signed(problem: Reference, groups: Numbers) -> Numbers:
 
 
 def _pendulum(model: gs.Model) -> ReferenceScene:
-    """Return a point on a rod, its mass and weight those of H.
+    """Return a point on a rod, with the mass and weight of H.
 
     Raises
     ------
@@ -84,13 +85,13 @@ def _pendulum(model: gs.Model) -> ReferenceScene:
     pulls = [-sp.diff(system.H, x) for x in system.q]
     fall = [e.xreplace({x: sp.Float(model.parameters[str(x)]) for x in system.parameters})
             for e in pulls]
-    place, rush, weight = (np.array([*map(float, entries), 0.0][:3]) for entries in (
+    position, momentum, weight = (np.array([*map(float, entries), 0.0][:3]) for entries in (
         model.q0, model.p0, fall))
-    length = float(np.linalg.norm(place))
+    length = float(np.linalg.norm(position))
     if sp.expand(system.constraints[0] + length**2 - sum(x**2 for x in system.q)):
         raise Unavailable(f"{model.name} is no point on a rod")
     still = np.zeros(3)
-    start = SceneMotion(np.array([1.0, 0, 0, 0]), place, rush / mass, still)
+    start = SceneMotion(np.array([1.0, 0, 0, 0]), position, momentum / mass, still)
     point = SceneBody(mass, np.zeros((3, 3)), still, start)
     joint = SceneJoint("rod", GROUND, "point", still, np.eye(3), ())
     return ReferenceScene(model.name, model, weight / mass, {"point": point}, (joint,))
@@ -115,20 +116,20 @@ def andrews(
         np.asarray(angles) + 1j * _STEP * np.asarray(rates))
     A, B = (v["xa"], v["ya"]), (v["xb"], v["yb"])
     build = gs.Multibody("andrews_of_bodies", gravity=(0, 0, 0))
-    at: dict[str, tuple[Any, Any]] = {}
+    frames: dict[str, tuple[Any, Any]] = {}
 
     def link(number: int, hinge: Any, turn: complex, centre: tuple[float, float]) -> None:
         """Add K_number, turned about a hinge, its centre of mass in its own axes from there."""
         R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
-        at[f"K{number}"] = np.asarray(hinge), R
-        place, about_z = hinge + R @ centre, np.eye(3)
+        frames[f"K{number}"] = np.asarray(hinge), R
+        position, about_z = hinge + R @ centre, np.eye(3)
         about_z[:2, :2] = R.real
         build.body(f"K{number}", mass=v[f"m{number}"], inertia=(v[f"I{number}"],) * 3,
-                   position=(*place.real, 0), velocity=(*(place.imag / _STEP), 0),
+                   position=(*position.real, 0), velocity=(*(position.imag / _STEP), 0),
                    rotation=about_z, angular_velocity=(0, 0, turn.imag / _STEP))
 
     def point(name: str, x: float, y: float) -> Any:
-        hinge, R = at[name]
+        hinge, R = frames[name]
         return hinge + R @ (x, y)
 
     link(1, (0, 0), beta, (v["ra"], 0))
@@ -140,9 +141,9 @@ def andrews(
     link(6, point("K7", 0, -v["u"]), omega + epsilon, (v["zf"] - v["fa"], 0))
     E = point("K3", 0, -v["ss"])
     for name, a, b, where in (
-            ("O", "ground", "K1", (0, 0)), ("F", "K1", "K2", at["K2"][0]),
-            ("B", "ground", "K3", B), ("A5", "ground", "K5", A), ("H", "K5", "K4", at["K4"][0]),
-            ("A7", "ground", "K7", A), ("G", "K7", "K6", at["K6"][0]), ("E3", "K2", "K3", E),
+            ("O", "ground", "K1", (0, 0)), ("F", "K1", "K2", frames["K2"][0]),
+            ("B", "ground", "K3", B), ("A5", "ground", "K5", A), ("H", "K5", "K4", frames["K4"][0]),
+            ("A7", "ground", "K7", A), ("G", "K7", "K6", frames["K6"][0]), ("E3", "K2", "K3", E),
             ("E4", "K2", "K4", E), ("E6", "K2", "K6", E)):
         build.revolute(name, a, b, axis=(0, 0, 1), at=(*np.real(where), 0))
     centre = np.array([v["sb"], -v["sa"]])
@@ -167,13 +168,14 @@ def _andrews(problem: Reference, model: gs.Model) -> SceneReference:
     ways = (("K1",), ("K2", "K1"), ("K3",), ("K4", "K5"), ("K5",), ("K6", "K7"), ("K7",))
 
     def read(motions: Motions) -> Numbers:
-        turns = {name: 2 * math.atan2(one.q[3], one.q[0]) for name, one in motions.items()}
-        rates = {name: one.omega[2] for name, one in motions.items()}
-        found, moving = ([numbers[first] - sum(numbers[x] for x in rest) for first, *rest in ways]
-                         for numbers in (turns, rates))
+        turns = {name: 2 * math.atan2(motion.q[3], motion.q[0]) for name, motion in motions.items()}
+        rates = {name: motion.omega[2] for name, motion in motions.items()}
+        angles, velocities = (
+            [numbers[body] - sum(numbers[x] for x in parents) for body, *parents in ways]
+            for numbers in (turns, rates))
         true = [float(problem.truth.value(name)) for name in problem.groups["positions"]]
-        return {"positions": [_next_to(x, y) for x, y in zip(found, true, strict=True)],
-                "velocities": moving}
+        return {"positions": [_next_to(x, y) for x, y in zip(angles, true, strict=True)],
+                "velocities": velocities}
 
     return SceneReference(scene, read)
 
@@ -193,7 +195,8 @@ def _governor(model: gs.Model) -> SceneReference:
 
 
 def _governor_end(motions: Motions) -> Numbers:
-    """Turn of the shaft, of the right rod below the horizontal, height of the slider."""
+    """Return the angles of the shaft and of the right rod, the height of the slider, their rates.
+    """
     shaft, rod, slider = (motions[name] for name in ("shaft", "right", "slider"))
     down = -math.asin(rotation_matrix(rod.q)[2, 0])
     return {"positions": [2 * math.atan2(shaft.q[3], shaft.q[0]), down, slider.x[2]],

@@ -36,7 +36,7 @@ def about() -> dict[str, Any]:
 
 
 def has(t_end: float) -> bool:
-    """Return whether the reference knows this time."""
+    """Return whether the reference has this time."""
     return t_end in TIMES
 
 

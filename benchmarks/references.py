@@ -35,7 +35,7 @@ _TOLERANCES = (1e-6, 1e-9, 1e-12, 1e-14)
 
 @dataclass(frozen=True)
 class _PeerEquations:
-    """Equations of motion, and what brings a state back onto its constraints."""
+    """Equations of motion, and the projection of a state onto its constraints."""
 
     motion: Callable[[], equations.Motion]
     back: Callable[[Array], Array]
@@ -70,16 +70,16 @@ _WAYS: Mapping[str, _PeerEquations] = {
 
 def measure_peers(problem: Reference, *, rounds: int = 3, quick: bool = False,
                   watch: Callable[[str], None] = lambda text: None) -> Iterator[WorkPrecisionRun]:
-    """Yield runs of a problem by peers; none where they cannot go.
+    """Yield runs of a problem by peers; none where they cannot compute it.
 
     Parameters
     ----------
     problem, rounds
-        As of ``gs.references.measure``.
+        As in ``gs.references.measure``.
     quick : bool
-        As of ``measure_bodies``.
+        As in ``measure_bodies``.
     watch : callable
-        Is told what is at work, and what is left out.
+        Called with a line for each program, and for a program that is left out.
     """
     if problem.name in _WAYS:
         yield from _measure_equations(problem, rounds, watch)

@@ -5,8 +5,8 @@
     exudyn       trapezoidal rule of index 2, generalised α
     Pinocchio    semi-implicit Euler, loops by multipliers with Baumgarte's stabilisation
 
-Each program gets bodies, joints, springs and gravity of a model. What it returns becomes states of
-the model, whose constraints and energy are evaluated by one and the same code for all.
+Each program gets bodies, joints, springs and gravity of a model. The motions that it returns become
+states of the model, whose constraints and energy are evaluated by the same code for all.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .scenes import ReferenceScene, SceneMotion, bodies_of, scene_of
 
 __all__ = ["MECHANISMS", "Mechanism", "conservative_text", "draw_drift", "page", "robots", "runs"]
 
-#: States that are looked at, evenly over a run.
+#: States that are measured, evenly over a run.
 SAMPLES = 100
 #: Steps of the shorter run whose end is compared.
 COMPARED = 1000
@@ -60,7 +60,7 @@ class Mechanism:
     dt : float
         Of a step, in s.
     mjcf : str
-        The text that it was read from, for MuJoCo alone.
+        The MJCF that the model was read from, for MuJoCo alone.
     """
 
     name: str
@@ -115,8 +115,8 @@ def _of_models(name: str, title: str) -> Mechanism:
 
 _MENAGERIE = "https://github.com/google-deepmind/mujoco_menagerie/blob/main"
 #: Name of a model in MJCF → title and source.
-_FILES = {name: (title, f"[{path}]({_MENAGERIE}/{path}) of MuJoCo Menagerie{more}")
-          for name, title, path, more in (
+_FILES = {name: (title, f"[{path}]({_MENAGERIE}/{path}) of MuJoCo Menagerie{detail}")
+          for name, title, path, detail in (
     ("cassie", "Cassie", "agility_cassie/cassie.xml", ", hung by its pelvis, four loops"),
     ("robotiq_2f85", "Robotiq 2F-85", "robotiq_2f85/2f85.xml", ", two loops and a coupling"))}
 #: Name → mechanism.
@@ -133,7 +133,7 @@ MECHANISMS = {mechanism.name: mechanism for mechanism in (
 
 
 def robots(choice: Choice) -> list[Row]:
-    """Return the runs of all mechanisms, and of those of files."""
+    """Return the runs of all mechanisms, and of the robots of files."""
     steps = 1000 if choice.quick else 1_000_000
     return [row for mechanism in mechanisms(choice) for row in runs(mechanism, choice, steps)]
 
@@ -200,7 +200,7 @@ def _pinocchio(mechanism: Mechanism) -> Iterator[tuple[str, Pieces]]:
 _PROGRAMS = {"MuJoCo": _mujoco, "exudyn": _exudyn, "Pinocchio": _pinocchio}
 
 
-# ---------------------------------------------------------------- what is measured
+# ---------------------------------------------------------------- measurements
 
 
 def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
@@ -208,17 +208,17 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
     scene, step = mechanism.scene, mechanism.stepper(2)
     model = scene.model
     end, cpu = _compared(scene, pieces)
-    error = max(float(np.linalg.norm(end[name] - at)) for name, at in true.items())
+    error = max(float(np.linalg.norm(end[name] - position)) for name, position in true.items())
     steps = min(steps, max(COMPARED, int(MOST_SECONDS / cpu) * COMPARED))
     piece, drift, constraint, note = max(1, steps // SAMPLES), [], 0.0, ""
     energy = step.energy(model.q0, model.p0, parameters=model.parameters)
     start = time.thread_time()
-    spent, done = 0.0, 0
+    spent, steps_run = 0.0, 0
     try:
-        for found in pieces(piece, min(SAMPLES, steps)):
+        for motion in pieces(piece, min(SAMPLES, steps)):
             spent += time.thread_time() - start
-            done += piece
-            q, p = _state(scene, found)
+            steps_run += piece
+            q, p = _state(scene, motion)
             g, _ = step.defects(q, p, parameters=model.parameters)
             drift.append(abs(float(step.energy(q, p, parameters=model.parameters) - energy)))
             constraint = max(constraint, float(np.abs(g).max()))
@@ -226,8 +226,8 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
     except (Unavailable, gs.StepFailed) as failure:
         note = str(failure).partition(". ")[0]
     return Row(mechanism.name, program, method, {
-        "µs/step": spent / max(done, 1) * 1e6, "steps": float(done), "constraints": constraint,
-        "energy (J)": max(drift, default=math.inf), "error (m)": error},
+        "µs/step": spent / max(steps_run, 1) * 1e6, "steps": float(steps_run),
+        "constraints": constraint, "energy (J)": max(drift, default=math.inf), "error (m)": error},
         {"|H − H₀| (J)": tuple(drift)}, note)
 
 
@@ -250,7 +250,7 @@ def _true_end(mechanism: Mechanism, stages: int) -> dict[str, Array]:
 def _places(scene: ReferenceScene, motion: Any) -> dict[str, Array]:
     q, _ = _state(scene, motion)
     places = {x: i for i, x in enumerate(scene.model.system.q)}
-    return {at.name: q[[places[x] for x in at.x]] for at in scene.model.system.bodies}
+    return {layout.name: q[[places[x] for x in layout.x]] for layout in scene.model.system.bodies}
 
 
 def _state(scene: ReferenceScene, motion: Any) -> tuple[Array, Array]:
@@ -309,15 +309,16 @@ def page(rows: Sequence[Row], shown: Sequence[Mechanism], picture: str = "") -> 
         parts.append(f"![{alternative}]({picture})\n")
     for mechanism in shown:
         about = f"{mechanism.source}; steps of {mechanism.dt * 1e3:g} ms."
-        mine = [row for row in rows if row.case == mechanism.name and row.numbers]
+        mechanism_rows = [row for row in rows if row.case == mechanism.name and row.numbers]
         parts += [f"## {mechanism.title}\n", textwrap.fill(
             about, 100, break_on_hyphens=False, break_long_words=False) + "\n", markdown([
                 ["program", "method", "steps", "µs a step", "constraints", "energy (J)",
                  "error (m)"],
                 *([row.program, row.setting, *(text_of(row.numbers[name]) for name in (
                     "steps", "µs/step", "constraints", "energy (J)", "error (m)"))]
-                  for row in mine)])]
-        parts += [f"{row.program} {row.setting}: {row.note}.\n" for row in mine if row.note]
+                  for row in mechanism_rows)])]
+        parts += [f"{row.program} {row.setting}: {row.note}.\n"
+                  for row in mechanism_rows if row.note]
     return "\n".join(parts)
 
 

@@ -1,4 +1,4 @@
-"""Rows of benchmarks: how they are measured in turn, and the tables, JSON and pictures of them."""
+"""Rows of benchmarks: they are measured in turn, and written as tables, JSON and pictures."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class Choice:
     only : str
         Text that the name of a case contains.
     base : str
-        Text that program and setting of the row contain that costs are divided by.
+        Text in the program and setting of the row whose cost divides the others.
     mjcf : tuple of Path
         Robots of files.
     watch : callable
@@ -150,19 +150,19 @@ def contest(case: str, entries: Iterable[Entry], choice: Choice,
     choice.watch(f"{case}: {len(jobs)} jobs in turn, {choice.rounds} rounds")
     samples = alternate({key: job for key, (job, _) in jobs.items()}, choice.rounds, clock)
     for i, prepared in ready.items():
-        mine = {name: samples[i, name].per(jobs[i, name][1]) for name in prepared.jobs}
-        spread = {"±": next(iter(mine.values())).spread} if mine else {}
-        costs = prepared.costs(mine)
+        entry_samples = {name: samples[i, name].per(jobs[i, name][1]) for name in prepared.jobs}
+        spread = {"±": next(iter(entry_samples.values())).spread} if entry_samples else {}
+        costs = prepared.costs(entry_samples)
         rows[i] = replace(rows[i], numbers={**costs, **spread, **rows[i].numbers},
-                          samples={name: sample.seconds for name, sample in mine.items()})
+                          samples={name: sample.seconds for name, sample in entry_samples.items()})
     return rows
 
 
-# ---------------------------------------------------------------- what rows say together
+# ---------------------------------------------------------------- cheapest rows and power laws
 
 
 def cheapest(rows: Sequence[Row], cost: str, error: str, accuracy: float) -> Row | None:
-    """Return the row that costs least of those with an error up to ``accuracy``."""
+    """Return the cheapest of the rows with an error up to ``accuracy``."""
     exact = [row for row in rows if cost in row.numbers
              and row.numbers.get(error, math.inf) <= accuracy]
     return min(exact, key=lambda row: row.numbers[cost], default=None)
@@ -170,11 +170,11 @@ def cheapest(rows: Sequence[Row], cost: str, error: str, accuracy: float) -> Row
 
 def accuracies(
     rows: Sequence[Row], cost: str, error: str, levels: Sequence[float], unit: str,
-    competitor: Callable[[Row], str] = lambda row: row.program, more: Sequence[str] = (),
+    competitor: Callable[[Row], str] = lambda row: row.program, extra_columns: Sequence[str] = (),
 ) -> list[Row]:
     """Return the cheapest run of each competitor for each case and accuracy.
 
-    The columns are the cost and ``more``.
+    The columns are the cost and ``extra_columns``.
     """
     best_rows = []
     for case in dict.fromkeys(row.case for row in rows):
@@ -184,7 +184,7 @@ def accuracies(
                 best = cheapest([row for row in of_case if competitor(row) == name], cost, error,
                                 level)
                 if best is not None:
-                    numbers = {key: best.numbers[key] for key in (cost, *more)
+                    numbers = {key: best.numbers[key] for key in (cost, *extra_columns)
                                if key in best.numbers}
                     best_rows.append(replace(best, case=f"{case}, {level:.0e}{unit}",
                                              numbers=numbers, samples={}))
@@ -233,11 +233,11 @@ def table(rows: Sequence[Row], base: str = "") -> list[list[str]]:
                  for reference in rows
                  if reference.case == row.case and reference.numbers and not reference.note]
         unit = next((cost for name, cost in costs if base in name and cost), None)
-        mine = next(iter(row.numbers.values()), None)
+        row_cost = next(iter(row.numbers.values()), None)
         lines.append([
             row.case, row.program, row.setting + (f" ({row.note})" if row.note else ""),
             *(text_of(row.numbers[name]) if name in row.numbers else "–" for name in columns),
-            "–" if unit is None or mine is None else text_of(mine / unit)])
+            "–" if unit is None or row_cost is None else text_of(row_cost / unit)])
     return lines
 
 

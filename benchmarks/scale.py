@@ -6,8 +6,8 @@
     numbers         a run of the fast top that stores every state: the run, a read of 1000 of its
                     states, the largest memory of this read
 
-Times are CPU seconds, of all threads and child processes; what is derived and compiled begins in
-a new process with an empty cache. The law of a cost is the slope of log(cost) against log(size):
+Times are CPU seconds, of all threads and child processes; derivation and compilation begin in a
+new process with an empty cache. The law of a cost is the slope of log(cost) against log(size):
 1 for linear growth. A size for which the disk has no room is left out, and its row says so.
 """
 
@@ -44,10 +44,10 @@ QUICK: dict[str, tuple[int, ...]] = {
 STEPS, READ = 1000, 1000
 #: A store takes less than so many bytes for each of its numbers.
 _BYTES = 10
-#: Bodies from which on a law is fitted: below, what all sizes have in common weighs more.
+#: Bodies from which on a law is fitted: below, costs that all sizes have in common weigh more.
 _LAW_FROM = {"bodies": 8}
 _ROOT = Path(__file__).resolve().parents[1]
-#: A small system first, so that imports are no part of what is measured.
+#: A small system first, so that imports are not measured.
 _BUILD = """
 import json, os, sys, time
 import gyrospark as gs
@@ -83,7 +83,7 @@ def scale(choice: Choice) -> list[Row]:
             row = Row(axis, "gyrospark", f"{size:,}", {"size": float(size)})
             if axis in measure:
                 costs = [measure[axis](size) for _ in range(rounds)]
-                row.numbers.update({name: statistics.median(one[name] for one in costs)
+                row.numbers.update({name: statistics.median(sample[name] for sample in costs)
                                     for name in costs[0]})
             else:
                 row = _stored(row, size)
@@ -105,10 +105,10 @@ def laws(rows: list[Row]) -> list[Row]:
 def build_seconds(kind: str, size: int) -> tuple[float, float, float]:
     """Return CPU seconds of model, derivation and compilers in a new process without a cache."""
     with tempfile.TemporaryDirectory() as folder:
-        done = subprocess.run([sys.executable, "-c", _BUILD, kind, str(size)], check=True,
-                              capture_output=True, text=True, cwd=_ROOT,
-                              env={**os.environ, "GYROSPARK_CACHE": folder})
-    model, derive, compiling = json.loads(done.stdout.splitlines()[-1])
+        process = subprocess.run([sys.executable, "-c", _BUILD, kind, str(size)], check=True,
+                                 capture_output=True, text=True, cwd=_ROOT,
+                                 env={**os.environ, "GYROSPARK_CACHE": folder})
+    model, derive, compiling = json.loads(process.stdout.splitlines()[-1])
     return model, derive, compiling
 
 
@@ -159,8 +159,8 @@ def _stored(row: Row, numbers: int) -> Row:
             return Row(row.case, row.program, row.setting, row.numbers,
                        note=f"{_BYTES * numbers:,} B are needed and {free:,} B free")
         step, top = gs.stepper("G-L", 3, "gamma"), gs.problems.fast_top()
-        one = step.integrate(top.q0, top.p0, steps=1, **_run())
-        width = sum(x[0].size for x in (one.q, one.p, one.multipliers)) + 5
+        trajectory = step.integrate(top.q0, top.p0, steps=1, **_run())
+        width = sum(x[0].size for x in (trajectory.q, trajectory.p, trajectory.multipliers)) + 5
         steps, path = max(numbers // width, READ), Path(folder) / "run.zarr"
         begin = with_children()
         stored = step.integrate(top.q0, top.p0, out=path, steps=steps, **_run())

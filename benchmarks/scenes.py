@@ -1,9 +1,8 @@
-"""Bodies on joints as another program must build them, read off what a model's system records.
+"""Bodies on joints as another program must build them, read off the record of a model's system.
 
 A scene has no equations: masses, inertia, where bodies are and how they move at t = 0, points and
-axes of joints in space then. What another program returns, a ``SceneMotion`` for each body,
-becomes a
-state (q, p) of the model again, so that it is read as our own runs are.
+axes of joints in space then. The ``SceneMotion`` of each body, which another program returns,
+becomes a state (q, p) of the model again, so that it is read as our own runs are.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ class SceneBody:
     mass, inertia, centre
         In kg; the tensor about the centre of mass in body axes, 0 of a point; that centre from the
         origin.
-    start : Motion
+    start : SceneMotion
     held : bool
         Whether the origin stays where it is.
     """
@@ -73,8 +72,8 @@ class SceneJoint:
     Attributes
     ----------
     axes : ndarray, shape (3, 3)
-        Rows in space: of a hinge and a slide n₁, n₂ and the axis, of a cross the arm in a, that in
-        b and what is across both; of others space's own.
+        Rows in space: of a hinge and a slide n₁, n₂ and the axis, of a cross the arm in a, the arm
+        in b and the direction across both; of others the axes of space.
     holds : tuple of bool
         Of a ball, hinge or cross whether it keeps its point together along x, y and z; of a hinge
         then whether n₁ and n₂ of a stay across the axis of b. What others imply is left out.
@@ -103,7 +102,7 @@ class SceneSpring:
 
 @dataclass(frozen=True)
 class ReferenceScene:
-    """All of it; ``torques`` are constant ones in space."""
+    """A model with its bodies, joints and springs; ``torques`` are constant in space."""
 
     name: str
     model: gs.Model
@@ -126,21 +125,21 @@ class ReferenceScene:
             torque[:2].any() for torque in self.torques.values())
 
     def end(self, motions: Mapping[str, SceneMotion]) -> FinalState:
-        """Return the state of the model at which its bodies are and move so."""
+        """Return the state of the model whose bodies have these motions."""
         system = self.model.system
-        places = {x: i for i, x in enumerate(system.q)}
+        indices = {x: i for i, x in enumerate(system.q)}
         q, p = np.zeros(system.n), np.zeros(system.n)
         if not system.bodies:
-            (found,), (body,) = motions.values(), self.bodies.values()
-            q[:], p[:] = found.x[:system.n], body.mass * found.v[:system.n]
-        for at in system.bodies:
-            found, body = motions[at.name], self.bodies[at.name]
-            turn = [places[x] for x in at.q]
-            q[turn] = found.q
-            p[turn] = 2 * left_matrix(found.q).T @ (body.about_origin @ found.omega)
-            if at.x:
-                move = [places[x] for x in at.x]
-                q[move], p[move] = found.x, body.mass * found.v
+            (motion,), (body,) = motions.values(), self.bodies.values()
+            q[:], p[:] = motion.x[:system.n], body.mass * motion.v[:system.n]
+        for layout in system.bodies:
+            motion, body = motions[layout.name], self.bodies[layout.name]
+            turn = [indices[x] for x in layout.q]
+            q[turn] = motion.q
+            p[turn] = 2 * left_matrix(motion.q).T @ (body.about_origin @ motion.omega)
+            if layout.x:
+                move = [indices[x] for x in layout.x]
+                q[move], p[move] = motion.x, body.mass * motion.v
         return FinalState(tuple(map(str, system.q)), q[None], p[None])
 
 
@@ -186,7 +185,7 @@ def bodies_of(model: gs.Model) -> dict[str, SceneBody]:
 
 
 def _body(layout: Any, model: gs.Model) -> SceneBody:
-    values, places = model.parameters, {x: i for i, x in enumerate(model.system.q)}
+    values, indices = model.parameters, {x: i for i, x in enumerate(model.system.q)}
     entries = [float(values[str(x)]) for x in layout.inertia]
     if len(entries) == 3:
         inertia = np.diag(entries)
@@ -194,7 +193,7 @@ def _body(layout: Any, model: gs.Model) -> SceneBody:
         inverse = np.zeros((3, 3))
         inverse[np.triu_indices(3)] = entries
         inertia = np.linalg.inv(inverse + np.triu(inverse, 1).T)
-    turn, move = [places[x] for x in layout.q], [places[x] for x in layout.x]
+    turn, move = [indices[x] for x in layout.q], [indices[x] for x in layout.x]
     q, p = (np.asarray(state, dtype=float) for state in (model.q0, model.p0))
     omega = angular_velocity(q[turn], p[turn], inertia)
     if layout.x:
@@ -235,10 +234,10 @@ def _moment(model: gs.Model) -> Array:
 
 
 def _pull(model: gs.Model) -> float:
-    """Return the gravity that gives a body of 1 kg its weight's moment, of all that move it alike.
+    """Return a gravity that gives a body of 1 kg the moment of its weight.
 
-    Its centre is so near the point that m |c|² is a hundredth of the least moment of inertia: there
-    is a body that has it.
+    It puts the centre of mass so near the fixed point that m |c|² is a hundredth of the smallest
+    moment of inertia, as a real body can have it.
     """
     smallest_moment = min(float(model.parameters[str(x)])
                           for layout in model.system.bodies for x in layout.inertia)
@@ -251,27 +250,27 @@ def _pull(model: gs.Model) -> float:
 def _joint(
     layout: Any, bodies: Mapping[str, SceneBody], values: Mapping[str, float]
 ) -> SceneJoint:
-    there = {name.partition(": ")[2]: pull for name, pull in layout.constraint_forces}
-    where = _in_space(layout.a, _vector(layout.on_a, values), bodies)
-    points = tuple(axis in there for axis in "xyz")
-    if "cross" in there:
-        pull = there["cross"]
+    forces = {name.partition(": ")[2]: pull for name, pull in layout.constraint_forces}
+    point = _in_space(layout.a, _vector(layout.on_a, values), bodies)
+    points = tuple(axis in forces for axis in "xyz")
+    if "cross" in forces:
+        pull = forces["cross"]
         assert pull is not None
         first, second = (_turned(name, _vector(arm, values), bodies)
                          for name, arm in ((layout.a, pull.on_a), (layout.b, pull.on_b)))
-        return SceneJoint("cross", layout.a, layout.b, where,
+        return SceneJoint("cross", layout.a, layout.b, point,
                           np.array([first, second, np.cross(first, second)]), points)
     if not layout.axis_a:
-        return SceneJoint("ball", layout.a, layout.b, where, np.eye(3), points)
+        return SceneJoint("ball", layout.a, layout.b, point, np.eye(3), points)
     normals = _vector(layout.axis_a, values).reshape(2, 3)
     axes = np.array([*(_turned(layout.a, n, bodies) for n in normals),
                      _turned(layout.b, _vector(layout.axis_b, values), bodies)])
-    if any(name.startswith(("across", "turn")) for name in there):
-        if len(there) != 5:
+    if any(name.startswith(("across", "turn")) for name in forces):
+        if len(forces) != 5:
             raise Unavailable(f"{layout.name} is neither a hinge nor a slide")
-        return SceneJoint("slide", layout.a, layout.b, where, axes, ())
-    return SceneJoint("hinge", layout.a, layout.b, where, axes,
-                      (*points, "axis 1" in there, "axis 2" in there))
+        return SceneJoint("slide", layout.a, layout.b, point, axes, ())
+    return SceneJoint("hinge", layout.a, layout.b, point, axes,
+                      (*points, "axis 1" in forces, "axis 2" in forces))
 
 
 def _spring(layout: Any, values: Mapping[str, float]) -> SceneSpring:
@@ -284,8 +283,8 @@ def _spring(layout: Any, values: Mapping[str, float]) -> SceneSpring:
 def _in_space(name: str, point: Array, bodies: Mapping[str, SceneBody]) -> Array:
     if name == GROUND:
         return point
-    where: Array = bodies[name].start.x + _turned(name, point, bodies)
-    return where
+    position: Array = bodies[name].start.x + _turned(name, point, bodies)
+    return position
 
 
 def _turned(name: str, direction: Array, bodies: Mapping[str, SceneBody]) -> Array:

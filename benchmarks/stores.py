@@ -20,10 +20,10 @@ from .rows import Choice, Entry, Prepared, Row, contest
 
 __all__ = ["store"]
 
-#: Every so many states of so many steps.
+#: Interval of the stored states, and steps.
 CASES = ((1, 2_000_000), (10, 5_000_000), (100, 10_000_000), (1000, 10_000_000))
 QUICK = ((1, 20_000), (100, 100_000))
-#: Bytes with which the disk is measured, and those of a file of a commit.
+#: Bytes with which the disk is measured, and bytes of a file of a commit.
 _PLAIN, _FILE = 2**28, 2**21
 
 

@@ -3,7 +3,7 @@
 The fast top over γ × Δt, in three ways, in turn:
 
     ensemble    ``integrate_ensemble`` of all cells, sorted by Δt so that lanes have equally many
-                iterations; nothing kept but the ends
+                iterations; only the ends are stored
     memory      ``gs.sweep`` without a store
     store       the same into a Zarr store in a temporary folder; in the cases "dask" by the worker
                 processes of a cluster on this machine
@@ -29,7 +29,7 @@ from .rows import Choice, Entry, Prepared, Row, contest
 
 __all__ = ["ensemble_job", "sweep_arguments", "sweeps"]
 
-#: What grows, cells along a side, steps, every how many states are kept, workers.
+#: The varied quantity, cells along a side, steps, interval of the stored states, workers.
 CASES: tuple[tuple[str, int, int, int | None, int], ...] = (
     *(("steps", side, steps, None, 2) for side, steps in (
         (316, 10), (100, 100), (32, 1000), (10, 10000))),
@@ -44,13 +44,13 @@ QUICK = (("steps", 32, 10, None, 2), ("cells", 8, 100, None, 2), ("states", 8, 1
 def sweeps(choice: Choice) -> list[Row]:
     """Return a row for each case and scheme."""
     rows = []
-    for part, side, steps, every, workers in QUICK if choice.quick else CASES:
+    for case, side, steps, every, workers in QUICK if choice.quick else CASES:
         for stages in (2,) if choice.quick else (2, 4):
-            if choice.only in part:
+            if choice.only in case:
                 setting = f"{stages}-G-L {side**2:,} cells of {steps:,} steps" + (
                     f", every {every:,}" if every else "") + f", {workers} workers"
-                rows += contest(part, [Entry("gyrospark", setting, partial(
-                    _swept, stages, side, steps, every, workers, dask=part == "dask"))], choice)
+                rows += contest(case, [Entry("gyrospark", setting, partial(
+                    _swept, stages, side, steps, every, workers, dask=case == "dask"))], choice)
     return rows
 
 
@@ -100,9 +100,9 @@ def _swept(stages: int, side: int, steps: int, every: int | None, workers: int, 
     work = side**2 * steps
 
     def costs(seconds: Any) -> dict[str, float]:
-        cells = {f"{way} ns/step": sample.wall / work * 1e9 for way, sample in seconds.items()}
-        shares = {f"share of {way}": seconds["ensemble"].wall / sample.wall
-                  for way, sample in seconds.items() if way != "ensemble"}
+        cells = {f"{job} ns/step": sample.wall / work * 1e9 for job, sample in seconds.items()}
+        shares = {f"share of {job}": seconds["ensemble"].wall / sample.wall
+                  for job, sample in seconds.items() if job != "ensemble"}
         if client is not None:
             client.close()
             cluster.close()

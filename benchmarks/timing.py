@@ -40,8 +40,8 @@ class Sample:
     @property
     def spread(self) -> float:
         """Median distance from the median, relative to it."""
-        away = statistics.median(abs(x - self.median) for x in self.seconds)
-        return away / self.median if self.median else 0.0
+        deviation = statistics.median(abs(x - self.median) for x in self.seconds)
+        return deviation / self.median if self.median else 0.0
 
     def per(self, amount: float) -> Sample:
         """Return the seconds for each of ``amount`` equal parts."""
@@ -50,7 +50,7 @@ class Sample:
 
 
 def with_children() -> float:
-    """Return the CPU seconds of this process and of those it has waited for."""
+    """Return the CPU seconds of this process and of the children it has waited for."""
     return time.process_time() + sum(os.times()[2:4])
 
 

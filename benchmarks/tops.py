@@ -24,7 +24,7 @@ __all__ = ["FREE_RATE", "INERTIA", "LANES", "LEVER", "MGL", "Top", "TopState", "
 LEVER = 0.04
 INERTIA = gs.problems.fast_top().inertia
 MGL = gs.problems.fast_top().parameters["mgl"]
-#: (1/I₃ − 1/I₁) I₃ Ω₃: what a free body turns by about its own axis beside l, for frames.
+#: (1/I₃ − 1/I₁) I₃ Ω₃: the rate of a free body about its own axis beside l, for frames.
 FREE_RATE = (1 - INERTIA[2] / INERTIA[0]) * 40 * math.pi
 #: Tops in the ensemble; the first is the paper's.
 LANES = 8

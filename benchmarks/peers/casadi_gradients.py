@@ -41,12 +41,12 @@ def _settings() -> dict[str, tuple[str, dict[str, Any]]]:
 
 
 def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
-    """Return settings of the top, and what prepares them."""
+    """Return settings of the top, each with the function that prepares it."""
     return {name: partial(_top, *setting, t_end, target) for name, setting in _settings().items()}
 
 
 def of_model(model: gs.Model, wrt: Sequence[str], t_end: float) -> dict[str, Callable[[], Job]]:
-    """Return settings of bodies on joints, and what prepares them."""
+    """Return settings of bodies on joints, each with the function that prepares it."""
     return {name: partial(_constrained, model, wrt, *setting, t_end)
             for name, setting in _settings().items() if setting[0] == "idas" and "tight" in name}
 
@@ -66,13 +66,14 @@ def _constrained(
     model: gs.Model, wrt: Sequence[str], plugin: str, options: Mapping[str, Any], t_end: float
 ) -> Job:
     casadi = need(PACKAGE)
-    system, known = model.system, model.parameters
+    system, parameters = model.system, model.parameters
     n, m = len(system.q), len(system.constraints)
     x, forces, values = (casadi.SX.sym(name, size) for name, size in (
         ("x", 2 * n), ("forces", m), ("values", len(wrt))))
     symbols = [*system.q, *system.p, *system.parameters]
-    at = {name: values[i] for i, name in enumerate(wrt)}
-    numbers = [*casadi.vertsplit(x), *(at.get(str(s), known[str(s)]) for s in system.parameters)]
+    free_symbols = {name: values[i] for i, name in enumerate(wrt)}
+    numbers = [*casadi.vertsplit(x), *(free_symbols.get(str(s), parameters[str(s)])
+                                       for s in system.parameters)]
     H, *g = sp.lambdify(symbols, [system.H, *system.constraints], modules="math",
                         cse=True)(*numbers)
     q, p, g = x[:n], x[n:], casadi.vertcat(*g)
@@ -84,7 +85,7 @@ def _constrained(
         "x": x, "z": forces, "p": values, "ode": right, "alg": rate}, 0.0, t_end, dict(options))
     gradient, primal = _differentiated(
         motion, lambda end: casadi.sumsqr(end[n - 3 : n]),
-        np.concatenate([model.q0, model.p0]), np.array([known[i] for i in wrt]))
+        np.concatenate([model.q0, model.p0]), np.array([parameters[i] for i in wrt]))
 
     def job() -> GradientJob:
         by_state, by_values = gradient()
@@ -96,7 +97,7 @@ def _constrained(
 def _differentiated(
     motion: Any, loss: Callable[[Any], Any], start: Array, values: Array
 ) -> tuple[Callable[[], tuple[Array, Array]], Callable[[], object]]:
-    """Return value and gradient of the end by the start and values, and the value alone."""
+    """Return functions: the gradient of the loss by the start and values, and the loss alone."""
     casadi = need(PACKAGE)
     x, p = casadi.MX.sym("x", len(start)), casadi.MX.sym("p", len(values))
     value = loss(motion(x0=x, p=p)["xf"])

@@ -86,8 +86,8 @@ def _compiled(function: Any, name: str) -> Any:
     library = folder / f"{name}.so"
     command = [*shlex.split(os.environ.get("CC", "cc")), "-O3", "-march=native", "-fPIC", "-shared",
                str(folder / f"{name}.c"), "-o", str(library), "-lm"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    if done.returncode:
+    process = subprocess.run(command, capture_output=True, text=True, check=False)
+    if process.returncode:
         raise Unavailable(f"its C does not compile: {shlex.join(command)}")
     return casadi.external(function.name(), str(library))
 
@@ -96,15 +96,15 @@ def _compiled(function: Any, name: str) -> Any:
 
 
 def _spark(stages: int, dt: float) -> tuple[Any, Array, Any]:
-    """Return the step of (q, p, unknowns), its start, and how a state is read from it."""
+    """Return the step of (q, p, unknowns), its start, and a function that reads a state from it."""
     casadi = need("casadi")
     q, p, z = casadi.MX.sym("q", 4), casadi.MX.sym("p", 4), casadi.MX.sym("z", 9 * stages)
     residual, finish = _equations(stages, dt)
     solver = casadi.rootfinder("solve", "fast_newton", residual, {"abstol": 1e-10})
-    found = solver(z, casadi.vertcat(q, p))
+    unknowns = solver(z, casadi.vertcat(q, p))
     x = casadi.vertcat(q, p, z)
-    step = casadi.Function("step", [x], [casadi.vertcat(finish(casadi.vertcat(q, p), found),
-                                                         found)])
+    step = casadi.Function("step", [x], [casadi.vertcat(finish(casadi.vertcat(q, p), unknowns),
+                                                        unknowns)])
     top = tops()[0]
     H_p, H_q = _derivatives()
     k, k_hat = np.array(H_p(top.q, top.p)).ravel(), -np.array(H_q(top.q, top.p)).ravel()
@@ -166,8 +166,8 @@ def _collocation(stages: int, dt: float) -> tuple[Any, Array, Any]:
     """Return the step of CasADi's own collocation at Gauss nodes on Euler's equations."""
     casadi = need("casadi")
     x = casadi.SX.sym("x", 7)
-    known = [*casadi.vertsplit(x), *INERTIA, MGL]
-    right = casadi.vertcat(*euler_equations(*known))
+    arguments = [*casadi.vertsplit(x), *INERTIA, MGL]
+    right = casadi.vertcat(*euler_equations(*arguments))
     options = {"number_of_finite_elements": 1, "interpolation_order": stages,
                "collocation_scheme": "legendre", "rootfinder": "fast_newton", "simplify": True,
                "rootfinder_options": {"abstol": 1e-10}}

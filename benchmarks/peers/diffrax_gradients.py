@@ -22,7 +22,7 @@ PACKAGE = "diffrax"
 
 
 def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
-    """Return settings, and what prepares them."""
+    """Return settings, each with the function that prepares it."""
     return {f"Dopri8 tol {text}": partial(_prepare, float(text), t_end, target)
             for text in ("1e-9", "1e-12")}
 
@@ -36,11 +36,11 @@ def _prepare(tol: float, t_end: float, target: Array) -> Job:
         return numpy.stack(euler_equations(*x, *values))
 
     def loss(x: Any, values: Any) -> Any:
-        found = diffrax.diffeqsolve(
+        solution = diffrax.diffeqsolve(
             diffrax.ODETerm(right), diffrax.Dopri8(), 0.0, t_end, 1e-3, x, args=values,
             stepsize_controller=diffrax.PIDController(rtol=tol, atol=tol), max_steps=100_000,
             adjoint=diffrax.RecursiveCheckpointAdjoint())
-        return ((found.ys[-1, :4] - target) ** 2).sum()
+        return ((solution.ys[-1, :4] - target) ** 2).sum()
 
     both, value = jax.jit(jax.value_and_grad(loss, (0, 1))), jax.jit(loss)
     start, values = numpy.asarray(top_start()), numpy.asarray(TOP_VALUES)

@@ -9,7 +9,7 @@ from ..tops import TopState
 
 __all__ = ["PeerEntry", "Run"]
 
-#: Integrates the first top from t = 0 to the given time and returns where it is.
+#: Integrates the first top from t = 0 to a time and returns its state there.
 Run = Callable[[float], TopState]
 
 
@@ -20,9 +20,9 @@ class PeerEntry:
     Attributes
     ----------
     program, setting
-        What the table says of it.
+        Its names in the table.
     prepare
-        Imports, compiles and returns what is timed; raises ``Unavailable``.
+        Imports, compiles and returns the timed run; raises ``Unavailable``.
     dt
         Time step, None where it is adaptive.
     quick

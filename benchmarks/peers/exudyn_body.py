@@ -66,8 +66,8 @@ def _add_body(main: Any, utilities: Any, start: TopState) -> tuple[Any, Any]:
     inertia = utilities.RigidBodyInertia(mass=_MASS, inertiaTensor=about_origin,
                                          com=np.array([0.0, 0.0, LEVER]))
     R: Array = utilities.EulerParameters2RotationMatrix(start.q)
-    made = main.CreateRigidBody(
+    numbers = main.CreateRigidBody(
         inertia=inertia, referencePosition=[0, 0, 0], referenceRotationMatrix=R,
         initialAngularVelocity=R @ start.omega, gravity=[0, 0, -_GRAVITY], returnDict=True,
         show=False)
-    return made["nodeNumber"], made["bodyNumber"]
+    return numbers["nodeNumber"], numbers["bodyNumber"]

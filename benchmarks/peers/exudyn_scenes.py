@@ -24,9 +24,9 @@ from .optional import Unavailable, need
 __all__ = ["EXPLICIT", "IMPLICIT", "PACKAGE", "ExudynScene"]
 
 PACKAGE = "exudyn"
-#: What tables call a method → exudyn's name of it.
+#: Name of a method in tables → exudyn's name.
 IMPLICIT = {"trapezoidal index 2": "TrapezoidalIndex2", "generalised α": "GeneralizedAlpha"}
-#: Of Newton, relative and absolute: exudyn's own; a tighter one is not met where steps are short.
+#: Tolerances of Newton, relative and absolute, are exudyn's: tighter ones fail for short steps.
 _TOLERANCE = 1e-8, 1e-10
 EXPLICIT = {"RK44": "RK44", "RK67": "RK67"}
 
@@ -50,7 +50,7 @@ class ExudynScene:
 
     def _build(self, scene: ReferenceScene) -> None:
         self._made = {name: self._add(body) for name, body in scene.bodies.items()}
-        self._items = {name: made["bodyNumber"] for name, made in self._made.items()}
+        self._items = {name: numbers["bodyNumber"] for name, numbers in self._made.items()}
         self._items[GROUND] = self._main.CreateGround()
         for joint in scene.joints:
             self._planar_hinge(joint) if scene.planar else self._join(joint)
@@ -83,7 +83,7 @@ class ExudynScene:
     def _run(self, method: str, settings: Any, *, go_on: bool) -> Mapping[str, SceneMotion]:
         kind = getattr(self.exudyn.DynamicSolverType, (IMPLICIT | EXPLICIT)[method])
         try:
-            with contextlib.redirect_stdout(io.StringIO()):  # of which the first line is raised
+            with contextlib.redirect_stdout(io.StringIO()):  # the error below has its first line
                 self._main.SolveDynamic(settings, solverType=kind, updateInitialValues=go_on)
         except (RuntimeError, ValueError) as error:
             raise Unavailable(f"{method}: {str(error).strip().splitlines()[0]}") from error
@@ -110,8 +110,8 @@ class ExudynScene:
         x, v = output("Position"), output("Velocity")
         if not body.inertia.any():
             return SceneMotion(body.start.q, x, v, body.start.omega)
-        left, _, right = np.linalg.svd(output("RotationMatrix").reshape(3, 3))
-        q = quaternion_of(left @ right)  # Euler parameters of index 2 leave |q| = 1
+        U, _, Vt = np.linalg.svd(output("RotationMatrix").reshape(3, 3))
+        q = quaternion_of(U @ Vt)  # Euler parameters of index 2 leave |q| = 1
         return SceneMotion(q, x, v, output("AngularVelocityLocal"))
 
     # ------------------------------------------------------------ parts
@@ -124,18 +124,18 @@ class ExudynScene:
                 gravity=self._scene.gravity.tolist(), returnDict=True, show=False)
         tensor = body.about_origin if body.held else body.inertia
         gravity = np.zeros(3) if body.held else self._scene.gravity
-        made = self._main.CreateRigidBody(
+        numbers = self._main.CreateRigidBody(
             inertia=self._utilities.RigidBodyInertia(mass=body.mass, inertiaTensor=tensor),
             referencePosition=start.x, referenceRotationMatrix=R,
             initialVelocity=start.v, initialAngularVelocity=R @ start.omega,
             gravity=gravity.tolist(), create2D=self._scene.planar,
             nodeType=(kinds.RotationRotationVector if self._lie_group
                       else kinds.RotationEulerParameters), returnDict=True, show=False)
-        for at, sign in ((body.centre, 1), (np.zeros(3), -1)) if body.held else ():
+        for point, sign in ((body.centre, 1), (np.zeros(3), -1)) if body.held else ():
             self._main.CreateForce(
-                itemNumber=made["bodyNumber"], localPosition=at.tolist(), show=False,
+                itemNumber=numbers["bodyNumber"], localPosition=point.tolist(), show=False,
                 loadVector=(sign * body.mass * self._scene.gravity).tolist())
-        return made
+        return numbers
 
     def _join(self, joint: SceneJoint) -> None:
         where = {"itemNumbers": [self._items[joint.a], self._items[joint.b]],
@@ -164,12 +164,12 @@ class ExudynScene:
     def _planar_hinge(self, joint: SceneJoint) -> None:
         markers = []
         for name in (joint.a, joint.b):
-            at = joint.at
+            point = joint.at
             if name != GROUND:
                 start = self._scene.bodies[name].start
-                at = rotation_matrix(start.q).T @ (at - start.x)
+                point = rotation_matrix(start.q).T @ (point - start.x)
             markers.append(self._main.AddMarker(self._utilities.MarkerBodyPosition(
-                bodyNumber=self._items[name], localPosition=at.tolist())))
+                bodyNumber=self._items[name], localPosition=point.tolist())))
         self._main.AddObject(self._utilities.RevoluteJoint2D(
             markerNumbers=markers))
 
@@ -186,7 +186,7 @@ def _flags(holds: tuple[bool, ...]) -> list[int]:
 
 
 def _module() -> Any:
-    """Return exudyn, which says on stdout that it is the fast one: there only results belong."""
+    """Return exudyn, without its remark on stdout, where only results belong."""
     if "exudyn" not in sys.modules:
         sys.exudynFast = True  # type: ignore[attr-defined]
     with contextlib.redirect_stdout(io.StringIO()):

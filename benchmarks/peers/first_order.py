@@ -1,4 +1,4 @@
-"""Programs that integrate explicit first-order equations: heyoka, SciPy with numba, diffrax.
+"""heyoka, SciPy with numba and diffrax integrate explicit first-order equations.
 
 Each function compiles the equations once and returns a run from the start to ``t_end``, which
 returns the variables there.

@@ -21,7 +21,7 @@ PACKAGE = "heyoka"
 
 
 def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
-    """Return settings, and what prepares them."""
+    """Return settings, each with the function that prepares it."""
     return {f"variational tol {text}{' compact' * compact}":
             partial(_prepare, float(text), compact, t_end, target)
             for text, compact in (("1e-9", True), ("1e-12", True), ("1e-16", True),
@@ -34,8 +34,9 @@ def _prepare(tol: float, compact: bool, t_end: float, target: Array) -> Job:
     constants = [heyoka.par[i] for i in range(4)]
     right = list(zip(variables, euler_equations(*variables, *constants), strict=True))
     start = top_start()
-    whole = heyoka.var_ode_sys(right, [*variables, *constants], order=1)
-    varied = heyoka.taylor_adaptive(whole, start, pars=TOP_VALUES, tol=tol, compact_mode=compact)
+    variational = heyoka.var_ode_sys(right, [*variables, *constants], order=1)
+    varied = heyoka.taylor_adaptive(variational, start, pars=TOP_VALUES, tol=tol,
+                                    compact_mode=compact)
     plain = heyoka.taylor_adaptive(right, start, pars=TOP_VALUES, tol=tol)
     starts = {id(motion): motion.state.copy() for motion in (varied, plain)}
 
@@ -48,7 +49,7 @@ def _prepare(tol: float, compact: bool, t_end: float, target: Array) -> Job:
 
     def gradient() -> GradientJob:
         end = run(varied)
-        found = 2 * (end[:4] - target) @ end[7:].reshape(7, 11)[:4]
-        return of_euler(found[:7], found[7:])
+        derivatives = 2 * (end[:4] - target) @ end[7:].reshape(7, 11)[:4]
+        return of_euler(derivatives[:7], derivatives[7:])
 
     return Job(gradient, lambda: run(plain))

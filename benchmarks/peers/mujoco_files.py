@@ -52,23 +52,23 @@ class MujocoFile:
         data = self._mujoco.MjData(self._model)
         configure(self._mujoco, self._model, integrator, dt)
         data.qpos[:], data.qvel[:] = self._qpos, self._qvel
-        for seen in itertools.islice(moved(self._mujoco, self._model, data, integrator, steps),
-                                     count):
-            yield self._state(seen)
+        for snapshot in itertools.islice(
+                moved(self._mujoco, self._model, data, integrator, steps), count):
+            yield self._state(snapshot)
 
     def _centre(self, data: Any, k: int) -> Array:
-        """Return the centre of mass of a body, and of what is fixed to it, in its axes."""
-        one = self._model.body_weldid == k
-        masses = self._model.body_mass[one]
+        """Return the centre of mass of a body with all that is fixed to it, in its axes."""
+        welded = self._model.body_weldid == k
+        masses = self._model.body_mass[welded]
         centre: Array = data.xmat[k].reshape(3, 3).T @ (
-            masses @ data.xipos[one] / masses.sum() - data.xpos[k])
+            masses @ data.xipos[welded] / masses.sum() - data.xpos[k])
         return centre
 
     def _start(self, data: Any) -> None:
         """Find coordinates and velocities at which the bodies are and move as in the scene."""
         mujoco, model = self._mujoco, self._model
         for _ in range(_ITERATIONS):
-            rows, off, moving = [], [], []
+            rows, deviations, velocities = [], [], []
             for name, k in self._numbers.items():
                 start, R = self._scene.bodies[name].start, data.xmat[k].reshape(3, 3)
                 x, turned = data.xpos[k] + R @ self._centres[k], np.zeros(3)
@@ -76,12 +76,13 @@ class MujocoFile:
                 move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
                 mujoco.mj_jac(model, data, move, turn, x, k)
                 rows += [move, turn]
-                off += [start.x - x, R @ turned]
-                moving += [start.v, rotation_matrix(start.q) @ start.omega]
+                deviations += [start.x - x, R @ turned]
+                velocities += [start.v, rotation_matrix(start.q) @ start.omega]
             step, data.qvel[:] = np.linalg.lstsq(
-                np.vstack(rows), np.column_stack([np.concatenate(off), np.concatenate(moving)]),
+                np.vstack(rows), np.column_stack([np.concatenate(deviations),
+                                                  np.concatenate(velocities)]),
                 rcond=None)[0].T
-            if np.abs(np.concatenate(off)).max() < _OFF:
+            if np.abs(np.concatenate(deviations)).max() < _OFF:
                 return
             mujoco.mj_integratePos(model, data.qpos, step, 1.0)
             mujoco.mj_forward(model, data)
@@ -90,18 +91,20 @@ class MujocoFile:
     def _state(self, data: Any) -> tuple[Array, Array]:
         motions = {}
         for name, k in self._numbers.items():
-            R, found = data.xmat[k].reshape(3, 3), np.zeros(6)
+            R, velocity = data.xmat[k].reshape(3, 3), np.zeros(6)
             self._mujoco.mj_objectVelocity(self._model, data, self._mujoco.mjtObj.mjOBJ_XBODY, k,
-                                           found, 0)
+                                           velocity, 0)
             arm = R @ self._centres[k]
             motions[name] = SceneMotion(data.xquat[k].copy(), data.xpos[k] + arm,
-                                        found[3:] + np.cross(found[:3], arm), R.T @ found[:3])
+                                        velocity[3:] + np.cross(velocity[:3], arm),
+                                        R.T @ velocity[:3])
         end, model = self._scene.end(motions), self._model
         q, p = end.q[0], end.p[0]
         for j in range(model.njnt):
             v = model.jnt_dofadr[j]
             if model.dof_armature[v]:  # a coordinate of its own
-                at = end.coordinates.index(re.sub(r"\W", "_", model.joint(j).name) + "_rotor_phi")
-                q[at] = data.qpos[model.jnt_qposadr[j]]
-                p[at] = model.dof_armature[v] * data.qvel[v]
+                index = end.coordinates.index(
+                    re.sub(r"\W", "_", model.joint(j).name) + "_rotor_phi")
+                q[index] = data.qpos[model.jnt_qposadr[j]]
+                p[index] = model.dof_armature[v] * data.qvel[v]
         return q, p

@@ -23,17 +23,17 @@ __all__ = ["PACKAGE", "of_scene", "of_top"]
 
 PACKAGE = "mujoco"
 _STEPS = (1e-3,)
-#: Of the differences: MuJoCo's, and ours of a start.
+#: Size of the finite differences: MuJoCo's, and ours by a start.
 _DIFFERENCE = 1e-6
 
 
 def of_top(t_end: float, target: Array) -> dict[str, Callable[[], Job]]:
-    """Return settings of the top, and what prepares them."""
+    """Return settings of the top, each with the function that prepares it."""
     return {f"transitionFD implicit Δt={dt:g}": partial(_top, dt, t_end, target) for dt in _STEPS}
 
 
 def of_scene(scene: ReferenceScene, t_end: float) -> dict[str, Callable[[], Job]]:
-    """Return settings of bodies on joints, and what prepares them."""
+    """Return settings of bodies on joints, each with the function that prepares it."""
     return {f"transitionFD implicit Δt={dt:g}": partial(_joined, scene, dt, t_end)
             for dt in _STEPS}
 
@@ -51,9 +51,10 @@ def _top(dt: float, t_end: float, target: Array) -> Job:
     back, primal = _steps(model, start[:4], start[4:], round(t_end / dt), by_end)
 
     def gradient() -> GradientJob:
-        found = back()
+        by_start = back()
         # A turn δ in the body's axes is dq = ½ L(q)ᵀδ, so that δ = 2 L dq.
-        return of_euler(np.concatenate([4 * _turning(start[:4]) @ found[:3], found[3:]]), None)
+        return of_euler(np.concatenate([4 * _turning(start[:4]) @ by_start[:3], by_start[3:]]),
+                        None)
 
     return Job(gradient, primal)
 
@@ -113,14 +114,14 @@ def _joined(scene: ReferenceScene, dt: float, t_end: float) -> Job:
                        for e in np.eye(len(z)) * _DIFFERENCE])
 
     def gradient() -> GradientJob:
-        found = matrix @ back()
-        return GradientJob(found[: len(z) // 2], found[len(z) // 2 :])
+        by_state = matrix @ back()
+        return GradientJob(by_state[: len(z) // 2], by_state[len(z) // 2 :])
 
     return Job(gradient, primal)
 
 
 class _Coordinates:
-    """Turns and moves of MuJoCo's joints from the start, and speeds, of our (q, p)."""
+    """Map our (q, p) to turns and moves of MuJoCo's joints from the start, and to their speeds."""
 
     def __init__(self, scene: ReferenceScene, model: Any) -> None:
         self._mujoco, self._scene, self._model = need(PACKAGE), scene, model

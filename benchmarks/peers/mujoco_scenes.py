@@ -1,8 +1,8 @@
 """MuJoCo: bodies as a tree of joints in its generalised coordinates, without contact.
 
-A joint that closes a loop is one of its equality constraints, soft by design: here as stiff as it
-lets one be at a time step. Balls close loops where they can, else hinges: by a point, and where
-the hinge holds its axis by a second point of that. The step loop is its own, in C.
+A joint that closes a loop is one of its equality constraints, soft by design: here as stiff as
+MuJoCo allows at a time step. Balls close loops where they can, else hinges: by a point, and where
+the hinge holds its axis by a second point of the axis. The step loop is MuJoCo's, in C.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ __all__ = ["INTEGRATORS", "PACKAGE", "MujocoScene", "configure", "moved", "mujoc
 
 PACKAGE = "mujoco"
 INTEGRATORS = ("RK4", "implicit")
-#: The largest impedance that it takes; what is left of 1 is how soft a closed loop is.
+#: The largest impedance that MuJoCo takes; its difference from 1 is the softness of a loop.
 _STIFFEST = (0.9999, 0.9999, 0.001, 0.5, 2)
 Run = Callable[[], Mapping[str, SceneMotion]]
-#: Which joints make the tree, before others.
+#: Kinds of joints in the order in which they enter the tree.
 _FIRST = ("slide", "hinge", "cross", "rod", "ball")
 
 
@@ -68,14 +68,14 @@ class MujocoScene:
 
     def _moved(self, integrator: str, model: Any, data: Any, speeds: Array,
                steps: int) -> Iterator[Mapping[str, SceneMotion]]:
-        """Yield how the bodies move after each so many steps from the start."""
+        """Yield how the bodies move after every ``steps`` steps from the start."""
         mujoco = self._mujoco
         mujoco.mj_resetData(model, data)
         data.qvel[:] = speeds
         for name, torque in self._scene.torques.items():
             data.xfrc_applied[model.body(name).id, 3:] = torque
-        for seen in moved(mujoco, model, data, integrator, steps):
-            yield {name: self._read(model, seen, name) for name in self._scene.bodies}
+        for snapshot in moved(mujoco, model, data, integrator, steps):
+            yield {name: self._read(model, snapshot, name) for name in self._scene.bodies}
 
     def model(self, integrator: str, dt: float) -> Any:
         """Return MuJoCo's model with an integrator and a time step."""
@@ -91,23 +91,23 @@ class MujocoScene:
         """Return the generalised velocities at which the bodies move as they do at the start."""
         mujoco = self._mujoco
         mujoco.mj_forward(model, data)
-        rows, wanted = [], []
+        rows, velocities = [], []
         for name, body in self._scene.bodies.items():
             move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
-            at = model.body(name).id
-            mujoco.mj_jacBody(model, data, move, turn, at)
+            number = model.body(name).id
+            mujoco.mj_jacBody(model, data, move, turn, number)
             parts = 2 if body.inertia.any() else 1  # a point does not turn
             rows += [move, turn][:parts]
-            wanted += [body.start.v, self._attitudes[name] @ body.start.omega][:parts]
-        speeds: Array = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0]
+            velocities += [body.start.v, self._attitudes[name] @ body.start.omega][:parts]
+        speeds: Array = np.linalg.lstsq(np.vstack(rows), np.concatenate(velocities))[0]
         return speeds
 
     def _read(self, model: Any, data: Any, name: str) -> SceneMotion:
-        seen, found = data.body(name), np.zeros(6)
-        self._mujoco.mj_objectVelocity(model, data, self._mujoco.mjtObj.mjOBJ_XBODY, seen.id,
-                                       found, 0)
-        R = seen.xmat.reshape(3, 3)
-        return SceneMotion(seen.xquat.copy(), seen.xpos.copy(), found[3:], R.T @ found[:3])
+        body, velocity = data.body(name), np.zeros(6)
+        self._mujoco.mj_objectVelocity(model, data, self._mujoco.mjtObj.mjOBJ_XBODY, body.id,
+                                       velocity, 0)
+        R = body.xmat.reshape(3, 3)
+        return SceneMotion(body.xquat.copy(), body.xpos.copy(), velocity[3:], R.T @ velocity[:3])
 
     # ------------------------------------------------------------ its text
 
@@ -163,10 +163,10 @@ class MujocoScene:
         first, second = (joint.a, joint.b) if joint.a else (joint.b, joint.a)
         points = [joint.at, joint.at + joint.axes[2]][:1 + any(joint.holds[3:])]
         for point in points:
-            held = SubElement(equality, "connect", body1=first,
-                              anchor=text(self._seen(first, point)))
+            connection = SubElement(equality, "connect", body1=first,
+                                    anchor=text(self._seen(first, point)))
             if second:
-                held.set("body2", second)
+                connection.set("body2", second)
 
     def _axes(self, joint: SceneJoint, parent: str) -> list[Array]:
         """Return the axes of a joint in space at the start, the axis fixed in the parent first."""
@@ -180,7 +180,7 @@ class MujocoScene:
         return arms if parent == joint.a else arms[::-1]
 
     def _about_rod(self, joint: SceneJoint) -> list[Array]:
-        """Return the vertical, where the point leaves its plane, and what is across the plane.
+        """Return the vertical, if the point leaves its plane, and the normal of the plane.
 
         A ball would let it turn about the rod, which takes no moment of a point.
         """
@@ -196,7 +196,7 @@ class MujocoScene:
 
 
 def text(numbers: ArrayLike) -> str:
-    """Return numbers as its XML has them, to the last digit."""
+    """Return numbers as MuJoCo's XML has them, to the last digit."""
     return " ".join(repr(float(x)) for x in np.ravel(numbers))
 
 
@@ -226,17 +226,17 @@ def moved(
     Unavailable
         Where MuJoCo finds the motion unstable.
     """
-    for done in itertools.count(steps, steps):
+    for total in itertools.count(steps, steps):
         mujoco.mj_step(model, data, steps)
-        if any(found.number for found in data.warning):
-            raise Unavailable(f"{integrator} is unstable in {done} steps")
-        seen = copy(data)
-        mujoco.mj_forward(model, seen)  # a step leaves velocities and forces of its start
-        yield seen
+        if any(warning.number for warning in data.warning):
+            raise Unavailable(f"{integrator} is unstable in {total} steps")
+        snapshot = copy(data)
+        mujoco.mj_forward(model, snapshot)  # a step leaves velocities and forces of its start
+        yield snapshot
 
 
 def _principal(inertia: Array) -> tuple[Array, Array]:
-    """Return the moments and, as columns, the axes; a body's own where they are that already."""
+    """Return the moments and, as columns, the axes; the body's axes where they are principal."""
     if not (inertia - np.diag(np.diag(inertia))).any():
         return np.diag(inertia), np.eye(3)
     moments, axes = np.linalg.eigh(inertia)
@@ -249,21 +249,21 @@ def tree_of(
 ) -> tuple[list[tuple[str, str, SceneJoint | None]], list[SceneJoint]]:
     """Return (parent, body, joint) from the ground on, and the joints that close loops.
 
-    A body that no joint holds hangs on none.
+    The joint of a body that no joint holds is None.
     """
     group = {name: name for name in (*scene.bodies, GROUND)}
-    kept, loops = [], []
-    for joint in sorted(scene.joints, key=lambda one: _FIRST.index(one.kind)):
+    tree_joints, loops = [], []
+    for joint in sorted(scene.joints, key=lambda joint: _FIRST.index(joint.kind)):
         a, b = group[joint.a], group[joint.b]
         if a == b:
             loops.append(joint)
             continue
-        kept.append(joint)
-        group = {name: a if at == b else at for name, at in group.items()}
+        tree_joints.append(joint)
+        group = {name: a if label == b else label for name, label in group.items()}
     tree: list[tuple[str, str, SceneJoint | None]] = []
     reached = [GROUND]
     for parent in reached:
-        for joint in kept:
+        for joint in tree_joints:
             for here, there in ((joint.a, joint.b), (joint.b, joint.a)):
                 if here == parent and there not in reached:
                     tree.append((parent, there, joint))

@@ -21,7 +21,7 @@ __all__ = ["PACKAGE", "PinocchioScene"]
 PACKAGE = "pin"
 #: Time constant of the stabilisation, in steps.
 _CONSTANT = 5.0
-#: Of its solver of contacts: accuracy, regularisation (rows may repeat) and iterations.
+#: Pinocchio's solver of contacts: accuracy, regularisation (rows may repeat) and iterations.
 _ACCURACY, _MU, _ITERATIONS = 1e-12, 1e-10, 20
 
 
@@ -35,7 +35,7 @@ class PinocchioScene:
                            for name, body in scene.bodies.items()} | {GROUND: np.eye(3)}
         self._origins = {name: body.start.x for name, body in scene.bodies.items()} | {
             GROUND: np.zeros(3)}
-        #: Body → its joint, and where its axes are in those of the joint.
+        #: Body → its joint, and the placement of its axes in the axes of the joint.
         self._places: dict[str, tuple[int, Any]] = {GROUND: (0, self._pin.SE3.Identity())}
         self._model = self._pin.Model()
         self._model.gravity.linear = scene.gravity
@@ -69,8 +69,8 @@ class PinocchioScene:
             yield {name: self._read(data, name) for name in self._scene.bodies}
 
     def _read(self, data: Any, name: str) -> SceneMotion:
-        joint, place = self._places[name]
-        pose, speed = data.oMi[joint] * place, place.actInv(data.v[joint])
+        joint, placement = self._places[name]
+        pose, speed = data.oMi[joint] * placement, placement.actInv(data.v[joint])
         attitude = self._pin.Quaternion(pose.rotation)
         return SceneMotion(np.array([attitude.w, attitude.x, attitude.y, attitude.z]),
                            pose.translation.copy(), pose.rotation @ speed.linear,
@@ -78,16 +78,16 @@ class PinocchioScene:
 
     def _speeds(self, data: Any, q: Array) -> Array:
         """Return the joint velocities at which the bodies move as they do at the start."""
-        pin, rows, wanted = self._pin, [], []
+        pin, rows, velocities = self._pin, [], []
         pin.computeJointJacobians(self._model, data, q)
         for name, body in self._scene.bodies.items():
-            joint, place = self._places[name]
-            local = place.inverse().action @ pin.getJointJacobian(
+            joint, placement = self._places[name]
+            local = placement.inverse().action @ pin.getJointJacobian(
                 self._model, data, joint, pin.ReferenceFrame.LOCAL)
             rows += [self._attitudes[name] @ local[:3], local[3:]]
-            wanted += [body.start.v, body.start.omega]
-        found: Array = np.linalg.lstsq(np.vstack(rows), np.concatenate(wanted))[0]
-        return found
+            velocities += [body.start.v, body.start.omega]
+        speeds: Array = np.linalg.lstsq(np.vstack(rows), np.concatenate(velocities))[0]
+        return speeds
 
     def _pulls(self, data: Any, q: Array) -> Array:
         """Return the generalised forces of springs between points."""
@@ -95,9 +95,9 @@ class PinocchioScene:
         pin.computeJointJacobians(model, data, q)
         total = np.zeros(model.nv)
         for spring in self._scene.springs:
-            ends = [(joint, place.act(np.asarray(point, dtype=float)))
-                    for (joint, place), point in ((self._places[spring.a], spring.on_a),
-                                                  (self._places[spring.b], spring.on_b))]
+            ends = [(joint, placement.act(np.asarray(point, dtype=float)))
+                    for (joint, placement), point in ((self._places[spring.a], spring.on_a),
+                                                      (self._places[spring.b], spring.on_b))]
             a, b = (data.oMi[joint].act(point) for joint, point in ends)
             length = float(np.linalg.norm(b - a))
             pull = spring.stiffness * (1 - spring.length / length) * (b - a)
@@ -122,15 +122,15 @@ class PinocchioScene:
         if joint is None or joint.kind not in ("ball", "hinge", "slide"):
             kind = "free body" if joint is None else joint.kind
             raise Unavailable(f"knows no {kind} here")
-        above, place = self._places[parent]
+        above, placement = self._places[parent]
         pose = pin.SE3(self._attitudes[parent], self._origins[parent])
-        at = pin.SE3(np.eye(3), joint.at)
+        joint_frame = pin.SE3(np.eye(3), joint.at)
         kinds = {"ball": lambda: pin.JointModelSpherical(),
                  "hinge": lambda: pin.JointModelRevoluteUnaligned(joint.axes[2]),
                  "slide": lambda: pin.JointModelPrismaticUnaligned(joint.axes[2])}
         number = self._model.addJoint(above, kinds[joint.kind](),
-                                      place * pose.inverse() * at, name)
-        here = at.inverse() * pin.SE3(self._attitudes[name], self._origins[name])
+                                      placement * pose.inverse() * joint_frame, name)
+        here = joint_frame.inverse() * pin.SE3(self._attitudes[name], self._origins[name])
         self._places[name] = number, here
         self._model.appendBodyToJoint(
             number, pin.Inertia(float(body.mass), np.asarray(body.centre, dtype=float),
@@ -143,8 +143,8 @@ class PinocchioScene:
         for point in [joint.at, joint.at + joint.axes[2]][:1 + any(joint.holds[3:])]:
             sides = []
             for name in (joint.a, joint.b):
-                number, place = self._places[name]
-                seen = self._attitudes[name].T @ (point - self._origins[name])
-                sides += [number, place * pin.SE3(np.eye(3), seen)]
+                number, placement = self._places[name]
+                local = self._attitudes[name].T @ (point - self._origins[name])
+                sides += [number, placement * pin.SE3(np.eye(3), local)]
             yield pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, self._model, *sides,
                                            pin.ReferenceFrame.LOCAL)

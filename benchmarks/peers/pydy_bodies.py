@@ -21,7 +21,7 @@ from .optional import Unavailable, need
 __all__ = ["PACKAGE", "TOLERANCES", "PydyBodies"]
 
 PACKAGE = "pydy"
-#: What DOP853 is asked for, relative and absolute.
+#: Tolerances of DOP853, relative and absolute.
 TOLERANCES = (1e-3, 1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9)
 
 
@@ -43,14 +43,13 @@ class PydyBodies:
     def run(self, tolerance: float, t_end: float) -> Array:
         """Return the centres of mass at ``t_end``."""
         starts = [body.start for body in self._bodies.values()]
-        state = np.concatenate([*(at.q for at in starts), *(at.omega for at in starts)])
+        state = np.concatenate([*(start.q for start in starts), *(start.omega for start in starts)])
         end = self._solve(self._slopes, (0.0, t_end), state, method="DOP853", rtol=tolerance,
                           atol=tolerance, t_eval=[t_end])
         return self._centres(end.y[:4 * len(starts), -1].reshape(-1, 4))
 
     def _slopes(self, t: float, state: Array) -> Array:
-        """Return the rates in an array of their own: PyDy's is one for all calls, SciPy keeps it.
-        """
+        """Return a copy of the rates: PyDy fills one array in all calls, and SciPy stores it."""
         slopes: Array = self._rates(t, state, self._gravity)
         return slopes.copy()
 
@@ -60,8 +59,8 @@ class PydyBodies:
         R = {GROUND: np.eye(3)} | {name: rotation_matrix(q / np.linalg.norm(q))
                                    for name, q in zip(self._bodies, attitudes, strict=True)}
         for name, joint in self._joints.items():
-            at = x[joint.a] + R[joint.a] @ self._seen(joint.a, joint)
-            x[name] = at - R[name] @ self._seen(name, joint)
+            point = x[joint.a] + R[joint.a] @ self._seen(joint.a, joint)
+            x[name] = point - R[name] @ self._seen(name, joint)
         return np.array([x[name] for name in self._bodies])
 
     def _seen(self, name: str, joint: SceneJoint) -> Array:
@@ -69,8 +68,8 @@ class PydyBodies:
         if name == GROUND:
             return joint.at
         start = self._bodies[name].start
-        at: Array = rotation_matrix(start.q).T @ (joint.at - start.x)
-        return at
+        point: Array = rotation_matrix(start.q).T @ (joint.at - start.x)
+        return point
 
     def _equations(self) -> tuple[Any, ...]:
         """Return M u' = F, q' and the gravity as PyDy takes them."""
@@ -116,6 +115,6 @@ def _vector(frame: Any, entries: Iterable[Any]) -> Any:
 
 
 def _quaternion_rates(q: list[Any], omega: list[Any]) -> list[Any]:
-    """q' = ½ q (0, Ω)."""
+    """Return q' = ½ q (0, Ω)."""
     w, v, turn = q[0], sp.Matrix(q[1:]), sp.Matrix(omega)
     return [-v.dot(turn) / 2, *((w * turn + v.cross(turn)) / 2)]

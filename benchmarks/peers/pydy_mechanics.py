@@ -27,7 +27,7 @@ LIMIT = 600.0
 
 
 class PydyMechanics:
-    """A system of pin joints, derived and compiled once; ``cost`` are CPU seconds of that."""
+    """A system of pin joints, derived and compiled once, at a ``cost`` in CPU seconds."""
 
     def __init__(self, system: Any, values: Mapping[str, float]) -> None:
         need("Cython", "cython")
@@ -53,8 +53,7 @@ class PydyMechanics:
         return end
 
     def _slopes(self, t: float, state: Array) -> Array:
-        """Return the rates in an array of their own: PyDy's is one for all calls, SciPy keeps it.
-        """
+        """Return a copy of the rates: PyDy fills one array in all calls, and SciPy stores it."""
         slopes: Array = self._rates(t, state, self._values)
         return slopes.copy()
 
