@@ -26,7 +26,7 @@ __all__ = ["BENCHMARKS", "main"]
 
 @dataclass(frozen=True)
 class Benchmark:
-    """A benchmark: where its rows come from, and what its picture shows.
+    """A benchmark: the functions that return its rows, and the columns of its picture.
 
     Attributes
     ----------

@@ -1,7 +1,7 @@
 """Eccentric orbits and Arenstorf's orbit: steps in scaled time and constant ones, heyoka, SciPy.
 
 σ is r^(3/2), and (r1⁻³ + μ/(1 − μ) r2⁻³ + 1/100)^(−1/2) near two masses. The end of Kepler's
-orbits, after a number of periods that is not whole, is known in closed form; the reference for
+orbits, after a number of periods that is no integer, has a closed form; the reference for
 Arenstorf's orbit is heyoka at a tolerance of 1e-18. SciPy's right-hand side is compiled by numba.
 """
 

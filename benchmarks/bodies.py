@@ -153,11 +153,11 @@ def _exudyn(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
 
 
 def _mujoco(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
-    closed = len(scene.joints) > len(scene.bodies)
+    has_loops = len(scene.joints) > len(scene.bodies)
 
     def prepare(integrator: str, dt: float) -> Prepared:
         run = MujocoScene(scene).prepare(integrator, T_END, round(T_END / dt))
-        order = (2 if closed else 4) if integrator == "RK4" else 1
+        order = (2 if has_loops else 4) if integrator == "RK4" else 1
         return motion.prepared(integrator, dt, order, lambda: _centres(run()))
 
     for integrator in ("RK4", "implicitfast", "implicit"):
@@ -167,11 +167,11 @@ def _mujoco(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
 
 
 def _pydy(motion: Motion, scene: ReferenceScene) -> Iterator[Entry]:
-    cached: list[PydyBodies] = []
+    cache: list[PydyBodies] = []
 
     def prepare(tolerance: float) -> Prepared:
-        cached[:] = cached or [PydyBodies(scene)]
-        return motion.prepared("DOP853", None, 8, partial(cached[0].run, tolerance, T_END))
+        cache[:] = cache or [PydyBodies(scene)]
+        return motion.prepared("DOP853", None, 8, partial(cache[0].run, tolerance, T_END))
 
     for tolerance in TOLERANCES:
         yield Entry("pydy", f"DOP853 tol {tolerance:g}", partial(prepare, tolerance),
@@ -186,9 +186,10 @@ _VALUES = {"m": 1.0, "l": 0.2, "I": 0.02, "g": 9.81}
 
 @dataclass(frozen=True)
 class Links:
-    """Links by the number of the one each hangs on; None is the ground.
+    """Links by the numbers of their parents; None is the ground.
 
-    Links are alike, each on the end of the one before, about that one's x, y and z in turn.
+    All links are alike. Each hangs on the end of its parent, and turns about x, y or z of the
+    parent, in turn.
     """
 
     name: str
@@ -207,16 +208,16 @@ class Links:
         system, ground = me.System(space, origin), me.RigidBody("ground", origin, space)
         links: list[Any] = []
         for i, parent in enumerate(self.parents):
-            before = ground if parent is None else links[parent]
+            parent_body = ground if parent is None else links[parent]
             axes, centre = me.ReferenceFrame(f"A{i}"), me.Point(f"C{i}")
             links.append(me.RigidBody(f"link{i}", centre, axes, mass, (
                 me.inertia(axes, inertia, inertia, inertia / 10), centre)))
             system.add_joints(me.PinJoint(
-                f"joint{i}", before, links[i], *me.dynamicsymbols(f"q{i} u{i}"),
-                parent_point=origin if parent is None else before.masscenter.locatenew(
-                    f"P{i}", length * before.frame.z),
+                f"joint{i}", parent_body, links[i], *me.dynamicsymbols(f"q{i} u{i}"),
+                parent_point=origin if parent is None else parent_body.masscenter.locatenew(
+                    f"P{i}", length * parent_body.frame.z),
                 child_point=centre.locatenew(f"Q{i}", -length * axes.z),
-                joint_axis=(before.frame.x, before.frame.y, before.frame.z)[i % 3]))
+                joint_axis=(parent_body.frame.x, parent_body.frame.y, parent_body.frame.z)[i % 3]))
             system.add_loads(me.Force(centre, -mass * gravity * space.z))
         return system
 
@@ -236,12 +237,12 @@ class Links:
 
 
 def arm(count: int) -> Links:
-    """Return so many links in a row."""
+    """Return ``count`` links in a row."""
     return Links(f"arm of {count}", tuple(i - 1 if i else None for i in range(count)))
 
 
 def tree(count: int) -> Links:
-    """Return so many links, two on each as far as they go."""
+    """Return ``count`` links in a binary tree."""
     return Links(f"tree of {count}", tuple((i - 1) // 2 if i else None for i in range(count)))
 
 
@@ -268,13 +269,13 @@ def _swung(links: Links, step: gs.Stepper, dt: float) -> Array:
 
 
 def _pydy_links(motion: Motion, links: Links) -> Iterator[Entry]:
-    cached: list[PydyMechanics] = []
+    cache: list[PydyMechanics] = []
 
     def prepare(tolerance: float) -> Prepared:
-        cached[:] = cached or [PydyMechanics(links.system(), _VALUES)]
-        entered = motion.prepared("DOP853", None, 8, lambda: links.centres(
-            cached[0].run(tolerance, links.start, T_END)))
-        return replace(entered, errors=entered.errors | {"derived in (s)": cached[0].cost})
+        cache[:] = cache or [PydyMechanics(links.system(), _VALUES)]
+        prepared = motion.prepared("DOP853", None, 8, lambda: links.centres(
+            cache[0].run(tolerance, links.start, T_END)))
+        return replace(prepared, errors=prepared.errors | {"derived in (s)": cache[0].cost})
 
     for tolerance in (*TOLERANCES, 1e-10):
         yield Entry("pydy", f"DOP853 tol {tolerance:g}", partial(prepare, tolerance),
@@ -302,8 +303,8 @@ def batches(choice: Choice) -> list[Row]:
 def _batch(model: gs.Model, stages: int, steps: int) -> Prepared:
     step, chance = _make(model, stages), np.random.default_rng(1)
     q, p = np.array([step.project(
-        model.q0 + away[0], model.p0 + away[1] * np.abs(model.p0).max(),
-        parameters=model.parameters) for away in (
+        model.q0 + offset[0], model.p0 + offset[1] * np.abs(model.p0).max(),
+        parameters=model.parameters) for offset in (
             _SPREAD * chance.standard_normal((2, len(model.q0))) * (i > 0)
             for i in range(_TRAJECTORIES))]).swapaxes(0, 1)
     run: dict[str, Any] = {"dt": 2e-3, "steps": steps, "every": steps,

@@ -1,6 +1,6 @@
 """Instructions of one step, counted by valgrind: a guard for the speed that no load disturbs.
 
-    count(N) of a whole process at N = 20 and N = 120 steps; a step = the difference / 100
+    count(N) of a process at N = 20 and N = 120 steps; a step = the difference / 100
 
 The steppers are the plain C that is exported, for any x86-64 (-O2, no contraction, no -march), so
 that one gcc of one major version makes the same code everywhere. ``instructions.json`` holds the
@@ -91,14 +91,15 @@ def count_step(counter: Counter, scheme: str, stages: int | None, rep: str) -> t
 
 def _build(counter: Counter, name: str, rep: str, folder: Path) -> Path:
     program = folder / "count"
-    about = [f"-DSTEPPER={name}", f'-DHEADER="{name}.h"', *(["-DALPHA"] if rep == "alpha" else [])]
-    _output([counter.gcc, *FLAGS, *about, f"-I{folder}", str(_MAIN), str(folder / f"{name}.c"),
-             "-lm", "-o", str(program)])
+    definitions = [f"-DSTEPPER={name}", f'-DHEADER="{name}.h"',
+                   *(["-DALPHA"] if rep == "alpha" else [])]
+    _output([counter.gcc, *FLAGS, *definitions, f"-I{folder}", str(_MAIN),
+             str(folder / f"{name}.c"), "-lm", "-o", str(program)])
     return program
 
 
 def _count(program: Path, steps: int) -> int:
-    """Return the instructions of the whole process."""
+    """Return the instructions of a process that takes so many steps."""
     output = _output(["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null",
                       str(program), str(steps)])
     match = re.search(r"Collected\s*:\s*(\d+)", output)

@@ -80,9 +80,9 @@ def subjects(names: Sequence[str] = ()) -> Iterator[Subject]:
     for name in gs.references.names():
         if not names or name in names:
             problem = gs.references.reference(name)
-            first = problem.attempts[0]
-            yield Subject(name, first.scheme, first.stages or 0, problem.make(),
-                          float(problem.seconds) / first.steps[-1])
+            attempt = problem.attempts[0]
+            yield Subject(name, attempt.scheme, attempt.stages or 0, problem.make(),
+                          float(problem.seconds) / attempt.steps[-1])
     for name in gs.models.__all__:
         if (not names or name in names) and callable(make := getattr(gs.models, name)):
             model = make()
@@ -204,9 +204,9 @@ def _differences(step: _Step, shift: float) -> float:
     basis = step.basis()
     zero = basis[:, 0] - basis[:, 0]
     rng = np.random.default_rng(3)
-    mixed = basis @ (rng.normal(size=basis.shape[1]) / basis.shape[1] ** 0.5)
+    direction = basis @ (rng.normal(size=basis.shape[1]) / basis.shape[1] ** 0.5)
     size = np.abs(np.concatenate([step.q, step.p])).max()
-    columns: list[tuple[Array, dict[str, Any]]] = [(mixed * size, {})]
+    columns: list[tuple[Array, dict[str, Any]]] = [(direction * size, {})]
     # entries of I⁻¹ move less: the inertia of a linkage's rod is nearly impossible for a body
     columns += [(zero, {k: (x / 64 if re.search("_K[1-3]{2}$", k) else x) if x != 0 else 1.0})
                 for k, x in step.values.items()]
@@ -240,7 +240,7 @@ def main() -> None:
     rows = []
     for subject in subjects(options.names):
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", gs.errors.InputWarning)  # many rotations in a step
+            warnings.simplefilter("ignore", gs.errors.InputWarning)  # large rotations in a step
             row = measure(subject, options.real)
         rows.append(asdict(row))
         cells = ("–" if (x := getattr(row, name)) is None else f"{x:.1e}" for name in columns)

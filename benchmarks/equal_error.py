@@ -71,7 +71,7 @@ class Problem:
     Attributes
     ----------
     about : str
-        What moves, and what the error is.
+        The motion, and its error.
     levels : tuple of float
         Errors for which the cheapest run of each program is looked up.
     reference : callable
@@ -116,12 +116,12 @@ def _fastest(name: str, reference: Any, choice: Choice) -> list[Row]:
     best: dict[tuple[str, str], Row] = {}
     for number in range(choice.rounds):
         for program in filter(choice.programs.__contains__, PROGRAMS):
-            near = _near_cheapest([row for key, row in best.items() if key[0] == program],
-                                  PROBLEMS[name].levels)
-            if number and not near:
+            settings = _near_cheapest([row for key, row in best.items() if key[0] == program],
+                                      PROBLEMS[name].levels)
+            if number and not settings:
                 continue
             choice.watch(f"{name}: {program}, process {number + 1} of {choice.rounds}")
-            job = _Job(name, program, reference, near, choice.quick)
+            job = _Job(name, program, reference, settings, choice.quick)
             for row in _in_own_process(job) if choice.rounds > 1 else job():
                 previous = best.setdefault((program, row.setting), row)
                 if row.numbers.get(COST, np.inf) < previous.numbers.get(COST, np.inf):
@@ -158,7 +158,7 @@ class _Job:
 
 
 def _in_own_process(job: _Job) -> list[Row]:
-    """Return the rows of a job; a process that ends by itself gives a row that says so."""
+    """Return the rows of a job; a process that breaks gives a row with the error."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as process:
         try:
             return process.submit(job).result()
@@ -266,7 +266,7 @@ def _free_bodies() -> Iterator[Code]:
 
 
 def _attitude_error(end: Array, reference: Array) -> float:
-    """±q are the same attitude."""
+    """Return the largest error of q or of −q, which is the same attitude."""
     return min(_largest(end, reference), _largest(-np.asarray(end), reference))
 
 
@@ -292,7 +292,7 @@ def _tops() -> Iterator[Code]:
 
 # ---------------------------------------------------------------- double pendulum
 
-#: Points of unit mass on unit rods in 9.81 m/s²: angles from the vertical, at rest, and those at
+#: Points of unit mass on unit rods in 9.81 m/s²: angles from the vertical, at rest, and angles at
 #: 20 s by Taylor series in binary128; Gauss-Lobatto of 8 and 10 stages has the same 32 digits.
 _ANGLES, _SWINGS = (0.5, 0.3), 20.0
 _ANGLES_AT_END = ("-0.209673344683044332628841572651", "-0.667488826973104654738733491542")
@@ -342,7 +342,7 @@ def _double_pendulums() -> Iterator[Code]:
 
 # ---------------------------------------------------------------- Kepler
 
-#: A number of periods that is not whole: at a whole one errors along the orbit hide.
+#: A number of periods that is no integer: after an integer one errors along the orbit hide.
 _PERIODS = 10.37
 
 

@@ -1,7 +1,7 @@
 """Equations of motion without multipliers: rates(t, state), and the state at t = 0.
 
-For mpmath's Taylor series and midpoint rule, SciPy and heyoka: rates take numbers of any kind, but
-those of the governor, which are for mpmath alone.
+For mpmath's Taylor series and midpoint rule, SciPy and heyoka: rates take numbers of any kind,
+except the governor's, which take mpmath's alone.
 """
 
 from __future__ import annotations

@@ -184,8 +184,8 @@ def heavy_top(moments: Sequence[Any], mgl: Any, spin: Any, turn: Any, t: Any) ->
 def amplitude(v: Any, m: Any) -> Any:
     """Return am v: sn v = sin am v, and it grows with v."""
     sn, cn, _ = jacobi(v, m)
-    near = mp.atan2(sn, cn)
-    return near + 2 * mp.pi * mp.nint(v / (4 * mp.ellipk(m)) - near / (2 * mp.pi))
+    angle = mp.atan2(sn, cn)
+    return angle + 2 * mp.pi * mp.nint(v / (4 * mp.ellipk(m)) - angle / (2 * mp.pi))
 
 
 def about(axis: int, angle: Any) -> list[Any]:

@@ -25,18 +25,19 @@ def extrapolated(rates: Rates, start: Sequence[Any], dt: Any, steps: int,
 def _midpoint(rates: Rates, state: Sequence[Any], dt: Any, count: int) -> list[Any]:
     """Return the state after ``count`` parts of dt; its error is a series in 1/count²."""
     h = dt / count
-    before, here = state, [x + h * rate for x, rate in zip(state, rates(0, state), strict=True)]
+    previous, current = state, [
+        x + h * rate for x, rate in zip(state, rates(0, state), strict=True)]
     for _ in range(count - 1):
-        before, here = here, [
-            x + 2 * h * rate for x, rate in zip(before, rates(0, here), strict=True)]
-    return here
+        previous, current = current, [
+            x + 2 * h * rate for x, rate in zip(previous, rates(0, current), strict=True)]
+    return current
 
 
 def _next_row(above: Sequence[list[Any]], first: list[Any], k: int) -> list[list[Any]]:
     """Return row k of the tableau of Aitken and Neville, in (1/count)² with count = 2k."""
     row = [first]
-    for j, old in enumerate(above, 1):
+    for j, entry in enumerate(above, 1):
         share = (k - j) ** 2, k**2 - (k - j) ** 2
         row.append([x + (x - y) * share[0] / share[1]
-                    for x, y in zip(row[-1], old, strict=True)])
+                    for x, y in zip(row[-1], entry, strict=True)])
     return row

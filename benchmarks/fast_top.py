@@ -32,7 +32,7 @@ from .tops import FREE_RATE, INERTIA, TopState, energy, parameters, state_of, to
 
 __all__ = ["drift", "drift_times", "ensemble", "errors_of", "step", "top"]
 
-#: CPU seconds that a run to ``t_end`` may take; of a quick contest.
+#: CPU seconds that a run to ``t_end`` may take, and those of a quick contest.
 _MOST, _QUICK_MOST = 60.0, 2.0
 #: Every time step divides it: simulated seconds of the run that foretells a long one's cost.
 _SHORT = 0.2
@@ -55,34 +55,34 @@ def errors_of(end: TopState, t_end: float) -> dict[str, float]:
             "|q| − 1": float(np.abs((q**2).sum(axis=-1) - 1).max() / 2)}
 
 
-def _arrived(run: Run, t_end: float, largest_error: float) -> TopState:
-    """Return the end of a run, unless a short one foretells that it takes too long."""
+def _arrived(run: Run, t_end: float, limit: float) -> TopState:
+    """Return the end of a run, unless a short run foretells more than ``limit`` CPU seconds."""
     short = max(_SHORT, t_end / 100)
     expected = t_end / short * min(stopwatch(partial(run, short)) for _ in range(2))
-    if expected > largest_error:
+    if expected > limit:
         raise Unavailable(f"not run to its end: {t_end:g} s take about {expected:.0f} s")
     return run(t_end)
 
 
-def _prepared(entry: PeerEntry, t_end: float, largest_error: float, count: int = 1) -> Prepared:
+def _prepared(entry: PeerEntry, t_end: float, limit: float, count: int = 1) -> Prepared:
     """Return the job of an entry and its errors; costs are of one of ``count`` tops."""
     run = entry.prepare()
-    errors = errors_of(_arrived(run, t_end, largest_error), t_end)
+    errors = errors_of(_arrived(run, t_end, limit), t_end)
 
     def costs(seconds: Mapping[str, Sample]) -> dict[str, float]:
-        each = seconds["run"].per(t_end * count)
-        steps = {} if entry.dt is None else {"ns/step": each.median * entry.dt * 1e9}
-        wall = {"wall µs/s": each.wall * 1e6} if count > 1 else {}
-        return {"CPU µs/s": each.median * 1e6, **wall, **steps}
+        per_second = seconds["run"].per(t_end * count)
+        steps = {} if entry.dt is None else {"ns/step": per_second.median * entry.dt * 1e9}
+        wall = {"wall µs/s": per_second.wall * 1e6} if count > 1 else {}
+        return {"CPU µs/s": per_second.median * 1e6, **wall, **steps}
 
     return Prepared(errors, {"run": partial(run, t_end)}, costs)
 
 
 def _contest(case: str, entries: list[PeerEntry], choice: Choice, t_end: float, count: int = 1
              ) -> list[Row]:
-    largest_error = _QUICK_MOST if choice.quick else _MOST
+    limit = _QUICK_MOST if choice.quick else _MOST
     return contest(case, [Entry(entry.program, entry.setting,
-                                partial(_prepared, entry, t_end, largest_error, count), entry.quick)
+                                partial(_prepared, entry, t_end, limit, count), entry.quick)
                           for entry in entries], choice)
 
 
@@ -179,8 +179,8 @@ def _many(make: Callable[[], gs.Stepper], count: int, dt: float, values: Mapping
             workers=workers, solver=gs.Solver("auto", tolerance))
         for failure in ends.failures.values():
             raise failure
-        last = np.asarray(ends.q[:, -1], dtype=np.float64)
-        return TopState(last, angular_velocity(last, ends.p[:, -1], INERTIA))
+        q_end = np.asarray(ends.q[:, -1], dtype=np.float64)
+        return TopState(q_end, angular_velocity(q_end, ends.p[:, -1], INERTIA))
 
     return run
 
@@ -203,7 +203,7 @@ def drift(choice: Choice) -> list[Row]:
                 rows.append(replace(row, numbers={"t (s)": t, **errors}))
         except Unavailable as reason:
             rows.append(replace(row, note=str(reason)))
-        except Exception as error:  # other programs raise what they like; it is their row
+        except Exception as error:  # other programs raise anything; their row has it
             rows.append(replace(row, note=f"failed: {error!r}",
                                 failed=entry.program == "gyrospark"))
     return rows

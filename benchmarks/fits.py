@@ -124,7 +124,7 @@ def double_body() -> FitCase:
 
 @dataclass(frozen=True)
 class Recovery:
-    """Errors of estimates over their standard deviations, and what the fits cost.
+    """Errors of estimates over their standard deviations, and the cost of the fits.
 
     Attributes
     ----------

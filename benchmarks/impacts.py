@@ -3,7 +3,7 @@
     ball    falls from 1 m, g = 9.81: a parabola, again and again
     stop    x'' = -x from 1, with a stop at -½: from a turning point to the next in 4π/3
 
-The error is that of x at the end, half a fall after a turning point. heyoka has an event whose
+Errors are of x at the end, half a fall after a turning point. heyoka has an event whose
 callback turns the velocity round; MuJoCo and exudyn have stiff springs for contacts, whose impacts
 take a time, π√(m/k).
 """

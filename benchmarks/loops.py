@@ -77,8 +77,8 @@ def _slider_crank(angle: Any) -> Place:
 def bricard(t: Any, rate: str = "0") -> Numbers:
     """Bricard's mechanism of IFToMM A04 by the angle of its first hinge, 0 at the start.
 
-    From rest it is between 0 and π; else the same height beyond both, short of −π/6 where the other
-    hinges would turn back.
+    From rest it is between 0 and π; with a rate it passes both to the same height, short of −π/6,
+    where the other hinges would turn back.
     """
     begin, near = _bricard(mp.mpf(0)), mp.mpf(0)
     if lift := begin.mass * mp.mpf(rate) ** 2 / 2:
@@ -214,10 +214,10 @@ def _chain(hinges: Sequence[tuple[Vector, Any]], angles: Sequence[Any], begin: V
     rate: Vector = [mp.mpf(0)] * 3
     turn: Vector = rate
     for k, (axis, speed) in enumerate(hinges):
-        turned: Vector = axis
+        space_axis: Vector = axis
         for j in reversed(range(k)):
-            turned = _turned(hinges[j][0], angles[j], turned)
-        turn = _plus(turn, _times(speed, turned))
+            space_axis = _turned(hinges[j][0], angles[j], space_axis)
+        turn = _plus(turn, _times(speed, space_axis))
         vector = along[k]
         for j in reversed(range(k + 1)):
             vector = _turned(hinges[j][0], angles[j], vector)

@@ -130,9 +130,9 @@ def _four_bars(count: int) -> Way:
     """Return sin φ and cos φ, compared with t(φ) by quadrature."""
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         t = mp.mpf(problem.seconds)
-        closed = {"positions": forms.four_bars(count, t)}
+        closed_form = {"positions": forms.four_bars(count, t)}
         return ("closed form, mpmath, compared with t(φ) by quadrature",
-                (closed, loops.four_bars(forms.four_bar_constant(count), t)))
+                (closed_form, loops.four_bars(forms.four_bar_constant(count), t)))
 
     return way
 

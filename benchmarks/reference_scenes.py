@@ -90,10 +90,10 @@ def _pendulum(model: gs.Model) -> ReferenceScene:
     length = float(np.linalg.norm(position))
     if sp.expand(system.constraints[0] + length**2 - sum(x**2 for x in system.q)):
         raise Unavailable(f"{model.name} is no point on a rod")
-    still = np.zeros(3)
-    start = SceneMotion(np.array([1.0, 0, 0, 0]), position, momentum / mass, still)
-    point = SceneBody(mass, np.zeros((3, 3)), still, start)
-    joint = SceneJoint("rod", GROUND, "point", still, np.eye(3), ())
+    zero = np.zeros(3)
+    start = SceneMotion(np.array([1.0, 0, 0, 0]), position, momentum / mass, zero)
+    point = SceneBody(mass, np.zeros((3, 3)), zero, start)
+    joint = SceneJoint("rod", GROUND, "point", zero, np.eye(3), ())
     return ReferenceScene(model.name, model, weight / mass, {"point": point}, (joint,))
 
 
@@ -140,12 +140,12 @@ def andrews(
     link(7, A, epsilon, (-v["ub"], -v["ua"]))
     link(6, point("K7", 0, -v["u"]), omega + epsilon, (v["zf"] - v["fa"], 0))
     E = point("K3", 0, -v["ss"])
-    for name, a, b, where in (
+    for name, a, b, joint_point in (
             ("O", "ground", "K1", (0, 0)), ("F", "K1", "K2", frames["K2"][0]),
             ("B", "ground", "K3", B), ("A5", "ground", "K5", A), ("H", "K5", "K4", frames["K4"][0]),
             ("A7", "ground", "K7", A), ("G", "K7", "K6", frames["K6"][0]), ("E3", "K2", "K3", E),
             ("E4", "K2", "K4", E), ("E6", "K2", "K6", E)):
-        build.revolute(name, a, b, axis=(0, 0, 1), at=(*np.real(where), 0))
+        build.revolute(name, a, b, axis=(0, 0, 1), at=(*np.real(joint_point), 0))
     centre = np.array([v["sb"], -v["sa"]])
     build.spring("spring", "K3", "ground", stiffness=v["c0"], length=v["l0"],
                  on_a=(*((v["sd"], -v["sc"]) - centre), 0), on_b=(v["xc"], v["yc"], 0))

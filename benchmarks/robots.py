@@ -83,9 +83,9 @@ class Mechanism:
         with TemporaryDirectory() as folder:
             file = Path(folder) / path.name
             file.write_text(text, encoding="utf-8")
-            first = ElementTree.fromstring(text).find("keyframe/key")
+            keyframe = ElementTree.fromstring(text).find("keyframe/key")
             model = gs.Multibody.from_file(
-                file, keyframe=None if first is None else 0).model(redundant="leave out")
+                file, keyframe=None if keyframe is None else 0).model(redundant="leave out")
         assert model.dt is not None
         title, source = _FILES.get(model.name, (model.name, f"`{path.name}`"))
         return cls(path.stem, title, source, lambda: model, model.dt / 10, text)
@@ -171,7 +171,7 @@ _PACKAGES = {"MuJoCo": "mujoco", "exudyn": "exudyn", "Pinocchio": "pin"}
 
 
 def _ours(mechanism: Mechanism, stages: int, steps: int, count: int) -> Iterator[Any]:
-    """Yield (q, p); a run is one run, whose compensated sums go on from piece to piece."""
+    """Yield (q, p) of one run, whose compensated sums go on from piece to piece."""
     model, step = mechanism.scene.model, mechanism.stepper(stages)
     sim = step.start(model.q0, model.p0, dt=mechanism.dt, parameters=model.parameters)
     for _ in range(count):
@@ -327,7 +327,7 @@ def draw_drift(rows: Sequence[Row], shown: Sequence[Mechanism], path: Path) -> N
     columns, lines = min(3, len(shown)), -(-len(shown) // 3)
     figure = need("matplotlib.figure", "matplotlib").Figure(
         figsize=(3.2 * columns + 1, 2.6 * lines + 0.8), layout="constrained")
-    named: dict[str, Any] = {}
+    legend: dict[str, Any] = {}
     for number, mechanism in enumerate(shown, start=1):
         axes = figure.add_subplot(lines, columns, number)
         axes.set_title(mechanism.title, fontsize=8)
@@ -338,14 +338,14 @@ def draw_drift(rows: Sequence[Row], shown: Sequence[Mechanism], path: Path) -> N
                 program = f"{row.program} {row.setting}"
                 line, = axes.plot(
                     seconds / len(drift), np.maximum(drift, 1e-16), lw=0.8,
-                    color=f"C{list(named).index(program) if program in named else len(named)}",
+                    color=f"C{list(legend).index(program) if program in legend else len(legend)}",
                     linestyle="-" if row.program.startswith("gyrospark") else "--")
-                named.setdefault(program, line)
+                legend.setdefault(program, line)
         axes.set(xscale="log", yscale="log")
         axes.tick_params(labelsize=6)
     figure.supxlabel("time (s)", fontsize=8)
     figure.supylabel("deviation of the energy (J)", fontsize=8)
-    figure.legend(named.values(), named.keys(), loc="outside upper center", fontsize=7, ncols=4)
+    figure.legend(legend.values(), legend.keys(), loc="outside upper center", fontsize=7, ncols=4)
     figure.savefig(path, dpi=90)
 
 

@@ -32,7 +32,7 @@ class Row:
     numbers : dict of str to float
         Column with its unit, such as "CPU µs/s" or "error (m)" → number.
     samples : dict of str to tuple of float
-        Job → seconds of each round, each of so many repetitions that the clock can tell.
+        Job → seconds of one repetition, for each round.
     note : str
         Why numbers are missing.
     failed : bool
@@ -129,7 +129,7 @@ def contest(case: str, entries: Iterable[Entry], choice: Choice,
             clock: Clock = time.process_time) -> list[Row]:
     """Return the rows of entries of one case: each is prepared, then all are timed in turn."""
     rows: list[Row] = []
-    ready: dict[int, Prepared] = {}
+    prepared_entries: dict[int, Prepared] = {}
     for entry in entries:
         if entry.program not in choice.programs or (choice.quick and not entry.quick):
             continue
@@ -137,19 +137,19 @@ def contest(case: str, entries: Iterable[Entry], choice: Choice,
         number = gs.__version__ if entry.program == "gyrospark" else version(entry.program)
         row = Row(case, f"{entry.program} {number}".strip(), entry.setting)
         try:
-            ready[len(rows)] = prepared = entry.prepare()
+            prepared_entries[len(rows)] = prepared = entry.prepare()
             row = replace(row, numbers=dict(prepared.errors))
         except Unavailable as reason:
             row = replace(row, note=str(reason))
-        except Exception as error:  # other programs raise what they like; it is their row
+        except Exception as error:  # other programs raise anything; their row has it
             note = str(error) if isinstance(error, gs.GyrosparkError) else f"failed: {error!r}"
             row = replace(row, note=note, failed=entry.program == "gyrospark")
         rows.append(row)
     jobs = {(i, name): repeated(job, choice.least, clock)
-            for i, prepared in ready.items() for name, job in prepared.jobs.items()}
+            for i, prepared in prepared_entries.items() for name, job in prepared.jobs.items()}
     choice.watch(f"{case}: {len(jobs)} jobs in turn, {choice.rounds} rounds")
     samples = alternate({key: job for key, (job, _) in jobs.items()}, choice.rounds, clock)
-    for i, prepared in ready.items():
+    for i, prepared in prepared_entries.items():
         entry_samples = {name: samples[i, name].per(jobs[i, name][1]) for name in prepared.jobs}
         spread = {"±": next(iter(entry_samples.values())).spread} if entry_samples else {}
         costs = prepared.costs(entry_samples)
@@ -261,7 +261,7 @@ def draw(rows: Sequence[Row], x: str, y: str, path: Path) -> None:
         figsize=(4 * columns + 3, 3.6 * lines + 1), layout="constrained")
     lowest = {name: min((row.numbers[name] for row in shown if row.numbers[name] > 0), default=1.0)
               for name in (x, y)}
-    named: dict[str, Any] = {}
+    legend: dict[str, Any] = {}
     for panel_number, case in enumerate(cases, start=1):
         axes = figure.add_subplot(lines, columns, panel_number, title=case)
         for number, family in enumerate(families):
@@ -270,10 +270,10 @@ def draw(rows: Sequence[Row], x: str, y: str, path: Path) -> None:
             if points:
                 line, = axes.plot(*zip(*points, strict=True), marker="osD^vPX*<>hp"[number % 12],
                                   color=f"C{number % 10}", ms=4, alpha=0.85)
-                named.setdefault(family, line)
+                legend.setdefault(family, line)
         axes.set(xscale="log", yscale="log", xlabel=x, ylabel=y)
         axes.grid(visible=True, which="major", alpha=0.3)
-    figure.legend(named.values(), named.keys(), loc="outside right upper", fontsize=7)
+    figure.legend(legend.values(), legend.keys(), loc="outside right upper", fontsize=7)
     figure.savefig(path, dpi=120)
 
 

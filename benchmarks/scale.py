@@ -1,14 +1,14 @@
 """How costs grow: with bodies, with stages, with trajectories, with stored numbers.
 
     bodies          chains of N bodies: model, derivation, C compiler, a call of one step, a step
-    stages          G-L of s stages on the fast top: the same, but for the model
+    stages          G-L of s stages on the fast top: the same costs except the model
     trajectories    an ensemble of so many fast tops, ten steps each: the call, its largest memory
     numbers         a run of the fast top that stores every state: the run, a read of 1000 of its
                     states, the largest memory of this read
 
 Times are CPU seconds, of all threads and child processes; derivation and compilation begin in a
 new process with an empty cache. The law of a cost is the slope of log(cost) against log(size):
-1 for linear growth. A size for which the disk has no room is left out, and its row says so.
+1 for linear growth. A size for which the disk has no room is left out, and its row has a note.
 """
 
 from __future__ import annotations

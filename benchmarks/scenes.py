@@ -42,8 +42,8 @@ class SceneBody:
     Attributes
     ----------
     mass, inertia, centre
-        In kg; the tensor about the centre of mass in body axes, 0 of a point; that centre from the
-        origin.
+        In kg; the tensor about the centre of mass in body axes, 0 of a point; the centre of mass
+        from the origin.
     start : SceneMotion
     held : bool
         Whether the origin stays where it is.
@@ -114,7 +114,7 @@ class ReferenceScene:
 
     @property
     def planar(self) -> bool:
-        """Whether all turns about z alone, on hinges, and nothing pulls out of the plane."""
+        """Whether all bodies turn about z alone, on hinges, and nothing pulls out of the plane."""
         hinges = all(joint.kind == "hinge" and not joint.axes[2, :2].any()
                      for joint in self.joints)
         flat = all(body.inertia.any() and not body.held

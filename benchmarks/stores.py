@@ -67,14 +67,14 @@ def _stored(every: int, steps: int, folder: Path, disk: dict[str, float]) -> Pre
 def _rate(folder: Path, size: int, count: int) -> float:
     """Return the megabytes a second of files, each forced to the disk at its end."""
     data = os.urandom(min(size, 2**22))
-    began = time.perf_counter()
+    start = time.perf_counter()
     for i in range(count):
         with (folder / str(i)).open("wb") as file:
             for _ in range(size // len(data)):
                 file.write(data)
             file.flush()
             os.fsync(file.fileno())
-    seconds = time.perf_counter() - began
+    seconds = time.perf_counter() - start
     for i in range(count):
         (folder / str(i)).unlink()
     return size * count / seconds / 1e6

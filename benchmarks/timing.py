@@ -63,7 +63,7 @@ def stopwatch(job: Callable[[], object], clock: Clock = time.process_time) -> fl
 
 def repeated(job: Callable[[], object], shortest: float, clock: Clock = time.process_time
              ) -> tuple[Callable[[], object], int]:
-    """Return a job done so often that it takes ``shortest`` seconds, and how often that is."""
+    """Return the job repeated for at least ``shortest`` seconds, and the number of repetitions."""
     times = 1
     while stopwatch(_often(job, times), clock) < shortest:
         times *= 2
@@ -82,7 +82,7 @@ def alternate(
     names = list(jobs)
     for number in range(rounds):
         for name in names if number % 2 == 0 else reversed(names):
-            began = time.perf_counter()
+            start = time.perf_counter()
             seconds = stopwatch(jobs[name], clock)
-            times[name].append((seconds, time.perf_counter() - began))
+            times[name].append((seconds, time.perf_counter() - start))
     return {name: Sample(*zip(*rows, strict=True)) for name, rows in times.items()}

@@ -1,7 +1,7 @@
 """Programs to compare with, one file each: settings, and a run for each setting.
 
 A file of ``PEERS`` has ``entries()``, runs of the fast top. Nothing is imported or compiled until
-an entry is prepared; a package that is missing becomes a row that says so.
+an entry is prepared; a missing package becomes a row with a note.
 
 Left out because they do not install from PyPI without a Fortran compiler and CMake: numbalsoda.
 """
@@ -25,7 +25,7 @@ PEERS = {
     "mujoco": "mujoco_rk4",
     "exudyn": "exudyn_body",
 }
-#: All programs, by what pip calls them.
+#: All programs, by their names for pip.
 PROGRAMS = (*PEERS, "pydy", "diffrax", "pin", "pyelastica")
 
 

@@ -101,12 +101,12 @@ def _differentiated(
     casadi = need(PACKAGE)
     x, p = casadi.MX.sym("x", len(start)), casadi.MX.sym("p", len(values))
     value = loss(motion(x0=x, p=p)["xf"])
-    both = casadi.Function("both", [x, p], [value, casadi.gradient(value, x),
-                                            casadi.gradient(value, p)])
-    alone = casadi.Function("alone", [x, p], [value])
+    value_and_gradient = casadi.Function(
+        "both", [x, p], [value, casadi.gradient(value, x), casadi.gradient(value, p)])
+    value_only = casadi.Function("alone", [x, p], [value])
 
     def gradient() -> tuple[Array, Array]:
-        _, by_state, by_values = both(start, values)
+        _, by_state, by_values = value_and_gradient(start, values)
         return np.array(by_state).ravel(), np.array(by_values).ravel()
 
-    return gradient, lambda: alone(start, values)
+    return gradient, lambda: value_only(start, values)

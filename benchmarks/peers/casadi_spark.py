@@ -68,7 +68,7 @@ def _blocks(t_end: float) -> int:
     Raises
     ------
     Unavailable
-        If it is no whole number of them.
+        If t_end is no multiple of the time of a call.
     """
     blocks = round(t_end / _BLOCK)
     if abs(blocks * _BLOCK - t_end) > 1e-9 * t_end:

@@ -42,12 +42,12 @@ def _prepare(tol: float, t_end: float, target: Array) -> Job:
             adjoint=diffrax.RecursiveCheckpointAdjoint())
         return ((solution.ys[-1, :4] - target) ** 2).sum()
 
-    both, value = jax.jit(jax.value_and_grad(loss, (0, 1))), jax.jit(loss)
+    value_and_gradient, value = jax.jit(jax.value_and_grad(loss, (0, 1))), jax.jit(loss)
     start, values = numpy.asarray(top_start()), numpy.asarray(TOP_VALUES)
     value(start, values).block_until_ready()
 
     def gradient() -> GradientJob:
-        _, (by_state, by_values) = jax.block_until_ready(both(start, values))
+        _, (by_state, by_values) = jax.block_until_ready(value_and_gradient(start, values))
         return of_euler(np.asarray(by_state), np.asarray(by_values))
 
     return Job(gradient, lambda: value(start, values).block_until_ready())

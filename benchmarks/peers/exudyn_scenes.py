@@ -3,8 +3,9 @@
     trapezoidal index 2, generalised α     implicit, of order 2, with joints
     RK44, RK67                             explicit, for a body on no joints
 
-A body with a fixed point turns as one would whose centre is there, with the moments about it,
-on which the weight acts, and at the centre the opposite: so explicit methods can go.
+A body with a fixed point turns like a body whose centre of mass is there, with the moments about
+that point, its weight at the true centre and the opposite force at the point: so explicit methods
+need no joint.
 """
 
 from __future__ import annotations
@@ -138,27 +139,27 @@ class ExudynScene:
         return numbers
 
     def _join(self, joint: SceneJoint) -> None:
-        where = {"itemNumbers": [self._items[joint.a], self._items[joint.b]],
-                 "position": joint.at.tolist(), "useGlobalFrame": True, "show": False}
+        options = {"itemNumbers": [self._items[joint.a], self._items[joint.b]],
+                   "position": joint.at.tolist(), "useGlobalFrame": True, "show": False}
         create = self._main
         if joint.kind == "ball":
-            create.CreateSphericalJoint(**where, constrainedAxes=_flags(joint.holds))
+            create.CreateSphericalJoint(**options, constrainedAxes=_flags(joint.holds))
         elif joint.kind == "hinge":
             if all(joint.holds):
-                create.CreateRevoluteJoint(**where, axis=joint.axes[2].tolist())
+                create.CreateRevoluteJoint(**options, axis=joint.axes[2].tolist())
                 return
-            create.CreateSphericalJoint(**where, constrainedAxes=_flags(joint.holds[:3]))
+            create.CreateSphericalJoint(**options, constrainedAxes=_flags(joint.holds[:3]))
             if any(joint.holds[3:]):  # n₁ across the axis: no turn about n₂
                 create.CreateGenericJoint(
-                    **where, rotationMatrixAxes=joint.axes.T,
+                    **options, rotationMatrixAxes=joint.axes.T,
                     constrainedAxes=[0, 0, 0, *_flags(joint.holds[:2:-1]), 0])
         elif joint.kind == "rod":
             create.CreateDistanceConstraint(
-                itemNumbers=where["itemNumbers"], localPosition0=where["position"], show=False)
+                itemNumbers=options["itemNumbers"], localPosition0=options["position"], show=False)
         elif joint.kind == "slide":
-            create.CreatePrismaticJoint(**where, axis=joint.axes[2].tolist())
+            create.CreatePrismaticJoint(**options, axis=joint.axes[2].tolist())
         else:
-            create.CreateGenericJoint(**where, rotationMatrixAxes=joint.axes.T,
+            create.CreateGenericJoint(**options, rotationMatrixAxes=joint.axes.T,
                                       constrainedAxes=[1, 1, 1, 0, 0, 1])
 
     def _planar_hinge(self, joint: SceneJoint) -> None:

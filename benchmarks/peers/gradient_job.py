@@ -45,9 +45,9 @@ def of_euler(by_state: Array, by_parameters: Array | None) -> GradientJob:
     top = tops()[0]
     (q0, q1, q2, q3), (p0, p1, p2, p3) = top.q, top.p
     L = np.array([[-q1, q0, q3, -q2], [-q2, -q3, q0, q1], [-q3, q2, -q1, q0]])
-    moved = np.array([[p1, -p0, -p3, p2], [p2, p3, -p0, -p1], [p3, -p2, p1, -p0]])
+    jacobian = np.array([[p1, -p0, -p3, p2], [p2, p3, -p0, -p1], [p3, -p2, p1, -p0]])
     by_spin = by_state[4:] / INERTIA / 2
     if by_parameters is not None:
         by_parameters = np.asarray(by_parameters, dtype=float).copy()
         by_parameters[:3] -= by_state[4:] * top_start()[4:] / INERTIA
-    return GradientJob(by_state[:4] + moved.T @ by_spin, L.T @ by_spin, by_parameters)
+    return GradientJob(by_state[:4] + jacobian.T @ by_spin, L.T @ by_spin, by_parameters)

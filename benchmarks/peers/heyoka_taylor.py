@@ -62,7 +62,7 @@ def _prepare(options: dict[str, Any]) -> Run:
 def prepare_batch(count: int, width: int | None, options: dict[str, Any]) -> Run:
     """Return the run of ``count`` tops, ``width`` at a time in the lanes of one integrator.
 
-    Without a width it is what heyoka recommends for this machine; it must divide ``count``.
+    Without a width heyoka recommends one for this machine; it must divide ``count``.
     """
     heyoka = need("heyoka")
     starts = [state_of(top) for top in tops(count)]

@@ -71,12 +71,12 @@ class MujocoFile:
             rows, deviations, velocities = [], [], []
             for name, k in self._numbers.items():
                 start, R = self._scene.bodies[name].start, data.xmat[k].reshape(3, 3)
-                x, turned = data.xpos[k] + R @ self._centres[k], np.zeros(3)
-                mujoco.mju_subQuat(turned, start.q, data.xquat[k])  # in the axes of the body
+                x, rotation = data.xpos[k] + R @ self._centres[k], np.zeros(3)
+                mujoco.mju_subQuat(rotation, start.q, data.xquat[k])  # in the axes of the body
                 move, turn = np.zeros((3, model.nv)), np.zeros((3, model.nv))
                 mujoco.mj_jac(model, data, move, turn, x, k)
                 rows += [move, turn]
-                deviations += [start.x - x, R @ turned]
+                deviations += [start.x - x, R @ rotation]
                 velocities += [start.v, rotation_matrix(start.q) @ start.omega]
             step, data.qvel[:] = np.linalg.lstsq(
                 np.vstack(rows), np.column_stack([np.concatenate(deviations),

@@ -45,8 +45,8 @@ def _top(dt: float, t_end: float, target: Array) -> Job:
     start = top_start()
 
     def by_end(data: Any) -> Array:
-        turned = _turning(data.qpos).T @ (2 * (data.qpos - target))
-        return np.concatenate([turned, np.zeros(3)])
+        cotangent = _turning(data.qpos).T @ (2 * (data.qpos - target))
+        return np.concatenate([cotangent, np.zeros(3)])
 
     back, primal = _steps(model, start[:4], start[4:], round(t_end / dt), by_end)
 
@@ -61,8 +61,8 @@ def _top(dt: float, t_end: float, target: Array) -> Job:
 
 def _turning(q: Array) -> Array:
     """Return ½ L(q)ᵀ, which maps a turn in body axes to dq."""
-    turned: Array = left_matrix(q).T / 2
-    return turned
+    matrix: Array = left_matrix(q).T / 2
+    return matrix
 
 
 def _steps(
@@ -130,14 +130,14 @@ class _Coordinates:
 
     def __call__(self, z: Array) -> Array:
         rows = z.reshape(2, -1, 7)
-        moved, rates = list[Array](), list[Array]()
+        displacements, rates = list[Array](), list[Array]()
         for body, q, p in zip(self._scene.bodies.values(), *rows, strict=True):
             turn = 2 * left_matrix(body.start.q) @ q[:4]
-            moved += [q[4:] - body.start.x, rotation_matrix(body.start.q) @ turn]
+            displacements += [q[4:] - body.start.x, rotation_matrix(body.start.q) @ turn]
             unit = q[:4] / np.linalg.norm(q[:4])
             rates += [p[4:] / body.mass,
                       rotation_matrix(unit) @ angular_velocity(q[:4], p[:4], body.inertia)]
-        move = np.linalg.lstsq(self._at_start, np.concatenate(moved))[0]
+        move = np.linalg.lstsq(self._at_start, np.concatenate(displacements))[0]
         qpos = self._base.copy()
         self._mujoco.mj_integratePos(self._model, qpos, move, 1.0)
         speeds = np.linalg.lstsq(self._jacobian(qpos), np.concatenate(rates))[0]

@@ -63,8 +63,8 @@ class MujocoScene:
         """
         model = self.model(integrator, dt)
         data = self._mujoco.MjData(model)
-        moved = self._moved(integrator, model, data, self._speeds(model, data), steps)
-        return itertools.islice(moved, count)
+        motions = self._moved(integrator, model, data, self._speeds(model, data), steps)
+        return itertools.islice(motions, count)
 
     def _moved(self, integrator: str, model: Any, data: Any, speeds: Array,
                steps: int) -> Iterator[Mapping[str, SceneMotion]]:
@@ -191,8 +191,8 @@ class MujocoScene:
 
     def _seen(self, name: str, point: Array) -> Array:
         """Return a point of space in a body at the start."""
-        where: Array = self._attitudes[name].T @ (point - self._origins[name])
-        return where
+        local: Array = self._attitudes[name].T @ (point - self._origins[name])
+        return local
 
 
 def text(numbers: ArrayLike) -> str:
@@ -264,8 +264,8 @@ def tree_of(
     reached = [GROUND]
     for parent in reached:
         for joint in tree_joints:
-            for here, there in ((joint.a, joint.b), (joint.b, joint.a)):
-                if here == parent and there not in reached:
-                    tree.append((parent, there, joint))
-                    reached.append(there)
+            for end, child in ((joint.a, joint.b), (joint.b, joint.a)):
+                if end == parent and child not in reached:
+                    tree.append((parent, child, joint))
+                    reached.append(child)
     return [*tree, *((GROUND, name, None) for name in scene.bodies if name not in reached)], loops

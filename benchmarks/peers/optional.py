@@ -12,7 +12,7 @@ __all__ = ["Unavailable", "need", "version"]
 
 
 class Unavailable(GyrosparkError):  # noqa: N818 (it is a row of the table, no failure)
-    """An entry cannot run here; the message is what the table says."""
+    """An entry cannot run here; the table shows the message."""
 
 
 def need(module: str, package: str | None = None) -> Any:

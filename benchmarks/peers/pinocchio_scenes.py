@@ -41,7 +41,7 @@ class PinocchioScene:
         self._model.gravity.linear = scene.gravity
         tree, loops = tree_of(scene)
         self._hang_all(GROUND, tree)
-        self._loops = [closed for joint in loops for closed in self._close(joint)]
+        self._loops = [constraint for joint in loops for constraint in self._close(joint)]
 
     def pieces(self, dt: float, steps: int, count: int) -> Iterator[Mapping[str, SceneMotion]]:
         """Yield how the bodies move at the end of each of ``count`` pieces of a run."""
@@ -130,11 +130,11 @@ class PinocchioScene:
                  "slide": lambda: pin.JointModelPrismaticUnaligned(joint.axes[2])}
         number = self._model.addJoint(above, kinds[joint.kind](),
                                       placement * pose.inverse() * joint_frame, name)
-        here = joint_frame.inverse() * pin.SE3(self._attitudes[name], self._origins[name])
-        self._places[name] = number, here
+        body_placement = joint_frame.inverse() * pin.SE3(self._attitudes[name], self._origins[name])
+        self._places[name] = number, body_placement
         self._model.appendBodyToJoint(
             number, pin.Inertia(float(body.mass), np.asarray(body.centre, dtype=float),
-                                body.inertia), here)
+                                body.inertia), body_placement)
 
     def _close(self, joint: SceneJoint) -> Iterator[Any]:
         if joint.kind not in ("ball", "hinge"):

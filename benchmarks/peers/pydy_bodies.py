@@ -76,25 +76,26 @@ class PydyBodies:
         space, origin = me.ReferenceFrame("N"), me.Point("O")
         origin.set_vel(space, 0)
         gravity = sp.symbols("gx gy gz")
-        placed: dict[str, Any] = {GROUND: me.RigidBody("ground", origin, space)}
+        rigid_bodies: dict[str, Any] = {GROUND: me.RigidBody("ground", origin, space)}
         q, u, turning = [], [], []
         for i, (name, joint) in enumerate(self._joints.items()):
             attitude, speeds = me.dynamicsymbols(f"q{i}_:4"), me.dynamicsymbols(f"u{i}_:3")
-            frame, above = _turned(space, f"A{i}", attitude, speeds), placed[joint.a]
+            frame, above = _turned(space, f"A{i}", attitude, speeds), rigid_bodies[joint.a]
             point = above.masscenter.locatenew(
                 f"J{i}", _vector(above.frame, self._seen(joint.a, joint)))
             point.v2pt_theory(above.masscenter, space, above.frame)
             centre = point.locatenew(f"C{i}", -_vector(frame, self._seen(name, joint)))
             centre.v2pt_theory(point, space, frame)
             body = self._bodies[name]
-            placed[name] = me.RigidBody(f"B{i}", centre, frame, body.mass,
-                                        (me.inertia(frame, *np.diag(body.inertia)), centre))
+            rigid_bodies[name] = me.RigidBody(
+                f"B{i}", centre, frame, body.mass,
+                (me.inertia(frame, *np.diag(body.inertia)), centre))
             q += attitude
             u += speeds
             turning += _quaternion_rates(attitude, speeds)
         kane = me.KanesMethod(space, q, u, kd_eqs=[
             x.diff() - rate for x, rate in zip(q, turning, strict=True)])
-        bodies = [body for name, body in placed.items() if name != GROUND]
+        bodies = [body for name, body in rigid_bodies.items() if name != GROUND]
         kane.kanes_equations(bodies, [
             (body.masscenter, body.mass * _vector(space, gravity)) for body in bodies])
         return kane.forcing, q, u, gravity, kane.mass_matrix, sp.Matrix(turning)

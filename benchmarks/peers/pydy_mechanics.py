@@ -60,12 +60,12 @@ class PydyMechanics:
 
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise ``Unavailable`` after so many seconds, in the main thread of what has alarms."""
+    """Raise ``Unavailable`` after so many seconds, in the main thread of a system with alarms."""
     def stop(*_: object) -> None:
         raise Unavailable(f"not derived and compiled in {seconds:g} s")
 
     try:
-        before = signal.signal(signal.SIGALRM, stop)
+        handler = signal.signal(signal.SIGALRM, stop)
     except (AttributeError, ValueError):  # no alarms, or another thread: no limit
         yield
         return
@@ -74,4 +74,4 @@ def _limited(seconds: float) -> Iterator[None]:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, handler)
