@@ -130,7 +130,7 @@ def our_centres(scene: ReferenceScene, step: gs.Stepper, dt: float) -> Array:
     """Return the centres of mass after 1 s."""
     model, steps = scene.model, round(T_END / dt)
     start = model.q0, model.p0
-    if step.manifest.real != "double":  # rounded to double it is off by more than this allows
+    if step.manifest.real != "double":  # the start rounded to double is off its constraints
         start = step.project(*start, parameters=model.parameters)
     end = step.integrate(*start, dt=dt, steps=steps, every=steps, parameters=model.parameters)
     return np.array([end.body(name).position()[-1] for name in scene.bodies], dtype=float)

@@ -99,7 +99,7 @@ def _build(counter: Counter, name: str, rep: str, folder: Path) -> Path:
 
 
 def _count(program: Path, steps: int) -> int:
-    """Return the instructions of a process that takes so many steps."""
+    """Return the instructions of a process that takes ``steps`` steps."""
     output = _output(["valgrind", "--tool=callgrind", "--callgrind-out-file=/dev/null",
                       str(program), str(steps)])
     match = re.search(r"Collected\s*:\s*(\d+)", output)

@@ -326,7 +326,7 @@ def _double_pendulums() -> Iterator[Code]:
             build.revolute(f"hinge{number}", above, f"point{number}", axis=(0, 0, 1),
                            at=tuple(hinge))
             above, hinge = f"point{number}", end
-        with warnings.catch_warnings():  # of bodies that are so small beside their rods
+        with warnings.catch_warnings():  # of tiny bodies beside long rods
             warnings.simplefilter("ignore", gs.errors.InputWarning)
             return build.model(redundant="leave out")
 

@@ -18,7 +18,7 @@ Motion = tuple[Callable[[Any, Sequence[Any]], list[Any]], list[Any]]
 
 
 def neumann() -> Motion:
-    """q'' = (q·Aq − |q'|²) q − A q, A = diag(1, 2, 4)."""
+    """Return q'' = (q·Aq − |q'|²) q − A q, A = diag(1, 2, 4), and its start."""
     def rates(_: Any, state: Sequence[Any]) -> list[Any]:
         q, v = state[:3], state[3:]
         multiplier = sum(a * x**2 for a, x in zip((1, 2, 4), q, strict=True)) - sum(x**2 for x in v)
@@ -28,7 +28,7 @@ def neumann() -> Motion:
 
 
 def ellipsoid() -> Motion:
-    """q'' = −(q'·Aq'/|Aq|²) A q, A = diag(1, 1/2, 1/4)."""
+    """Return q'' = −(q'·Aq'/|Aq|²) A q, A = diag(1, 1/2, 1/4), and its start."""
     squares = (1, 2, 4)
 
     def rates(_: Any, state: Sequence[Any]) -> list[Any]:
@@ -46,17 +46,20 @@ def ellipsoid() -> Motion:
 
 
 def kovalevskaya() -> Motion:
-    """I = (2, 2, 1), V = R₃₁."""
+    """Return the top with I = (2, 2, 1), V = R₃₁."""
     return _top((2, 2, 1), ("1", "0.5", "0.25"))
 
 
 def goryachev_chaplygin() -> Motion:
-    """I = (4, 4, 1), V = R₃₁."""
+    """Return the top with I = (4, 4, 1), V = R₃₁."""
     return _top((4, 4, 1), ("1", "0.5", "0"))
 
 
 def _top(moments: Sequence[int], omega: Sequence[str]) -> Motion:
-    """q' = ½ q (0, Ω),   I Ω' = I Ω × Ω + R₃ × e₁, R₃ the upward vertical in the body."""
+    """Return the equations of a top, with R₃ the upward vertical in the body.
+
+        q' = ½ q (0, Ω),   I Ω' = I Ω × Ω + R₃ × e₁
+    """
     I1, I2, I3 = moments
 
     def rates(_: Any, state: Sequence[Any]) -> list[Any]:
@@ -71,7 +74,9 @@ def _top(moments: Sequence[int], omega: Sequence[str]) -> Motion:
 
 
 def flyball_governor(damping: str = "4e4", struck: str = "0") -> Motion:
-    """J ψ'' = −J_β β' ψ',   I β'' = ½ J_β ψ'² + f L_β + (m + 2 m_b) g cos β,   M s'' = f L_s − M g.
+    """Return the equations of the governor, and its start.
+
+        J ψ'' = −J_β β' ψ',   I β'' = ½ J_β ψ'² + f L_β + (m + 2 m_b) g cos β,   M s'' = f L_s − M g
 
     J is the inertia of all parts about the shaft, I of both rods about their hinges, L the length
     of a spring and f = −2 (K (L − ½) + C L').

@@ -23,7 +23,7 @@ def jacobi(u: Any, m: Any) -> tuple[Any, Any, Any]:
 
 
 def simple_pendulum(t: Any) -> Numbers:
-    """θ = 2 asin(k sn(√g t − K)) from downward, k² = ½: from the horizontal at x = −1."""
+    """Return θ = 2 asin(k sn(√g t − K)) from downward, k² = ½: from the horizontal at x = −1."""
     g, m = mp.mpf("9.81"), mp.mpf(1) / 2
     sn, cn, dn = jacobi(mp.sqrt(g) * t - mp.ellipk(m), m)
     k = mp.sqrt(m)
@@ -32,7 +32,7 @@ def simple_pendulum(t: Any) -> Numbers:
 
 
 def spherical_pendulum(t: Any) -> Numbers:
-    """z'² = z (2 g z² − z − 2 g) by sn², the azimuth by quadrature of 1/(1 − z²); L = 1."""
+    """Return z'² = z (2 g z² − z − 2 g) by sn², the azimuth by quadrature of 1/(1 − z²); L = 1."""
     g = mp.mpf("9.81")
     root = mp.sqrt(1 + 16 * g**2)
     low, high = (1 - root) / (4 * g), (1 + root) / (4 * g)
@@ -68,7 +68,7 @@ def four_bar_constant(count: int) -> Any:
 
 
 def bead(t: Any) -> Numbers:
-    """r'' = w² r − g sin wt: r = cosh wt + (g/2w²)(sin wt − sinh wt), w = 2."""
+    """Return r = cosh wt + (g/2w²)(sin wt − sinh wt) of r'' = w² r − g sin wt, w = 2."""
     w = mp.mpf(2)
     k = mp.mpf("9.81") / (2 * w**2)
     r = mp.cosh(w * t) + k * (mp.sin(w * t) - mp.sinh(w * t))
@@ -78,7 +78,7 @@ def bead(t: Any) -> Numbers:
 
 
 def growing_mass(t: Any) -> Numbers:
-    """x'' + 2c x' + k² x = 0 from rest at 1, c = 1/4 and k = 1."""
+    """Return x of x'' + 2c x' + k² x = 0 from rest at 1, c = 1/4 and k = 1."""
     c = mp.mpf(1) / 4
     turn = mp.sqrt(1 - c**2)
     decay, cosine, sine = mp.exp(-c * t), mp.cos(turn * t), mp.sin(turn * t) / turn
@@ -89,7 +89,7 @@ def growing_mass(t: Any) -> Numbers:
 
 
 def free_body(moments: Sequence[Any], momentum: Sequence[Any], t: Any) -> Numbers:
-    """M by Jacobi's functions, the turn about M's direction in space by quadrature.
+    """Return M by Jacobi's functions, the turn about M's direction in space by quadrature.
 
     On the axes d, s, c that go with dn, sn and cn; s has the moment in the middle, and d turns
     over at no time: M_d = D dn τ, M_s = S sn τ, M_c = C cn τ, τ = τ₀ + n t. With M in space along z
@@ -125,7 +125,7 @@ def free_body(moments: Sequence[Any], momentum: Sequence[Any], t: Any) -> Number
         x, y, _ = momentum_at(time)
         return size * (x**2 / Is[0] + y**2 / Is[1]) / (x**2 + y**2)
 
-    # φ and so the sign of q go on without jumps
+    # φ, and with it the sign of q, is continued without jumps
     momenta = [momentum_at(time) for time in mp.linspace(0, t, 8 * max(1, int(t)))]
     spin = [mp.atan2(x, y) for x, y, _ in momenta]
     turns = sum(mp.nint((a - b) / (2 * mp.pi)) for a, b in pairwise(spin))
@@ -144,7 +144,7 @@ def free_body(moments: Sequence[Any], momentum: Sequence[Any], t: Any) -> Number
 
 
 def heavy_top(moments: Sequence[Any], mgl: Any, spin: Any, turn: Any, t: Any) -> Numbers:
-    """Lagrange's top with its axis, 2, horizontal at the start, Ω = (0, spin, turn), u' = 0.
+    """Return Lagrange's top: its axis, 2, is horizontal at the start, Ω = (0, spin, turn), u' = 0.
 
     u, the height of the axis, is u₁ cn² v with v = K + n t; with R = Rz(ψ) Rx(χ) Ry(φ), u = sin χ:
 
@@ -156,7 +156,7 @@ def heavy_top(moments: Sequence[Any], mgl: Any, spin: Any, turn: Any, t: Any) ->
     """
     across, along, _ = moments
     k, drop = along * spin / across, 2 * mgl / across
-    half = -(k**2 + turn**2) / (2 * drop)  # u'² = drop u (u² + 2 half u + rest)
+    half = -(k**2 + turn**2) / (2 * drop)  # u'² = drop u (u² + 2 half u + 2 turn k/drop − 1)
     root = mp.sqrt(half**2 - 2 * turn * k / drop + 1)
     low, high = -half - root, -half + root
     m, rate = -low / (high - low), mp.sqrt(drop * (high - low)) / 2

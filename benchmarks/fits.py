@@ -115,7 +115,7 @@ def double_body() -> FitCase:
     entries = [f"upper_K{i}" for i in (11, 12, 13, 22, 23, 33)]
     factors = {"upper_m": 1.3, "hip_upper_x": 0.6, "hip_upper_y": 1.5, "hip_upper_z": 1.2, "c": 2}
     guess = true | {name: factor * true[name] for name, factor in factors.items()}
-    inverse = np.diag(1 / np.array([1.4e-3, 1.2e-3, 8e-4]))  # axes that are not the body's
+    inverse = np.diag(1 / np.array([1.4e-3, 1.2e-3, 8e-4]))  # not along the principal axes
     guess |= dict(zip(entries, inverse[np.triu_indices(3)].tolist(), strict=True))
     columns = [i for i, name in enumerate(run.manifest.system.coordinates) if "_q" in name]
     return FitCase(step, 1e-2, run.t[1:], run.q[1:, columns], run.q[0], run.p[0], guess, true,
@@ -143,7 +143,7 @@ class Recovery:
     failures: list[int]
 
     def within(self, deviations: float = 2.0) -> dict[str, int]:
-        """Return how many seeds of each name are within so many standard deviations."""
+        """Return, by name, how many seeds are within ``deviations`` standard deviations."""
         counts = (np.abs(self.errors) < deviations).sum(axis=0).tolist()
         return dict(zip(self.names, counts, strict=True))
 

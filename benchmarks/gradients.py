@@ -114,7 +114,7 @@ class _Case:
             split = len(columns) - len(self.wrt)
             by_start = np.zeros(space.binding.rows)
             by_start[: 2 * step.n] = basis @ columns[:split]
-            by_start = space.pulled_back(by_start)  # else parameters would move it once more
+            by_start = space.pulled_back(by_start)  # else parameters would move the start once more
             return GradientJob(by_start[: step.n], by_start[step.n : 2 * step.n], columns[split:])
 
         return Job(gradient, lambda: step.integrate(q, p, **self._run(dt)))
@@ -157,7 +157,7 @@ class _Case:
 
     @cached_property
     def truth(self) -> tuple[tuple[Array, Array], float]:
-        """The gradient in long double, and how far it is from itself with half the step."""
+        """The gradient in long double, and its distance from the gradient with twice the step."""
         stages, dt = _TRUTH
         coarse, fine = (self.vector(self.ours(stages, h, "long-double").gradient())
                         for h in (dt, dt / 2))

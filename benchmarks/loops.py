@@ -31,13 +31,13 @@ class Place:
 
 
 def four_bars(c: Any, t: Any) -> Numbers:
-    """sin φ and cos φ of φ'' = c sin φ, φ = 0, φ' = 1: φ grows all the time."""
+    """Return sin φ and cos φ of φ'' = c sin φ, φ = 0, φ' = 1: φ grows all the time."""
     phi = _reached(lambda phi: 1 / mp.sqrt(1 + 2 * c * (1 - mp.cos(phi))), t)
     return {"positions": [mp.sin(phi), mp.cos(phi)]}
 
 
 def slider_crank(t: Any) -> Numbers:
-    """The spatial slider-crank by its crank's angle, which grows all the time."""
+    """Return the spatial slider-crank by its crank's angle, which grows all the time."""
     begin = _slider_crank(mp.mpf(0))
     energy = begin.mass * 18 + begin.potential
 
@@ -53,7 +53,9 @@ def slider_crank(t: Any) -> Numbers:
 
 
 def _slider_crank(angle: Any) -> Place:
-    """The conrod's vector X, x at the start, stays perpendicular to y and at its angle to the rod.
+    """Return the slider-crank at an angle of its crank.
+
+    The conrod's vector X, x at the start, stays perpendicular to y and at its angle to the rod.
     """
     length, arm = mp.mpf("0.3"), mp.mpf("0.08")
     out, up = [0, -mp.sin(angle), mp.cos(angle)], [0, -mp.cos(angle), -mp.sin(angle)]
@@ -75,7 +77,7 @@ def _slider_crank(angle: Any) -> Place:
 
 
 def bricard(t: Any, rate: str = "0") -> Numbers:
-    """Bricard's mechanism of IFToMM A04 by the angle of its first hinge, 0 at the start.
+    """Return Bricard's mechanism of IFToMM A04 by the angle of its first hinge, 0 at the start.
 
     From rest it is between 0 and π; with a rate it passes both to the same height, short of −π/6,
     where the other hinges would turn back.
@@ -94,7 +96,10 @@ _NEAR = -0.52
 
 
 def _bricard(theta: Any) -> Place:
-    """Turns θ, φ, θ, φ, θ, φ with (1 + sin θ)(1 + sin φ) = 1; sections are 0.1 m square."""
+    """Return Bricard's mechanism with turns θ, φ, θ, φ, θ, φ and (1 + sin θ)(1 + sin φ) = 1.
+
+    Sections are 0.1 m square.
+    """
     phi = mp.asin(1 / (1 + mp.sin(theta)) - 1)
     slope = -mp.cos(theta) * (1 + mp.sin(phi)) / (1 + mp.sin(theta)) / mp.cos(phi)
     x, y, z = ([mp.mpf(i == k) for i in range(3)] for k in range(3))
@@ -108,7 +113,7 @@ def _bricard(theta: Any) -> Place:
 
 
 def bennett(t: Any) -> Numbers:
-    """Bennett's linkage of four equal links by the angle of its hinge at A, from rest."""
+    """Return Bennett's linkage of four equal links by the angle of its hinge at A, from rest."""
     start = _bennett(mp.mpf(0)).potential
     far = mp.findroot(lambda a: (_bennett(a).potential - start) / a, _FAR)
     state, rate = _swing(_bennett, far, t)
@@ -121,7 +126,10 @@ _FAR = 3.6
 
 
 def _bennett(theta: Any) -> Place:
-    """tan ½A tan ½B = 16/25 of the angles at A and B, both 2 atan 4/5 at the start."""
+    """Return Bennett's linkage: tan ½A tan ½B = 16/25 of the angles at A and B.
+
+    Both are 2 atan 4/5 at the start.
+    """
     A, B, C, D = ([mp.mpf(x) for x in point.split()] for point in (
         "0.8 0 -0.3", "0 0.8 0.3", "-0.8 0 -0.3", "0 -0.8 0.3"))
     k = mp.mpf(16) / 25

@@ -30,7 +30,7 @@ def about(packages: Iterable[str]) -> dict[str, Any]:
         "system": platform.platform(),
         "processor": _processor(),
         "cores": os.cpu_count(),
-        "load": round(os.getloadavg()[0], 1),  # a load shares the caches and lengthens times
+        "load": round(os.getloadavg()[0], 1),  # other work shares the caches and lengthens times
         "compiler": version_output.stdout.splitlines()[0],
         "packages": {name: number for name, number in versions.items() if number},
         "reference": reference_about(),

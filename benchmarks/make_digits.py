@@ -115,7 +115,7 @@ def _closed(name: str, steps: int) -> Way:
 
 
 def _loop(motion: Callable[[Any], Numbers], steps: int) -> Way:
-    """Go by quadrature of one coordinate, and by all bodies and joints."""
+    """Return the way by quadrature of one coordinate, compared with all bodies and joints."""
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         with mp.workdps(40):
             values = motion(mp.mpf(problem.seconds))
@@ -138,7 +138,7 @@ def _four_bars(count: int) -> Way:
 
 
 def _series(motion: Callable[[], tuple[Callable[..., Any], Sequence[Any]]], steps: int) -> Way:
-    """Go by the Taylor series of an equation of motion, whose state has the compared numbers."""
+    """Return the way by Taylor series of an equation of motion, whose state is compared."""
     def way(problem: Reference) -> tuple[str, tuple[Numbers, Numbers]]:
         with mp.workdps(_SERIES):
             rates, start = motion()
@@ -152,7 +152,7 @@ def _series(motion: Callable[[], tuple[Callable[..., Any], Sequence[Any]]], step
 
 def _midpoint(motion: Callable[[], equations.Motion], parts: Sequence[tuple[str, int]],
               steps: int) -> Way:
-    """Go by the extrapolated midpoint rule: seconds of each part, and steps it is divided into.
+    """Return the way by the extrapolated midpoint rule; ``parts`` are seconds and steps of each.
 
     Few steps would do for the later, damped part of a motion, but explicit ones have to be short.
     """

@@ -29,7 +29,7 @@ Go = Callable[[], Mapping[str, SceneMotion]]
 #: Steps and seconds → the function that runs them.
 Prepare = Callable[[int, float], Go]
 
-#: A method takes four times as many steps until its run costs so many CPU seconds.
+#: CPU seconds of a method's last run; the factor from run to run of its steps; most runs.
 _DEAR, _FACTOR, _MOST = 0.5, 4, 6
 #: An error that more steps do not reduce.
 _ENOUGH = 1e-13
@@ -66,7 +66,7 @@ def measure_bodies(problem: Reference, *, rounds: int = 3, quick: bool = False,
 def _exudyn(scene: ReferenceScene) -> Iterator[tuple[str, Prepare]]:
     for methods, lie_group in ((exudyn_scenes.IMPLICIT, False), (exudyn_scenes.EXPLICIT, True)):
         if lie_group and scene.joints:
-            continue  # explicit methods know none
+            continue  # explicit methods take no joints
         machine = exudyn_scenes.ExudynScene(scene, lie_group=lie_group)
         for method in methods:
             yield method, partial(_of_exudyn, machine, method)

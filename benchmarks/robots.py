@@ -146,7 +146,7 @@ def mechanisms(choice: Choice) -> list[Mechanism]:
 
 def runs(mechanism: Mechanism, choice: Choice, steps: int, stages: Sequence[int] = (2, 3)
          ) -> Iterator[Row]:
-    """Yield the runs of a mechanism, of so many steps; errors refer to the last of ``stages``."""
+    """Yield the runs of a mechanism in ``steps`` steps; errors refer to the last of ``stages``."""
     true = _true_end(mechanism, stages[-1])
     follow = partial(_followed, mechanism, true, steps)
     for s in stages:

@@ -2,7 +2,7 @@
 
     bodies          chains of N bodies: model, derivation, C compiler, a call of one step, a step
     stages          G-L of s stages on the fast top: the same costs except the model
-    trajectories    an ensemble of so many fast tops, ten steps each: the call, its largest memory
+    trajectories    an ensemble of fast tops, ten steps each: the call, its largest memory
     numbers         a run of the fast top that stores every state: the run, a read of 1000 of its
                     states, the largest memory of this read
 
@@ -42,7 +42,7 @@ SIZES: dict[str, tuple[int, ...]] = {
 QUICK: dict[str, tuple[int, ...]] = {
     "bodies": (1, 2), "stages": (2, 3), "trajectories": (100, 1000), "numbers": (10**5, 10**6)}
 STEPS, READ = 1000, 1000
-#: A store takes less than so many bytes for each of its numbers.
+#: An upper bound of a store's bytes for each of its numbers.
 _BYTES = 10
 #: Bodies from which on a law is fitted: below, costs that all sizes have in common weigh more.
 _LAW_FROM = {"bodies": 8}

@@ -43,9 +43,9 @@ class ExudynScene:
         self.exudyn = _module()
         self._utilities = need("exudyn.utilities", PACKAGE)
         self._scene, self._lie_group = scene, lie_group
-        self._system = self.exudyn.SystemContainer()  # owns what follows
+        self._system = self.exudyn.SystemContainer()  # owns all objects below
         self._main = self._system.AddSystem()
-        with contextlib.redirect_stdout(io.StringIO()):  # it remarks on inertia that no body has
+        with contextlib.redirect_stdout(io.StringIO()):  # remarks on impossible inertia
             self._build(scene)
         self._main.Assemble()
 
@@ -61,7 +61,7 @@ class ExudynScene:
             self._main.CreateTorque(itemNumber=self._items[name], loadVector=torque.tolist())
 
     def run(self, method: str, seconds: float, steps: int) -> Mapping[str, SceneMotion]:
-        """Return how the bodies move after so many steps.
+        """Return how the bodies move after ``steps`` steps.
 
         Raises
         ------

@@ -102,7 +102,7 @@ class MujocoFile:
         q, p = end.q[0], end.p[0]
         for j in range(model.njnt):
             v = model.jnt_dofadr[j]
-            if model.dof_armature[v]:  # a coordinate of its own
+            if model.dof_armature[v]:  # its rotor is a coordinate of the model
                 index = end.coordinates.index(
                     re.sub(r"\W", "_", model.joint(j).name) + "_rotor_phi")
                 q[index] = data.qpos[model.jnt_qposadr[j]]

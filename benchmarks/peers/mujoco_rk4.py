@@ -64,6 +64,6 @@ def _prepare(dt: float) -> Run:
     def run(t_end: float) -> TopState:
         states, _ = rollout.rollout(model, data, initial, nstep=round(t_end / dt))
         end = states[0, -1]
-        return TopState(end[1:5].copy(), end[5:8].copy())  # after the time
+        return TopState(end[1:5].copy(), end[5:8].copy())  # entry 0 is the time
 
     return run

@@ -60,7 +60,7 @@ class PydyMechanics:
 
 @contextmanager
 def _limited(seconds: float) -> Iterator[None]:
-    """Raise ``Unavailable`` after so many seconds, in the main thread of a system with alarms."""
+    """Raise ``Unavailable`` after ``seconds``, in the main thread of a system with alarms."""
     def stop(*_: object) -> None:
         raise Unavailable(f"not derived and compiled in {seconds:g} s")
 
