@@ -48,6 +48,7 @@ from .points import Point, RunRows, cotangent_at
 from .tangent_space import TangentSpace, null_space
 
 if TYPE_CHECKING:
+    from ..bindings.compiled_module import Compiled
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
@@ -295,7 +296,7 @@ def _multiplier_cotangents(stepper: Stepper, rows: int, cotangents: Mapping[str,
         return binding.new(0, binding.multipliers)
     of_multipliers = binding.new(rows, *multiplier_shape(stepper))
     # the first state is the end of no step: its row stays 0
-    _fill("multipliers", cotangents["multipliers"], of_multipliers[1:], where="",
+    _fill(binding, "multipliers", cotangents["multipliers"], of_multipliers[1:], where="",
           row="step that is stored")
     return of_multipliers.reshape(rows, -1)
 
@@ -319,14 +320,16 @@ def _cotangents_of_states(
         if name not in targets:
             kinds_of_rows = () if where else ("multipliers", "events", "parameters")
             raise unknown("kind of cotangents", name, [*targets, *kinds_of_rows])
-        _fill(name, array, targets[name], where, row="state")
+        _fill(binding, name, array, targets[name], where, row="state")
     if binding.clocked:
         w[:, n - 1], times = times, 0 * times
     return w, times
 
 
-def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
-    """Check cotangents and copy them into ``target``, shape (rows, ...).
+def _fill(
+    binding: Compiled, name: str, array: Any, target: Array, where: str, row: str
+) -> None:
+    """Check cotangents and copy them into ``target``, shape (rows, ...), in the stepper's type.
 
     They have the shape of ``target``, or of its last row, and then the others are 0. ``name`` is
     "q", "p", "t" or "multipliers"; for errors, ``where`` names the event, and ``row`` the kind of a
@@ -340,7 +343,7 @@ def _fill(name: str, array: Any, target: Array, where: str, row: str) -> None:
         raise InputError(f"The cotangents of {name}{where} have the shape {numbers.shape}; "
                          f"give {target.shape}, a row for each {row}, or {row_shape} for the last.")
     # a slice, as an array of one number would stay an array in arrays of objects
-    target[-1 if is_last_row else 0 :] = numbers
+    target[-1 if is_last_row else 0 :] = binding.to_real(numbers)
 
 
 def gradient_of(

@@ -137,7 +137,8 @@ class TangentSpace:
         n, G, cotangent = self.n, self._G, z_bar.copy()
         # the transposes in the reverse order: e, then p, then q
         if self._energy is not None:
-            of_energy, cotangent[2 * n - 1] = cotangent[2 * n - 1].copy(), 0
+            # a copy, of one number too: indexing one of float128 has no method of arrays
+            of_energy, cotangent[2 * n - 1] = np.array(cotangent[2 * n - 1]), 0
             cotangent -= np.multiply.outer(self._energy, of_energy)
         if len(G) and self.binding.keeps_momentum:
             cotangent -= self.f.T @ solve((self._f_p @ G.T).T, G @ cotangent[n : 2 * n])
