@@ -395,7 +395,8 @@ def _places_in_scaled_time(
     binding, direction = stepper.binding, 1 if trajectory.dt > 0 else -1
     q, p = full_states(trajectory)
     clock = trajectory.t
-    rounding = 2 * epsilon_of_times(stepper) * np.abs(clock).max()
+    # t is a coordinate, of the stepper's type
+    rounding = 2 * binding.epsilon * np.abs(clock).max()
     rows = np.searchsorted(direction * clock, direction * t + rounding, side="right") - 1
     is_outside = (rows < 0) | (direction * (t - clock[-1]) > rounding)
     if is_outside.any():
@@ -410,8 +411,7 @@ def _places_in_scaled_time(
     steps_to_next = np.append(np.diff(trajectory.tau), 0 * trajectory.dt)[rows] / trajectory.dt
     # one less: the last of them ends at the next row, which is not before t; a quotient that is a
     # whole number but for round-off is that number
-    step_limit = (max(int(np.ceil(steps_to_next.max().astype(float) - 1e-3)) - 1, 0) if len(t)
-                  else 0)
+    step_limit = max(int(np.ceil(float(steps_to_next.max()) - 1e-3)) - 1, 0) if len(t) else 0
     steps = np.zeros(len(t), int)
     if step_limit:
         states = run_together(stepper, q, p, zeros, dt, columns, fill, step_limit).rows

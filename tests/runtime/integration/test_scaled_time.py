@@ -7,7 +7,9 @@ constraints, 40 digits (``helpers/scaled_motions.py``).
 from __future__ import annotations
 
 import warnings
+from fractions import Fraction
 
+import mpmath as mp
 import numpy as np
 import pytest
 import sympy as sp
@@ -145,6 +147,20 @@ def test_the_end_of_steps_of_any_length_is_that_among_events(dtau, t_end, every,
     for kind in ("tau", "q", "p"):
         ends = (getattr(run, kind)[-1:] for run in (alone, with_event))
         assert np.abs(np.subtract(*ends)).max() <= 30 * round_off
+
+
+@pytest.mark.parametrize(("real", "round_off"), [("float", 1e-4), ("float128", 1e-28)])
+def test_states_between_steps_and_gradients_have_the_digits_of_the_stepper(real, round_off):
+    """The end of a run, cotangents of another type: beside a run that ends there, and tangents."""
+    step = differentiable("eccentric", real=real)
+    run = to("eccentric", 3.3, step, dtau=0.2)
+    assert np.abs(run.at([3.3]).q[0] - run.q[-1]).max() <= round_off
+    early = to("eccentric", 1.3, step, dtau=0.2)
+    assert np.abs(run.at([1.3]).q[0] - early.q[-1]).max() <= round_off
+    along = to("eccentric", 3.3, step, dtau=0.2, tangents=gs.Tangents()).tangents.q[-1, 0]
+    for one in (1.0, Fraction(1), mp.mpf(1)):  # mpmath's own numbers have 53 bits
+        start = run.gradient({"q": [one, 0]}).start
+        assert np.abs(start - along).max() <= round_off * np.abs(along).max()
 
 
 @pytest.mark.slow  # a module for this
