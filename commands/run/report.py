@@ -62,8 +62,8 @@ def result_of(
     report = trajectory.report
     clocked = step.binding.clocked
     end = float(t0) + report.steps * float(trajectory.dt)
-    # a run to t_end, or one of scaled time, does not end at a multiple of dt
-    if outcome.between_steps or clocked:
+    # a run to t_end, one of scaled time, or one that impacts end, does not end at a multiple of dt
+    if outcome.between_steps or clocked or report.impacts:
         end = float(trajectory.t[-1])
     result: dict[str, Any] = {
         "problem": start.name,

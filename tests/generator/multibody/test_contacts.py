@@ -464,6 +464,9 @@ def test_the_command_has_the_impacts_of_a_file(hall, tmp_path, gyrospark):
     assert impacts["t"][:3] == pytest.approx(np.sqrt(2 / 9.81) * np.array([1, 2, 2.5]), abs=8 * EPS)
     assert impacts["energy_lost"][:3] == pytest.approx(9.81 * 0.75 * 0.25**np.arange(3))
     assert rested.document["ended"]["t"] == pytest.approx(3 * np.sqrt(2 / 9.81), abs=1e-7)
+    alone = gyrospark(*command, "--steps", "200", "--json")
+    assert rested.document["t_end"] == alone.document["t_end"] == rested.document["ended"]["t"]
+    assert alone.document["q"] == rested.document["q"]
     refused = gyrospark(*command, "--event", "a_z=1")
     assert refused.code == 2
     assert "events" in refused.stderr
