@@ -23,6 +23,7 @@ from ..generator.symbolic.finite_fields import identically_zero
 from ..generator.symbolic.identities import compare
 from ..generator.symbolic.shared_subexpressions import substitute
 from ..generator.systems.system import System
+from ..generator.systems.time_scale import ScaledSystem
 from ..generator.tableaux.conditions import (
     Condition,
     check_tableau,
@@ -345,8 +346,12 @@ class MeanGuarantees:
         """Return whether H is exact: if ΔH = D_q·Δq + D_p·Δp and Δg = Ḡ·Δq.
 
         The step then gives ΔH = F·Δq − λᵀΔg, and Δg = 0. EMS is made for these equations: it is
-        refuted if they fail. IMS has them for quadratic H and g.
+        refuted if they fail. IMS has them for quadratic H and g. In scaled time H + e stays if the
+        work F·Δq is the change of −e, too.
         """
+        if self.system.forces and isinstance(self.system, ScaledSystem) and not self._power_proof:
+            return no_guarantee(f"an error of order {self.order} in Δτ: e changes by F·H_p at the "
+                                "midpoint, and q moves along D_pH, which is another vector")
         proof = self._energy_proof
         if self.scheme.discrete:
             time_dependent = self.system.is_time_dependent
@@ -455,6 +460,21 @@ class MeanGuarantees:
             return proof
         comparison = compare([b - a for a, b in zip(start, end, strict=True)],
                              [sp.Add(*work) for work in works], differences, thorough=False)
+        return comparison.how if comparison.holds else ""
+
+    @cached_property
+    def _power_proof(self) -> str:
+        """The kind of proof of F·D_p = 0, F the forces (σ F, −σ F·H_p) of scaled time; else ""."""
+        system, scheme = self.system, self.scheme
+        q, p = scheme.means
+        at_mean = dict(zip([*system.q, *system.p], [*q, *p], strict=True))
+        forces = substitute(system.forces, at_mean)
+        powers = [F * v for F, v in zip(forces, scheme.mean_gradient[1], strict=True)]
+        proof = self._vanish([powers])
+        if proof or not self.scheme.discrete:
+            return proof
+        comparison = compare([powers[-1]], [-sp.Add(*powers[:-1])],
+                             [*scheme.differences[0], *scheme.differences[1]], thorough=False)
         return comparison.how if comparison.holds else ""
 
     def _field(self, J: MomentumMap) -> tuple[list[sp.Expr], list[sp.Expr]]:

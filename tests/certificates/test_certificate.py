@@ -440,6 +440,22 @@ def test_properties_in_scaled_time_are_those_of_q_t_p_e(name, scheme, symplectic
         gs.certify(model, scheme, stages, steps=3)
 
 
+@pytest.mark.parametrize(("drag", "exact"), [(0, True), (1, False)])
+def test_forces_change_h_plus_e_where_the_rates_are_not_those_of_the_midpoint(drag, exact):
+    """EMS moves q along D_pH: of p²/(2(1 + x²)) it is not H_p at the midpoint."""
+    x, p, t = sp.symbols("x p t", real=True)
+    system = gs.System([x], [p], (), p**2 / (2 * (1 + x**2)) + x**2 / 2 + x * sp.sin(t) / 5, time=t,
+                       forces=[-p / 5] * drag, time_scale=gs.scales.rates(1, x), name="dragged")
+    model = gs.Model(system, {}, [0.9], [0.3])
+    first, second = (gs.certify(model, "EMS", dtau=size, steps=round(4 / size)).line("energy H + e")
+                     for size in (0.04, 0.02))
+    assert (first.holds, second.holds) == ((True, True) if exact else (None, None))
+    if exact:
+        assert max(first.value, second.value) < 1e-14
+    else:
+        assert first.value / second.value == pytest.approx(4, rel=0.05)  # of order 2
+
+
 def guarantees(system, parameters, tableau=None):
     numbers = {s: sp.Rational(parameters[str(s)]) for s in system.parameters}
     return SparkGuarantees(system, numbers, tableau or gs.tableau("G-L", 2))
