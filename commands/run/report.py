@@ -278,8 +278,9 @@ def _tuning_lines(result: dict[str, Any]) -> list[str]:
     tuned = result["tuned"]
     numbers = ", ".join(f"{name} = {x:.8g}"
                         for name, x in (tuned["parameters"] | {"dt": tuned["dt"]}).items())
-    return [f"  tuned                   {numbers}, {tuned['reason']}, in {tuned['pilots']} pilot "
-            "runs"]
+    # in scaled time the reason begins with the step
+    about = tuned["reason"] if "dtau" in result else f"{numbers}, {tuned['reason']}"
+    return [f"  tuned                   {about}, in {tuned['pilots']} pilot runs"]
 
 
 def _error_lines(result: dict[str, Any]) -> list[str]:

@@ -76,7 +76,13 @@ class Tuned:
     def _settings(self) -> list[str]:
         """Return the chosen numbers with their names, as "gamma = 0.5"."""
         return [*(f"{name} = {x:.6g}" for name, x in self.parameters.items()),
-                f"dt = {float(self.dt):.6g} s"]
+                self._shown_step(self.dt)]
+
+    def _shown_step(self, dt: Number) -> str:
+        """Return a step with its name, as "dt = 0.01 s"; in scaled time it is Δτ."""
+        # pilots of a search in scaled time are named by their steps
+        scaled = any(pilot.label.startswith("dtau = ") for pilot in self.pilots)
+        return f"dtau = {float(dt):.6g}" if scaled else f"dt = {float(dt):.6g} s"
 
     def __repr__(self) -> str:
         return f"<Tuned {few(self._settings())}: {len(self.pilots)} pilot runs>"
@@ -88,7 +94,8 @@ class Tuned:
             cells = "  ".join(" " * 10 if math.isnan(x) else f"{x:10.3e}"
                               for x in (pilot.motion, pilot.worst, pilot.energy))
             parameters = ", ".join(f"{name} = {x:.8g}" for name, x in pilot.parameters.items())
-            lines.append(f"{cells}  {parameters or f'dt = {pilot.dt:.6g} s'} ({pilot.label})")
+            numbers = parameters or self._shown_step(pilot.dt)
+            lines.append(f"{cells}  {numbers}" + f" ({pilot.label})" * (numbers != pilot.label))
         return "\n".join(lines)
 
     def _repr_html_(self) -> str:
@@ -96,8 +103,10 @@ class Tuned:
         cells = [(pilot.label, few(f"{x:.6g}" for x in pilot.parameters.values()),
                   f"{pilot.dt:.6g}", f"{pilot.motion:.3e}", f"{pilot.energy:.3e}")
                  for pilot in self.pilots]
+        # "dt / s", or "dtau", which has no unit of its own
+        step_title = "dt / s" if self._shown_step(self.dt).endswith(" s") else "dtau"
         return card(f"Tuned: {few(self._settings())}", table([(self.reason,)]), table(
-            cells, ("pilot run", "parameters", "dt / s", "error of the motion", "of the energy")))
+            cells, ("pilot run", "parameters", step_title, "error of the motion", "of the energy")))
 
 
 def tune(

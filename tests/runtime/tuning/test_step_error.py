@@ -62,6 +62,9 @@ def test_in_scaled_time_errors_are_at_equal_times():
     step, entry = systems.stepper("eccentric"), systems.case("eccentric")
     start = gs.Start(entry.q, entry.p, entry.parameters)
     tuned = gs.tune(step, start, dtau=0.4, step_error=1e-5, t_end=7)
+    for text in (str(tuned), repr(tuned), tuned._repr_html_()):
+        assert "dtau" in text
+        assert all(seconds not in text for seconds in ("dt = ", "dt / s"))
     assert tuned.dt < 0.2
     times = np.linspace(0, 7, 17)
     exact = np.array([entry.exact(time) for time in times])
