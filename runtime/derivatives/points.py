@@ -163,9 +163,12 @@ def _hits(
 
     Raises InputError for rows that have no derivatives in a run with impacts.
     """
-    if origin.between or run.steps < origin.run.steps:
-        raise InputError("Derivatives of a run with impacts are those of its rows at whole steps: "
-                         "leave t_eval out, and end the run before a gap stays closed.")
+    if origin.between:
+        raise InputError("States of t_eval in a run with impacts have no derivatives: leave t_eval "
+                         "out, and give t_end for a state between two steps.")
+    if run.steps < origin.run.steps:
+        raise InputError("This run has no derivatives, for an impact ends it, at t = "
+                         f"{float(trajectory.t[-1]):.9g} s: end it before that time.")
     hits: Mapping[int, Any] = function_of("runtime.derivatives.impacts", "hits_of")(
         stepper, run, trajectory, origin.impacts)
     return hits

@@ -296,6 +296,8 @@ def test_a_store_ends_at_a_terminal_impact(tmp_path):
     stepper("ball").integrate([1.0], [0.0], steps=20, **arguments, out=tmp_path / "ball.zarr")
     stored = gs.resume(tmp_path / "ball.zarr", steps=100)
     assert stored.status == "ended: floor"
+    with pytest.raises(InputError, match=rf"ends it, at t = {run.t[-1]:.9g} s"):
+        run.gradient({"q": [1.0]})
     assert_same(stored, run)
     assert_same_impacts(stored.impacts, run.impacts)
     group, hits = zarr.open_group(tmp_path / "ball.zarr", mode="r"), run.impacts["floor"]
