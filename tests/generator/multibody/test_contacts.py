@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import itertools
 import pickle
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -470,6 +471,17 @@ def test_the_command_has_the_impacts_of_a_file(hall, tmp_path, gyrospark):
     refused = gyrospark(*command, "--event", "a_z=1")
     assert refused.code == 2
     assert "events" in refused.stderr
+
+
+def test_a_certificate_is_of_the_motion_without_impacts(hall):
+    """Its run has all steps, and leads back, which an impact of e < 1 does not."""
+    model = gs.load_model(hall[2])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of a run that ends where a gap stays closed
+        certificate = gs.certify(model, "G-L", 2, dt=0.01, steps=200)
+    assert certificate.holds
+    assert certificate.line("reversal").holds
+    assert certificate.line("energy").value < 1e-7
 
 
 @pytest.mark.slow  # three bodies, to and fro
