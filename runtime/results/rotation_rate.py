@@ -75,6 +75,8 @@ class FastestRotation:
         Of the method.
     error : float or None
         The error of the attitude to expect, in parts of the angle turned, where it is known.
+    clocked : bool
+        Whether the caller chooses Δτ, the step of scaled time, in place of ``dt``.
     """
 
     body: str
@@ -83,6 +85,7 @@ class FastestRotation:
     dt: float
     order: int
     error: float | None = None
+    clocked: bool = False
 
     def warn(self) -> bool:
         """Warn if the rotation exceeds the limit of the method, and return whether it does."""
@@ -90,9 +93,16 @@ class FastestRotation:
             return False
         warn(f"The fastest rotation, of {self.body}, is {self.radians:.3g} rad a step, and a "
              f"method of order {self.order} bears {self.limit:g} at the most: "
-             f"{self._consequence}. Take a dt well below "
-             f"{abs(self.dt) * self.limit / self.radians:.2g}.")
+             f"{self._consequence}. {self._cure}")
         return True
+
+    @property
+    def _cure(self) -> str:
+        """Return the advice of the warning, as a sentence."""
+        share = self.limit / self.radians
+        if self.clocked:
+            return f"Take a dtau well below {share:.2g} times this one."
+        return f"Take a dt well below {abs(self.dt) * share:.2g}."
 
     @property
     def _consequence(self) -> str:
@@ -115,7 +125,7 @@ class Rotations:
         self.bodies = bodies_of(manifest)
         self._rates = [] if manifest.frame is None else [
             symmetry.name for symmetry in manifest.frame.symmetries]
-        self._order = manifest.scheme.order
+        self._order, self._clocked = manifest.scheme.order, manifest.system.clock is not None
         self._limit = min(max(self._order // 2, 1) + 0.5, _MOST)
         # the longest flow of a splitting, in parts of Δt; other schemes solve for stages
         longest_flow = manifest.scheme.longest_flow
@@ -145,7 +155,7 @@ class Rotations:
         if not name:
             return None
         error = phase_error(self._order, radians) if self._solves_stages else None
-        return FastestRotation(name, radians, self._limit, step, self._order, error)
+        return FastestRotation(name, radians, self._limit, step, self._order, error, self._clocked)
 
     def _largest(
         self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
