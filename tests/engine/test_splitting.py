@@ -324,3 +324,18 @@ def test_profile_run_takes_the_steps_of_the_full_profile(turntable, tmp_path):
     assert [*q, *p] == ends[0]
     assert np.abs(rows - expected.q[10::10]).max() < 1e-14
     assert np.abs(work_rows - expected.work[10::10]).max() < 1e-13
+
+
+def test_members_of_an_ensemble_have_inputs_of_their_own():
+    """Under a constant force in each step, steps of order 2 are the exact motion of a point."""
+    build = gs.Multibody("pushed_point", gravity=(0, 0, 0))
+    build.force(build.point_mass("b", mass=2), [build.input("u"), 0, 0])
+    model, dt = build.model(), 0.25
+    forces = np.array([[1.0, -2.0, 0.5], [0.0, 3.0, 1.0]])
+    ensemble = gs.stepper("splitting", order=2, system=model).integrate_ensemble(
+        gs.Start([model.q0] * 2, [model.p0] * 2, model.parameters), dt=dt, steps=3,
+        inputs=forces[:, :, None])
+    momenta = dt * np.cumsum(forces, axis=1)
+    means = (momenta + np.column_stack([[0.0, 0.0], momenta[:, :-1]])) / 2
+    assert np.array_equal(ensemble.p[:, 1:, 0], momenta)
+    assert np.array_equal(ensemble.q[:, 1:, 0], dt * np.cumsum(means / 2, axis=1))
