@@ -55,8 +55,9 @@ WHOLE = {"core": ["api/test_misspelt_arguments.py", "refusals/test_run_arguments
                        "laws/test_laws.py", "runtime/results/test_body_motion.py"],
          "commands": ["commands/test_cli.py"],
          "engine": ["engine/test_step_reference.py", "laws/test_laws.py",
-                    "golden/test_golden_runs.py", "runtime/derivatives/test_steps.py",
-                    "runtime/events/test_impacts.py"],
+                    "engine/test_splitting.py", "engine/test_splitting_derivatives.py",
+                    "engine/test_control_profile.py", "golden/test_golden_runs.py",
+                    "runtime/derivatives/test_steps.py", "runtime/events/test_impacts.py"],
          "runtime": ["laws/test_laws.py", "matrix/test_features_by_consumers.py"]}
 #: Tests that look at text, pages and packaging, and see no behaviour, and hostile input at random.
 UNRELATED = re.compile(r"/(docs|fuzz|project)/")
