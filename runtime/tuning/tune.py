@@ -64,6 +64,8 @@ class Tuned:
         Why, in a sentence.
     pilots : tuple of Pilot
         All pilot runs.
+    clocked : bool
+        Whether the time is scaled, so that dt is Δτ.
     """
 
     parameters: dict[str, float]
@@ -72,6 +74,7 @@ class Tuned:
     gain: float
     reason: str
     pilots: tuple[Pilot, ...]
+    clocked: bool = False
 
     def _settings(self) -> list[str]:
         """Return the chosen numbers with their names, as "gamma = 0.5"."""
@@ -80,9 +83,7 @@ class Tuned:
 
     def _shown_step(self, dt: Number) -> str:
         """Return a step with its name, as "dt = 0.01 s"; in scaled time it is Δτ."""
-        # pilots of a search in scaled time are named by their steps
-        scaled = any(pilot.label.startswith("dtau = ") for pilot in self.pilots)
-        return f"dtau = {float(dt):.6g}" if scaled else f"dt = {float(dt):.6g} s"
+        return f"dtau = {float(dt):.6g}" if self.clocked else f"dt = {float(dt):.6g} s"
 
     def __repr__(self) -> str:
         return f"<Tuned {few(self._settings())}: {len(self.pilots)} pilot runs>"
@@ -104,7 +105,7 @@ class Tuned:
                   f"{pilot.dt:.6g}", f"{pilot.motion:.3e}", f"{pilot.energy:.3e}")
                  for pilot in self.pilots]
         # "dt / s", or "dtau", which has no unit of its own
-        step_title = "dt / s" if self._shown_step(self.dt).endswith(" s") else "dtau"
+        step_title = "dtau" if self.clocked else "dt / s"
         return card(f"Tuned: {few(self._settings())}", table([(self.reason,)]), table(
             cells, ("pilot run", "parameters", step_title, "error of the motion", "of the energy")))
 
@@ -373,7 +374,8 @@ class _Rules:
         # means of moments and least squares rates need no pilot runs
         if not moments and not directions:
             return Tuned(parameters, self.run.dt, error=math.nan, gain=math.nan,
-                         reason="; ".join(self.reasons) or "a mean of the moments", pilots=())
+                         reason="; ".join(self.reasons) or "a mean of the moments", pilots=(),
+                         clocked=self.stepper.binding.clocked)
         assert self.aim is not None
         means = {name: float(mean_inertia(inertia)) for name, inertia in moments.items()}
         pilots = Pilots(self.stepper, pilot, directions, means, self.aim, self.report,
@@ -383,7 +385,8 @@ class _Rules:
             best_run, reason = Search(pilots, velocities, moments).best()
         return Tuned(parameters | pilots.parameters(pilots.trials[best_run]), self.run.dt,
                      error=pilots.largest(best_run), gain=pilots.gain(best_run),
-                     reason="; ".join([*self.reasons, reason]), pilots=pilots.pilots())
+                     reason="; ".join([*self.reasons, reason]), pilots=pilots.pilots(),
+                     clocked=self.stepper.binding.clocked)
 
     def tuned_step(
         self, span: Fraction, bound: float, pilot_limit: int, t_end: Any = None
@@ -397,7 +400,7 @@ class _Rules:
         parameters = self.initial_parameters()
         steps, last_pilot, pilots = self._steps(parameters, span, bound, t_end)
         tuned = Tuned(parameters={}, dt=span / steps, error=last_pilot.motion, gain=math.nan,
-                      reason="", pilots=())
+                      reason="", pilots=(), clocked=self.stepper.binding.clocked)
         if self.gammas or self.rates:
             # To leading order the best numbers do not depend on dt: the pilot runs see all of it.
             count = min(steps, pilot_limit)
