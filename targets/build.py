@@ -336,8 +336,8 @@ def _system_of(spec: Spec, model: Any, changes: Mapping[str, Any]) -> System:
     """
     if model is None:
         # of one of SYSTEMS, which has no numbers, the generator makes it from its name
-        made = derivation(spec, **changes).arguments()
-        model = made["model"] if made else SYSTEMS[spec.system].make(spec.rep)
+        arguments = derivation(spec, **changes).arguments()
+        model = arguments["model"] if arguments else SYSTEMS[spec.system].make(spec.rep)
     system: System = getattr(model, "system", model)
     return system
 

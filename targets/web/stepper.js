@@ -46,8 +46,7 @@ class Stepper {
 
   /** Writes the parameters, in any order, where C reads them; returns their address. */
   writeParameters() {
-    const given = Object.keys(this.parameters);
-    const unknown = given.find((name) => !this.names.includes(name));
+    const unknown = Object.keys(this.parameters).find((name) => !this.names.includes(name));
     const missing = this.names.find((name) => this.parameters[name] === undefined);
     if (unknown !== undefined || missing !== undefined) {
       throw new Error(`Parameter "${unknown ?? missing}" is ` +

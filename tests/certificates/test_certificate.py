@@ -302,8 +302,8 @@ def test_the_search_for_slopes_ends_where_they_agree_and_where_a_step_fails():
             return integrate(q, p, dt=dt, steps=steps, **options)
 
         ladder.integrate = counted
-        found = measure_order(ladder, np.ones(1), np.ones(1), 0.2, {}, lambda h: (1.0, 1.0))
-        return first, found is not None
+        order = measure_order(ladder, np.ones(1), np.ones(1), 0.2, {}, lambda h: (1.0, 1.0))
+        return first, order is not None
 
     smooth = SimpleNamespace(manifest=SimpleNamespace(system=SimpleNamespace(jumps="")))
 

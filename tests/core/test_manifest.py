@@ -69,11 +69,11 @@ def test_a_manifest_of_another_header_is_refused(part, key, value):
     name = "heavy_top_ims_gamma"
     files = {path.name: path.read_text("utf-8") for path in (ROOT / "generated").glob(f"{name}.*")}
     assert read_manifest(name, files).text == files[f"{name}.json"]
-    other = json.loads(files[f"{name}.json"])
-    assert other[part][key] != value
-    other[part][key] = value
+    changed = json.loads(files[f"{name}.json"])
+    assert changed[part][key] != value
+    changed[part][key] = value
     with pytest.raises(InputError):
-        read_manifest(name, files | {f"{name}.json": json.dumps(other)})
+        read_manifest(name, files | {f"{name}.json": json.dumps(changed)})
 
 
 def test_every_key_comes_back():
