@@ -153,7 +153,7 @@ def stepper(
                               allow_invalid, derived=end_stage)
         end_stage()
     if visuals:
-        compiled.visuals = visuals
+        compiled.__dict__["visuals"] = visuals
     return compiled
 
 
@@ -437,7 +437,7 @@ class Derivation:
         compiled = Stepper(record.name, record.files,
                            Derive(self.further_files, portable=not self.subject))
         if record.start is not None:  # cached without the folder of the file
-            compiled.visuals = locate_all(record.start.visuals, self.spec.model or "")
+            compiled.__dict__["visuals"] = locate_all(record.start.visuals, self.spec.model or "")
         return compiled, record.start
 
     def further_files(self, *, second: bool = False, control: bool = False) -> dict[str, str]:

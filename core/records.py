@@ -1,15 +1,52 @@
-"""Frozen dataclasses, and copies of them."""
+"""Records: classes whose attributes stay as they are, frozen dataclasses among them."""
 
 from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
 from reprlib import recursive_repr
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeVar
 
-__all__ = ["dataclass", "replace_fields"]
+__all__ = ["FixedAttributes", "dataclass", "replace_fields"]
 
 Record = TypeVar("Record")
+
+
+class FixedAttributes:
+    """Base of classes whose public attributes are those that they declare, each assigned once.
+
+    Any other assignment would change nothing that the package reads, and is refused; properties
+    with a setter, private names, and classes that users derive are free.
+    """
+
+    #: How to get an object with another value, as the refusal says it.
+    _CURE: ClassVar[str] = "make another one"
+    #: Whether declared attributes may be assigned again.
+    _REASSIGNED: ClassVar[bool] = False
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        cls = type(self)
+        if not name.startswith("_") and _is_ours(cls):
+            member = getattr(cls, name, None)
+            has_setter = isinstance(member, property) and member.fset is not None
+            declared = any(name in getattr(base, "__annotations__", ()) for base in cls.__mro__)
+            taken = name in self.__dict__ and not self._REASSIGNED
+            if not has_setter and (taken or not declared):
+                raise _unassignable(cls, name, self._CURE)
+        object.__setattr__(self, name, value)
+
+
+def _is_ours(cls: type) -> bool:
+    """Whether a class is of this package: classes that users derive from its own take more."""
+    return cls.__module__.partition(".")[0] == __name__.partition(".")[0]
+
+
+def _unassignable(cls: type, name: str, cure: str) -> AttributeError:
+    """Return the refusal of an assignment to an attribute, with the cure."""
+    exists = any(name in (*vars(base), *getattr(base, "__annotations__", ()))
+                 for base in cls.__mro__)
+    reason = f"{name!r} is fixed" if exists else f"there is no attribute {name!r} to assign"
+    return dataclasses.FrozenInstanceError(f"{cls.__name__.lstrip('_')}: {reason}; {cure}.")
 
 
 def replace_fields(record: Record, **changes: Any) -> Record:
@@ -44,6 +81,7 @@ def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: A
     record: type = dataclasses.dataclass(eq=False, repr=False, **options)(cls)
     fields = dataclasses.fields(record)
     compared = [f.name for f in fields if f.compare]
+    names = [f.name for f in fields if f.init]
     hashed = [f.name for f in fields if (f.compare if f.hash is None else f.hash)]
 
     def is_equal(self: Any, other: object) -> Any:
@@ -62,7 +100,18 @@ def _with_methods(cls: type, *, eq: bool = True, repr: bool = True, **options: A
         field_texts = (f"{f.name}={getattr(self, f.name)!r}" for f in fields if f.repr)
         return f"{type(self).__qualname__}({', '.join(field_texts)})"
 
+    def refuse(self: Any, name: str, value: object) -> None:
+        """Refuse an assignment, with the cure."""
+        cls = type(self)
+        if cls is not record and name not in names and not _is_ours(cls):
+            object.__setattr__(self, name, value)
+            return
+        copied = f"dataclasses.replace(..., {name}=...) returns a copy with another value"
+        cure = copied if name in names else FixedAttributes._CURE
+        raise _unassignable(cls, name, getattr(cls, "_CURE", cure))
+
     methods: dict[str, Any] = {"__eq__": is_equal, "__hash__": hash_of} if eq else {}
+    methods |= {"__setattr__": refuse} if options.get("frozen") else {}
     for name, method in (methods | ({"__repr__": text} if repr else {})).items():
         if attributes.get(name) is None:  # a class with __eq__ has __hash__ = None
             setattr(record, name, method)

@@ -16,7 +16,7 @@ from .exact_numbers import Number
 from .frozen_dict import FrozenDict
 from .html import card, table
 from .inertia import InertiaLike
-from .records import dataclass
+from .records import FixedAttributes, dataclass
 from .registry import function_of
 
 if TYPE_CHECKING:
@@ -71,7 +71,7 @@ def _copy(name: str, value: Any) -> Any:
         raise InputError(f"{name} = {shown(value)} is no array of numbers.") from error
 
 
-class Start:
+class Start(FixedAttributes):
     """A state with its parameters, its time and inputs: where an integration starts.
 
     ``Model.start``, ``Simulation.start``, the problems' ``start`` and a row of a trajectory,
@@ -104,6 +104,14 @@ class Start:
     <Start: 4 coordinates, t = 0 s, I1, I2, I3, mgl>
     """
 
+    _CURE = "start.replace(q=...), of q, p, parameters, t and inputs, returns another start"
+
+    q: Any
+    p: Any
+    t: Any
+    parameters: Mapping[str, Number]
+    inputs: Mapping[str, Number]
+
     def __init__(
         self, q: ArrayLike, p: ArrayLike, parameters: Mapping[str, Number] | None = None,
         t: Number | ArrayLike = 0.0, inputs: Mapping[str, Number] | None = None,
@@ -111,9 +119,9 @@ class Start:
         """Copy the numbers, which are checked by the steps that take them."""
         # arrays that the caller changes later do not change the start
         self.q, self.p, self.t = (_copy(*pair) for pair in (("q", q), ("p", p), ("t", t)))
-        self.parameters: Mapping[str, Number] = FrozenDict(
+        self.parameters = FrozenDict(
             as_mapping("parameters", {} if parameters is None else parameters, "{'m': 1.0}"))
-        self.inputs: Mapping[str, Number] = FrozenDict(
+        self.inputs = FrozenDict(
             as_mapping("inputs", {} if inputs is None else inputs, "{'u': 0.3}"))
         #: Inertia of the bodies by the names of γ or α, and the rules of these and of the frame.
         self._inertias: Mapping[str, Any] = {}

@@ -99,6 +99,8 @@ class Recording(Trajectory):
         Attributes of the store: run, manifest, versions.
     """
 
+    _CURE = "a stored run is what its store has"
+
     path: Path
     status: str
     steps_done: int

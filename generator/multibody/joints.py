@@ -48,6 +48,7 @@ import sympy as sp
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import quaternion_product
+from ...core.records import FixedAttributes
 from ..symbolic.switching_functions import Max
 from ..systems.body_layout import ConstraintForce
 from .body import Body, Frame, GeneralisedForce, Vector, dot
@@ -180,7 +181,7 @@ def _short_text(link: Connection) -> str:
 
 
 @dataclass(eq=False, repr=False)
-class Connection:
+class Connection(FixedAttributes):
     """A connection of two frames, with constraints, an energy or forces."""
 
     name: str
@@ -190,6 +191,8 @@ class Connection:
     joints: tuple[Connection, ...] = field(default=(), kw_only=True)
     #: Names of the measures: "angle", "rate", "travel" and "speed".
     MEASURES: ClassVar[tuple[str, ...]] = ()
+    _CURE = "give the method that adds it another argument"
+    _REASSIGNED = True
 
     @property
     def displacement(self) -> float:

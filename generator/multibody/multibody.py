@@ -42,6 +42,7 @@ from ...core.inertia import (
     warn_of_degrees,
 )
 from ...core.projection import Projection
+from ...core.records import FixedAttributes
 from ...core.registry import function_of
 from ...core.shapes import Shape
 from ...core.start import HasStart, as_start
@@ -125,7 +126,7 @@ JOINTS = ("ball", "fixed", "fixed_point", "revolute", "align", "rod", "prismatic
           "planar", "screw", "universal", "rolls")
 
 
-class Multibody:
+class Multibody(FixedAttributes):
     """A builder of models: add bodies, joints and forces, then ask for ``model()``.
 
     Attributes
@@ -136,10 +137,6 @@ class Multibody:
         Space, wherever a joint or spring takes a body.
     time : Symbol
         t, for forces, torques and quantities.
-    start : Projection or None
-        After ``model()``: the projection of the initial state onto the constraints.
-    redundancy : Redundancy or None
-        After ``model(redundant="leave out")``: the constraints left out, and those that imply them.
 
     Examples
     --------
@@ -154,15 +151,18 @@ class Multibody:
     (-1.5, 14, 8)
     """
 
+    name: str
+    ground: Frame
+    time: sp.Symbol
+
     def __init__(
         self, name: str, *, gravity: ArrayLike = (0.0, 0.0, -9.81),
         dt: float | None = None, steps: int | None = None, description: str = "",
     ) -> None:
         self.name = as_text("name of a Multibody", name)
-        self.ground: Frame = GROUND
-        self.time = TIME
-        self.start: Projection | None = None
-        self.redundancy: Redundancy | None = None
+        self.ground, self.time = GROUND, TIME
+        self._start: Projection | None = None
+        self._redundancy: Redundancy | None = None
         values: dict[str, float] = {}
         acceleration = named_vector("gravity", vector("gravity", gravity).tolist(), values)
         self._components = Components(self.name, acceleration, values)
@@ -225,6 +225,16 @@ class Multibody:
     def gravity(self) -> tuple[sp.Expr, ...]:
         """Its acceleration in space, as symbols."""
         return self._components.gravity
+
+    @property
+    def start(self) -> Projection | None:
+        """The projection of the initial state onto the constraints, after ``model()``."""
+        return self._start
+
+    @property
+    def redundancy(self) -> Redundancy | None:
+        """The constraints left out, and those that imply them, after ``model(redundant=...)``."""
+        return self._redundancy
 
     # ------------------------------------------------------------ bodies
 
@@ -1480,16 +1490,16 @@ class Multibody:
         assembly.warn_of_sizes()
         if latches or start is not None:
             assembly.refuse_open(t)
-        self.redundancy = assembly.redundancy(t)
+        self._redundancy = assembly.redundancy(t)
         if redundant == "refuse":
-            self.redundancy.refuse('; redundant="leave out" does so')
-        system, store = assembly.make_system(self.redundancy.left_out), assembly.store
+            self._redundancy.refuse('; redundant="leave out" does so')
+        system, store = assembly.make_system(self._redundancy.left_out), assembly.store
         numbers = NumericSystem(system, store, t)
-        self.start = assembly.closed_state(numbers) if latches or start is not None else (
+        self._start = assembly.closed_state(numbers) if latches or start is not None else (
             assembly.consistent_state(numbers))
         bodies = {str(body.weight): moments for body, moments in self._components.inertia.items()}
         # the gaps of a latch that is closed are constraints now, and have no impacts
-        return Model(system, store, self.start.q, self.start.p, bodies, visuals=self._visuals,
+        return Model(system, store, self._start.q, self._start.p, bodies, visuals=self._visuals,
                      events=[impact for name, impacts in self._components.contacts.items()
                              if name not in latches for impact in impacts], **self._about)
 

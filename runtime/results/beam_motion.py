@@ -23,6 +23,7 @@ from ...core.calls import explain_arguments
 from ...core.html import card, table
 from ...core.inertia import quaternion_product
 from ...core.manifest import SectionManifest
+from ...core.records import FixedAttributes
 from ..compilation.body_columns import JointAt, numbers
 from ..rigid_body.quaternion import left_matrix
 from .body_motion import rotate
@@ -37,7 +38,7 @@ AxesName = Literal["space", "section"]
 
 
 @explain_arguments
-class BeamMotion:
+class BeamMotion(FixedAttributes):
     """One beam of a trajectory; made by ``Trajectory.beam``.
 
     A beam of N segments has its sections between neighbouring segments, and at its clamps: K of
@@ -52,6 +53,12 @@ class BeamMotion:
     arc : ndarray, shape (K,)
         Distances of the sections from the start along the beam without load, in m.
     """
+
+    _CURE = "it shows what the run has"
+
+    name: str
+    segments: tuple[str, ...]
+    arc: Array
 
     def __init__(self, trajectory: Trajectory, name: str, sections: list[JointAt]) -> None:
         self.name, self._run, self._sections = name, trajectory, sections

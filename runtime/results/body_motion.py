@@ -14,6 +14,7 @@ from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, table
 from ...core.inertia import inertia_matrix, real_array
+from ...core.records import FixedAttributes
 from ..compilation.body_columns import BodyAt, PlacedAt, bodies_of, numbers
 from ..rigid_body import quaternion
 from ..rigid_body.euler_angles import euler_angles
@@ -30,7 +31,7 @@ FRAMES: tuple[FrameName, ...] = ("body", "space")
 
 
 @explain_arguments
-class BodyMotion:
+class BodyMotion(FixedAttributes):
     """One body of a trajectory; made by ``Trajectory.body``.
 
     Body axes are those in which the inertia was given. Their origin is the centre of mass of a body
@@ -43,6 +44,10 @@ class BodyMotion:
     name : str
         The body's.
     """
+
+    _CURE = "it shows what the run has"
+
+    name: str
 
     def __init__(self, trajectory: Trajectory, name: str, at: BodyAt) -> None:
         self.name = name

@@ -14,6 +14,7 @@ from ...core.errors import InputError
 from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.inertia import quaternion_product
+from ...core.records import FixedAttributes
 from ...core.warnings import warn
 from ..compilation.body_columns import JointAt, Pull, numbers
 from ..rigid_body.quaternion import left_matrix
@@ -31,7 +32,7 @@ _STEADY = 0.5
 
 
 @explain_arguments
-class JointMotion:
+class JointMotion(FixedAttributes):
     """One joint between two bodies a and b; made by ``Trajectory.joint``.
 
     Force and torque are exerted by a on b; b exerts the opposite on a. Every array has a row for
@@ -44,6 +45,11 @@ class JointMotion:
     bodies : tuple of two str
         The names of a and b; ``""`` is the ground.
     """
+
+    _CURE = "it shows what the run has"
+
+    name: str
+    bodies: tuple[str, str]
 
     def __init__(self, trajectory: Trajectory, name: str, at: JointAt) -> None:
         self.name, self.bodies = name, (at.a, at.b)

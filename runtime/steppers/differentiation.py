@@ -74,6 +74,9 @@ class Derive:
 class Differentiation(Evaluation):
     """Methods of ``Stepper`` for derivatives; their module is compiled at the first use."""
 
+    #: The name of each constraint.
+    constraint_names: list[str]
+
     def __init__(self, name: str, files: dict[str, str], derive: Derive | None = None) -> None:
         """Begin without modules of derivatives: these are derived and compiled at the first call.
         """
@@ -84,7 +87,6 @@ class Differentiation(Evaluation):
         self._controls: dict[str, str] = {}
         self._jumps: Any = None
         self._deriving = threading.Lock()
-        #: The name of each constraint.
         self.constraint_names = list(self.manifest.system.constraint_names)
 
     def _derivative_binding(self) -> DerivativeBinding:

@@ -15,8 +15,10 @@ from ...core.errors import GyrosparkError, InputError
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.incompatibilities import refuse_together
+from ...core.manifest import Manifest
 from ...core.projection import Projection, project, report
 from ...core.real_types import REALS, RealName
+from ...core.records import FixedAttributes
 from ...core.shapes import Shape
 from ...core.start import HasStart
 from ...engine.amalgamate import complete
@@ -26,15 +28,31 @@ from ..bindings.run_memory import ParameterStruct
 from ..compilation.body_columns import built_inertias
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
-from ..integration.manifest_symmetries import symmetries_of
+from ..integration.manifest_symmetries import Symmetry, symmetries_of
 from ..integration.run_arguments import ParameterCheck, step_argument, warn_of_negative
 from ..integration.starts import merged_start
 
 __all__ = ["Evaluation"]
 
 
-class Evaluation:
+class Evaluation(FixedAttributes):
     """Compiled functions of states: H, velocities, constraints; the base of ``Stepper``."""
+
+    _CURE = "gyrospark.stepper(...) makes another one, and a run takes what it may change"
+
+    name: str
+    files: dict[str, str]
+    manifest: Manifest
+    binding: Binding
+    n: int
+    m: int
+    unknowns: int
+    parameter_domains: Mapping[str, str]
+    symmetries: tuple[Symmetry, ...]
+    #: Shapes of bodies by their names, where its model has some; "" is the ground.
+    visuals: Mapping[str, Sequence[Shape]]
+    #: Returns parameters as numbers, or raises InputError.
+    check_parameters: ParameterCheck
 
     def __init__(self, name: str, files: dict[str, str]) -> None:
         """Load the compiled module of the generated files, and read their manifest."""
@@ -45,14 +63,12 @@ class Evaluation:
         self._lanes_binding: list[Binding] = []
         self.n, self.m = self.binding.shown, self.binding.m
         self.unknowns = self.binding.unknowns
-        self.parameter_domains: Mapping[str, str] = self.manifest.system.parameters
+        self.parameter_domains = self.manifest.system.parameters
         self.symmetries = symmetries_of(self.manifest)
         self._inertias = built_inertias(self.manifest.system)
-        #: Returns parameters as numbers, or raises InputError.
         self.check_parameters = ParameterCheck(self.parameter_domains, self.binding.number,
                                                self.symmetries, self._inertias)
-        #: Shapes of bodies by their names, where its model has some; "" is the ground.
-        self.visuals: Mapping[str, Sequence[Shape]] = {}
+        self.visuals = {}
 
     @property
     def _binding_of_many(self) -> Binding:

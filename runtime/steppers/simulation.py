@@ -27,7 +27,7 @@ from ...core.html import card, table
 from ...core.incompatibilities import refuse_together
 from ...core.interrupts import catch_ctrl_c
 from ...core.manifest import Manifest
-from ...core.records import replace_fields
+from ...core.records import FixedAttributes, replace_fields
 from ...core.start import Start
 from ..bindings.array_checks import as_positive_count, as_real
 from ..bindings.binding import Binding
@@ -246,7 +246,7 @@ class RecordingRun(AdvancingRun):
 
 
 @explain_arguments
-class Simulation:
+class Simulation(FixedAttributes):
     """Trajectory advanced by its caller: ``Stepper.start`` makes it, ``advance`` takes steps.
 
     However the steps are shared out among calls, their bits are those of one ``integrate``. One
@@ -257,6 +257,11 @@ class Simulation:
     dt : number
         The time step, in the stepper's own type.
     """
+
+    _CURE = ("set sim.parameters, or an input by sim.input['NAME']; from another state or with "
+            "another dt start another one, step.start(sim.start.replace(q=..., p=...), dt=...)")
+
+    dt: Any
 
     def __init__(self, stepper: Stepper, run: RunArguments, record: bool = False) -> None:
         """``record`` keeps all states, for ``trajectory``; else the present one alone."""
@@ -645,8 +650,10 @@ class _PresentState:
         return integrate(present_run.binding, self.manifest, run)
 
 
-class _InputValues(MutableMapping[str, Any]):
+class _InputValues(FixedAttributes, MutableMapping[str, Any]):
     """The inputs of a simulation; to set one holds from its next step on."""
+
+    _CURE = "set an input by its name, sim.input['NAME'] = 0.3"
 
     def __init__(self, simulation: Simulation) -> None:
         self._simulation = simulation

@@ -107,6 +107,11 @@ class Stepper(Dynamics):
         the order that its weights allow; and where H or forces switch, as |x| does at 0.
     """
 
+    order: int
+    warnings: list[str]
+    #: The largest rotation in a step, which integrations warn of.
+    rotations: Rotations
+
     def __init__(
         self, name: str, files: dict[str, str], derive: Derive | None = None
     ) -> None:
@@ -114,7 +119,6 @@ class Stepper(Dynamics):
         super().__init__(name, files, derive)
         self.order = int(self.manifest.scheme.order)
         self.warnings = [text for _, text in self.manifest.warnings]
-        #: The largest rotation in a step, which integrations warn of.
         self.rotations = Rotations(self.manifest)
         self._local = threading.local()
         self._memory = CallMemory()
