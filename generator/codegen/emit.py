@@ -144,35 +144,35 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     if derived.second:
         refuse_second(derived)
     is_control = derived.profile == "control"
-    kernels, element_sums, flows, lanes, plain, refusal, step_kernels = _step_code(
-        derived, elements)
-    iteration_kernels, renamed = additional_kernels(kernels, plain.kernels if plain else [])
+    code = _step_code(derived, elements)
+    plain, lanes = code.plain, code.lanes
+    iteration_kernels, renamed = additional_kernels(code.kernels, plain.kernels if plain else [])
     # functions of one state, in the parameters
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
-    constants, constant_calls = _run_constants(derived, step_kernels, element_sums)
-    derivatives = derivatives_of(derived, constants["constants_c"], element_sums, lanes) if (
+    constants, constant_calls = _run_constants(derived, code.all_kernels, code.elements)
+    derivatives = derivatives_of(derived, constants["constants_c"], code.elements, lanes) if (
         derived.derivatives) else None
-    calls = _calls(step_kernels, derivatives, states)
+    calls = _calls(code.all_kernels, derivatives, states)
     if derivatives and lanes:
         lanes = _with_functions(lanes, calls.of_derivatives)
     scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
     # costs are counted by the names of kernels: the kernels of a plain iteration are left out, as
     # they have the names of Newton's
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
-        scheme, kernels if plain else step_kernels, element_sums, real)
+        scheme, code.kernels if plain else code.all_kernels, code.elements, real)
     return Program(
         **_identity(derived),
-        features=_features(derived, element_sums, lanes or plain, frame, states),
+        features=_features(derived, code, frame, states),
         **_sizes(derived),
-        **_formulas(derived, element_sums),
+        **_formulas(derived, code.elements),
         **_arguments(derived, constants["constants_c"]),
         **constants,
         quantity_kernel=quantities,
         run_constants=plain.run_constants if plain else [],
         # the template of profile ``control`` prints one list of kernels
-        kernels=[*kernels, *iteration_kernels] if is_control else kernels,
-        compensated=any(map(sums_products, step_kernels)),
+        kernels=[*code.kernels, *iteration_kernels] if is_control else code.kernels,
+        compensated=any(map(sums_products, code.all_kernels)),
         cardinals=sorted(c_names_with_needs(calls.of_kernels)),
         switch_functions=SWITCHES & scalar_calls,
         costs=costs,
@@ -180,13 +180,13 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         renamed=renamed,
         tableau=_tableau(scheme, real) if isinstance(scheme, SparkScheme) else None,
         mass=mass_tables(system) if isinstance(system, LagrangianSystem) else None,
-        elements=element_sums,
+        elements=code.elements,
         lanes=lanes,
         plain=plain,
-        no_fixed_point=refusal,
+        no_fixed_point=code.refusal,
         frame=frame,
         derivatives=derivatives,
-        flows=flows,
+        flows=code.flows,
         states=states,
     )
 
@@ -415,66 +415,66 @@ def _elements(derived: Derived, requested: bool | None) -> Elements | None:
 
 
 def _features(
-    derived: Derived, elements: Elements | None, iteration: LaneIteration | PlainIteration | None,
-    frame: FrameTransformation | None, states: StateFunctions | None,
+    derived: Derived, code: _StepCode, frame: FrameTransformation | None,
+    states: StateFunctions | None,
 ) -> Features:
     """Return the features of the engine that a stepper needs; each becomes a macro in C.
 
-    ``iteration`` is the fixed-point iteration, on lanes or on plain numbers; ``states`` are the
-    functions of one state of profile ``control``. Each argument is None if there is none. Features
-    are in the order of ``Features``, which says what they mean.
+    ``states`` are the functions of one state of profile ``control``. ``Features`` says what each
+    feature means; those that are not named here are False.
     """
-    scheme, system, profile = derived.scheme, derived.system, derived.profile
-    lanes = iteration if isinstance(iteration, LaneIteration) else None
-    splitting = scheme if isinstance(scheme, SplittingScheme) else None
-    return Features(
-        # the constraints
-        constrained=system.m > 0,
-        several_constraints=system.m > 1,
-        velocity_constraints=system.velocity_count > 0,
-        # the equations of a step
-        spark=derived.is_spark,
-        elements=elements is not None,
-        condensed=elements is not None and elements.condensed is not None,
-        # forces, time and inputs; a controller's splitting does not count the work of forces
-        forces=bool(system.forces) and not (profile == "control" and splitting is not None),
-        time_dependent=system.is_time_dependent,
-        forced_by_time=system.is_nonautonomous,
-        clock=isinstance(system, ScaledSystem),  # scaled time: a coordinate is the clock
-        inputs=bool(system.inputs) and profile == "full",
-        # a Lagrangian
-        lagrangian=isinstance(system, LagrangianSystem),
-        energy_momentum=isinstance(scheme, LagrangianEMS),
-        indefinite_mass=isinstance(system, LagrangianSystem) and not system.is_definite,
-        # a co-moving frame
-        frame=frame is not None,
-        frame_work=isinstance(scheme.system, CoMovingSystem) and bool(scheme.system.frame_velocity),
-        rotating_multipliers=frame is not None and frame.rotates_multipliers,
+    scheme, system = derived.scheme, derived.system
+    flags = _system_features(derived) | {"spark": derived.is_spark}
+    if isinstance(scheme, SparkScheme):
+        flags["exact_energy"] = scheme.exact_energy
+    if isinstance(scheme, SplittingScheme):
+        flags |= {"splitting": True, "drag": scheme.has_drag,
+                  "rotating_axes": bool(scheme.splitting.space),
+                  "momentum_forces": scheme.splitting.other_forces}
+        if derived.profile == "control":
+            flags["forces"] = False  # their work is not counted
+    if isinstance(system, LagrangianSystem):
+        flags |= {"lagrangian": True, "energy_momentum": isinstance(scheme, LagrangianEMS),
+                  "indefinite_mass": not system.is_definite}
+    if frame is not None:
+        flags |= {"frame": True, "rotating_multipliers": frame.rotates_multipliers}
+    if isinstance(scheme.system, CoMovingSystem):
+        flags["frame_work"] = bool(scheme.system.frame_velocity)
+    if states is not None:  # constraints that a start is checked for
+        flags["held"] = states.held > 0
+    elements, lanes = code.elements, code.lanes
+    if elements is not None:
+        flags |= {"elements": True, "condensed": elements.condensed is not None}
+    if iteration := lanes or code.plain:
+        flags |= {"constant_schur": iteration.constant_schur,
+                  "scalar_schur": iteration.scalar_schur,
+                  "factors": iteration.factors, "separable": iteration.separable}
+    if lanes is not None:
         # the engine's iteration is on lanes: the C of other profiles has one of its own, and a
         # splitting has kernels on lanes and no equations
-        fixed_point=lanes is not None and splitting is None,
-        # a splitting
-        splitting=splitting is not None,
-        drag=splitting is not None and splitting.has_drag,
-        rotating_axes=splitting is not None and bool(splitting.splitting.space),
-        momentum_forces=splitting is not None and splitting.splitting.other_forces,
-        # of the fixed-point iteration, on lanes or on plain numbers
-        constant_schur=iteration is not None and iteration.constant_schur,
-        scalar_schur=iteration is not None and iteration.scalar_schur,
-        factors=iteration is not None and iteration.factors,
-        separable=iteration is not None and iteration.separable,
-        # constraints that a start is checked for, tables, energy
-        held=states is not None and states.held > 0,
-        even_odd=lanes is not None and bool(lanes.even_odd_tables),
-        exact_energy=isinstance(scheme, SparkScheme) and scheme.exact_energy,
-        # the type of numbers, and the size of the system
-        short_real=derived.real.bits < _COUNTER_BITS,
-        wide_real=derived.real.wide,
-        compensated_lanes=lanes is not None and lanes.compensated,
-        large=lanes is not None and elements is not None and system.n >= _LARGE,
-        profile_run=profile == "run",
-        profile_control=profile == "control",
-    )
+        flags |= {"fixed_point": not isinstance(scheme, SplittingScheme),
+                  "even_odd": bool(lanes.even_odd_tables), "compensated_lanes": lanes.compensated,
+                  "large": elements is not None and system.n >= _LARGE}
+    return Features(**flags)
+
+
+def _system_features(derived: Derived) -> dict[str, bool]:
+    """Return the features of constraints, forces, time and inputs, of numbers and profile."""
+    system, real, profile = derived.system, derived.real, derived.profile
+    return {
+        "constrained": system.m > 0,
+        "several_constraints": system.m > 1,
+        "velocity_constraints": system.velocity_count > 0,
+        "forces": bool(system.forces),
+        "time_dependent": system.is_time_dependent,
+        "forced_by_time": system.is_nonautonomous,
+        "clock": isinstance(system, ScaledSystem),  # scaled time: a coordinate is the clock
+        "inputs": bool(system.inputs) and profile == "full",
+        "short_real": real.bits < _COUNTER_BITS,
+        "wide_real": real.wide,
+        "profile_run": profile == "run",
+        "profile_control": profile == "control",
+    }
 
 
 @cache

@@ -75,51 +75,51 @@ class Features:
     """Features of a stepper; they select the compiled branches of ``engine/gyrospark``."""
 
     # The system: g = 0, several g, A v + a = 0.
-    constrained: bool
-    several_constraints: bool
-    velocity_constraints: bool
+    constrained: bool = False
+    several_constraints: bool = False
+    velocity_constraints: bool = False
     # Stages (SPARK) or one mean value (IMS, EMS); loops over element templates; Newton's system
     # without rates of momenta.
-    spark: bool
-    elements: bool
-    condensed: bool
+    spark: bool = False
+    elements: bool = False
+    condensed: bool = False
     # Forces F, whose work is counted; time in H or g; time anywhere; a scaled time; inputs.
-    forces: bool
-    time_dependent: bool
-    forced_by_time: bool
-    clock: bool
-    inputs: bool
+    forces: bool = False
+    time_dependent: bool = False
+    forced_by_time: bool = False
+    clock: bool = False
+    inputs: bool = False
     # A Lagrangian, whose M the engine factorises: EMS of it; M not positive definite.
-    lagrangian: bool
-    energy_momentum: bool
-    indefinite_mass: bool
+    lagrangian: bool = False
+    energy_momentum: bool = False
+    indefinite_mass: bool = False
     # A co-moving frame: forces do work on its motion; multipliers rotate with it.
-    frame: bool
-    frame_work: bool
-    rotating_multipliers: bool
-    fixed_point: bool
+    frame: bool = False
+    frame_work: bool = False
+    rotating_multipliers: bool = False
+    fixed_point: bool = False
     # A composition of flows: with drag, axes that rotate in space, forces of momenta.
-    splitting: bool
-    drag: bool
-    rotating_axes: bool
-    momentum_forces: bool
+    splitting: bool = False
+    drag: bool = False
+    rotating_axes: bool = False
+    momentum_forces: bool = False
     # The fixed-point iteration: W constant; H_pp Gᵀ = c Gᵀ; W factorised in a step; H_pq = 0.
-    constant_schur: bool
-    scalar_schur: bool
-    factors: bool
-    separable: bool
+    constant_schur: bool = False
+    scalar_schur: bool = False
+    factors: bool = False
+    separable: bool = False
     # Functions of a start check constraints; tables in even and odd parts; H exact in every step.
-    held: bool
-    even_odd: bool
-    exact_energy: bool
+    held: bool = False
+    even_odd: bool = False
+    exact_energy: bool = False
     # Numbers that do not count all steps; numbers that no vector register has; double-word sums.
-    short_real: bool
-    wide_real: bool
-    compensated_lanes: bool
+    short_real: bool = False
+    wide_real: bool = False
+    compensated_lanes: bool = False
     # Arrays of lanes that take megabytes.
-    large: bool
-    profile_run: bool
-    profile_control: bool
+    large: bool = False
+    profile_run: bool = False
+    profile_control: bool = False
 
     @property
     def defines(self) -> list[str]:

@@ -60,6 +60,14 @@ class _Sparse(NamedTuple):
                    [matrix[i][k] for i, k in places])
 
 
+class _Triplets(NamedTuple):
+    """A sparse matrix: values at rows and columns, arrays of one length; equal places are added."""
+
+    rows: Array
+    columns: Array
+    values: Array
+
+
 class _Statics:
     """Residual and matrix of the equilibrium: gradient and Hessian of L = H + λ·g, less the forces.
 
@@ -96,11 +104,8 @@ class _Statics:
         return any(np.abs(self._evaluate(template, expressions, q)).max() > 0
                    for template, expressions in self.velocities)
 
-    def __call__(self, x: Array) -> tuple[Array, tuple[Array, Array, Array]]:
-        """Return the residual r at x = (q, λ), shape (n + m,), and r_x as rows, columns and values.
-
-        The three arrays of r_x have one length; values of equal row and column are added.
-        """
+    def __call__(self, x: Array) -> tuple[Array, _Triplets]:
+        """Return the residual r at x = (q, λ), shape (n + m,), and its derivatives r_x."""
         nothing = np.zeros(0, dtype=int)
         r, entries = np.zeros(len(x)), [(nothing, nothing, np.zeros(0))]
         for template, sign, slopes, matrix in self.parts:
@@ -114,8 +119,7 @@ class _Statics:
                 continue
             entries.append((rows[:, matrix.rows].ravel(), columns[:, matrix.columns].ravel(),
                             sign * self._evaluate(template, matrix.entries, x).T.ravel()))
-        rows, columns, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
-        return r, (rows, columns, values)
+        return r, _Triplets(*(np.concatenate(arrays) for arrays in zip(*entries, strict=True)))
 
     def _evaluate(self, template: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
         """Return expressions of a template for all instances, shape (expressions, instances)."""
@@ -155,12 +159,12 @@ def equilibrium(
         raise InputError(f"System {system.name!r} moves where its momenta are 0, as in a turning "
                          "frame; it has no static equilibrium.")
     r, J = statics(x)
+    size = float(np.linalg.norm(r))
     # change: of q in the last step; rejected_change: in the last one if that was rejected, else ∞
-    size, change, rejected_change = float(np.linalg.norm(r)), np.inf, np.inf
+    change, rejected_change = np.inf, np.inf
     # changes are relative to the largest coordinate up to there, as equilibria may have q = 0
     extent = float(np.abs(x[:n]).max())
-    J_rows, _, J_values = J
-    stiffness = float(np.abs(J_values[J_rows < n]).max(initial=0.0))
+    stiffness = float(np.abs(J.values[J.rows < n]).max(initial=0.0))
     tau = _FIRST_TAU / (stiffness or size or 1.0)  # no stiffness: a body falls, its rope is slack
     farthest, iterations = _RUNAWAY * max(extent, 1.0), 0
     while iterations < _ITERATIONS and extent <= farthest:
@@ -184,26 +188,41 @@ def equilibrium(
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))
-        # converged: the change is round-off, which it is if it no longer falls by half, nor grows
-        # as τ does; where bodies move freely, the round-off of the change grows with τ
-        is_steady = change <= 2 * previous_change
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
-        if (is_steady and (change <= _EPS or (stagnates and change < _ROUNDING))) or (
-                stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()):
+        if (stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()) or (
+                _is_round_off(change, previous_change, stagnates)):
             return x[:n], x[n:]
-        # τ grows as the residual falls, so that the last steps are Newton steps. It grows, too, if
-        # the residual stays: soft springs hardly move at the τ of stiff ones. It grows no further
-        # than to a step of the largest change.
-        growth = previous_size / max(size, _TINY)
-        factor = min(max(growth, 4.0), 10.0) if growth >= 1 else 1.0 if growth > 0.5 else 0.5
-        tau *= min(factor, max(_LARGEST_CHANGE / max(change, _TINY), 1.0))
+        tau *= _growth_of_tau(previous_size / max(size, _TINY), change)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
                      f"{iterations} iterations |H_q + g_qᵀλ − F| = {size:.3g}, and the largest "
                      f"coordinate was {extent:.3g}; fix or hinge what moves freely, or begin "
                      "nearer.")
 
 
-def _sizes_of_terms(J: tuple[Array, Array, Array], x: Array) -> Array:
+def _is_round_off(change: float, previous_change: float, stagnates: bool) -> bool:
+    """Whether the change of q in a step is round-off, by which the iteration has converged.
+
+    It is if it no longer falls by half (``stagnates``), nor grows as τ does; where bodies move
+    freely, the round-off of the change grows with τ.
+    """
+    return change <= 2 * previous_change and (change <= _EPS or (stagnates and change < _ROUNDING))
+
+
+def _growth_of_tau(residual_ratio: float, change: float) -> float:
+    """Return the factor of τ after a step that divided the residual by ``residual_ratio``.
+
+    τ grows as the residual falls, so that the last steps are Newton steps. It grows, too, if the
+    residual stays: soft springs hardly move at the τ of stiff ones. It grows no further than to a
+    step of the largest change.
+    """
+    if residual_ratio >= 1:
+        factor = min(max(residual_ratio, 4.0), 10.0)
+    else:
+        factor = 1.0 if residual_ratio > 0.5 else 0.5
+    return min(factor, max(_LARGEST_CHANGE / max(change, _TINY), 1.0))
+
+
+def _sizes_of_terms(J: _Triplets, x: Array) -> Array:
     """Return the sizes of the terms of the residual, shape (n + m,).
 
     Each is the largest of |J| |x| among the entries that share its coordinates.
@@ -226,40 +245,36 @@ def _refuse_without_statics(system: System) -> None:
 
 
 def _implicit_step(
-    x: Array, r: Array, J: tuple[Array, Array, Array], tau: float, n: int
+    x: Array, r: Array, J: _Triplets, tau: float, n: int
 ) -> tuple[Array, float]:
     """Return (δq, −λ_new), shape (n + m,), of an implicit Euler step, and δqᵀ (J + 1/τ) δq.
 
-    r and ``J``, as rows, columns and values, are the residual and its matrix at x = (q, λ), n
-    entries of which are q; ``tau`` is the length τ of the step.
+    r and ``J`` are the residual and its matrix at x = (q, λ), n entries of which are q; ``tau`` is
+    the length τ of the step.
     """
-    J_rows, J_columns, J_values = J
-    diagonal = np.arange(n)
     # 1/τ is added to the diagonal of the rows of q
-    rows, columns = (np.concatenate([indices, diagonal]) for indices in (J_rows, J_columns))
-    values = np.concatenate([J_values, np.full(n, 1 / tau)])
+    diagonal = _Triplets(np.arange(n), np.arange(n), np.full(n, 1 / tau))
+    matrix = _Triplets(*map(np.concatenate, zip(J, diagonal, strict=True)))
     # r without g_qᵀλ: the step is solved for the new λ, not for its change
-    in_forces = (J_rows < n) & (J_columns >= n)
+    in_forces = (J.rows < n) & (J.columns >= n)
     right_side = r - np.bincount(
-        J_rows[in_forces], J_values[in_forces] * x[J_columns[in_forces]], len(x))
-    step = _solve(rows, columns, values, right_side)
-    in_q = (rows < n) & (columns < n)
+        J.rows[in_forces], J.values[in_forces] * x[J.columns[in_forces]], len(x))
+    step = _solve(matrix, right_side)
+    rows, columns, values = (
+        entries[(matrix.rows < n) & (matrix.columns < n)] for entries in matrix)
     with np.errstate(invalid="ignore"):  # an infinite step, at which the iteration ends
-        curvature = np.sum(values[in_q] * step[rows[in_q]] * step[columns[in_q]])
+        curvature = np.sum(values * step[rows] * step[columns])
     return step, float(curvature)
 
 
-def _solve(rows: Array, columns: Array, values: Array, right: Array) -> Array:
-    """Return x of A x = ``right``, NaN if A is singular.
-
-    The sparse A has the entries ``values`` at ``rows`` and ``columns``, three arrays of one length;
-    entries at one place are added.
-    """
+def _solve(A: _Triplets, right: Array) -> Array:
+    """Return x of A x = ``right``, NaN if A is singular."""
     from scipy.sparse import csc_array  # takes 0.1 s
     from scipy.sparse.linalg import splu
 
     size = len(right)
     try:
-        return np.asarray(splu(csc_array((values, (rows, columns)), (size, size))).solve(right))
+        matrix = csc_array((A.values, (A.rows, A.columns)), (size, size))
+        return np.asarray(splu(matrix).solve(right))
     except RuntimeError:  # singular
         return np.full(size, np.nan)

@@ -36,10 +36,10 @@ _ROW = re.compile(r"{ (\d+)(.*) }")
 _FIELD = re.compile(r"offsetof\(parameters_t, (\w+)\)")
 _ARRAY = re.compile(r"(const )?[\w ]+ (\w+)((?:\[\d+\])+)")
 _COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
-#: A token of an expression: a number, a name with its indices, a sign.
+#: A token of an expression: a number, a name with its indices or with "(", a sign.
 _TOKEN = re.compile(r"\s*(?:(?P<number>0[xX][\da-fA-F]*\.?[\da-fA-F]*[pP][+-]?\d+"
                     r"|(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)(?:F\d+|[fFlL])?"
-                    r"|(?P<name>[A-Za-z_]\w*(?:->\w+)?(?:\[\d+\])*)|(?P<sign>[-+*/(),]))")
+                    r"|(?P<name>[A-Za-z_]\w*(?:->\w+)?(?:\[\d+\])*)(?P<call>\(?)|(?P<sign>[-+*/(),]))")
 _STATEMENT = re.compile(
     r"(?:const [\w ]+ (?P<local>\w+)|(?P<place>[\w>-]+(?:\[\d+\])*)) = (?P<value>.*)")
 _RETURN = re.compile(r"return (?P<value>.*)")
@@ -206,62 +206,71 @@ def _parse(line: str) -> tuple[str, str, list[Expression]] | None:
     raise UnreadableError(line)
 
 
-def _expression(text: str) -> Expression:
-    """Return an expression of C in reverse Polish notation (Dijkstra's shunting yard)."""
-    text = text.replace("c->_used, ", "")  # how many lanes to do; each point is one
-    output: Expression = []
-    stack: list[str] = []  # operators, "(" and functions followed by "("
-    counts: list[int] = []  # arguments so far of each open parenthesis
-    operand = False  # whether the last token ends an operand
-    position = 0
+class _ShuntingYard:
+    """Dijkstra's shunting yard: operators are on a stack until their operands are written."""
 
-    def release(binding: int) -> None:
+    def __init__(self) -> None:
+        self.output: Expression = []
+        self.stack: list[str] = []  # operators, "(" and functions followed by "("
+        self.argument_counts: list[int] = []  # of each open parenthesis
+
+    def open(self, function: str = "") -> None:
+        """Begin a parenthesis, or the arguments of a function."""
+        self.stack.append(f"{function}(")
+        self.argument_counts.append(1)
+
+    def close(self) -> None:
+        """End the innermost parenthesis; that of a function's arguments becomes a call."""
+        function, count = self.stack.pop()[:-1], self.argument_counts.pop()
+        if function:
+            self.output.append(("call", function, count))
+
+    def release(self, binding: int) -> None:
         """Move the operators that bind at least as tightly from the stack to the output."""
-        while stack and stack[-1] in _OPERATORS and _OPERATORS[stack[-1]][0] >= binding:
-            output.append((stack.pop(), "", 0))
+        while self.stack and self.stack[-1] in _OPERATORS and (
+                _OPERATORS[self.stack[-1]][0] >= binding):
+            self.output.append((self.stack.pop(), "", 0))
 
+
+def _expression(text: str) -> Expression:
+    """Return an expression of C in reverse Polish notation."""
+    text = text.replace("c->_used, ", "")  # how many lanes to do; each point is one
+    yard = _ShuntingYard()
+    position, follows_operand = 0, False
     while position < len(text):
         token = _TOKEN.match(text, position)
         if token is None:
             raise UnreadableError(text)
-        position = token.end()
-        sign = token["sign"]
-        if token["number"]:
-            output.append(("number", token["number"], 0))
-        elif token["name"] and text[position : position + 1] == "(":
-            if _base_name(token["name"]) not in _FUNCTIONS:
+        position, sign = token.end(), token["sign"]
+        if token["call"]:
+            function = _base_name(token["name"])
+            if function not in _FUNCTIONS:
                 raise UnreadableError(f"{token['name']} is no known function")
-            stack.append(_base_name(token["name"]) + "(")
-            counts.append(1)
-            position += 1
-        elif token["name"]:
-            output.append(("name", token["name"], 0))
+            yard.open(function)
+        elif not sign:
+            kind = "number" if token["number"] else "name"
+            yard.output.append((kind, token[kind], 0))
         elif sign == "(":
-            stack.append("(")
-            counts.append(1)
+            yard.open()
         elif sign in (")", ","):
-            release(binding=0)  # all of them, down to a parenthesis
-            if not counts:
+            yard.release(binding=0)  # all of them, down to a parenthesis
+            if not yard.argument_counts:
                 raise UnreadableError(text)
-            if sign == ",":
-                counts[-1] += 1
+            if sign == ")":
+                yard.close()
             else:
-                opening, count = stack.pop(), counts.pop()
-                if opening != "(":
-                    output.append(("call", opening[:-1], count))
-        elif sign in ("+", "-") and not operand:  # a sign, no operation of two operands
+                yard.argument_counts[-1] += 1
+        elif sign in ("+", "-") and not follows_operand:  # a sign, no operation of two operands
             if sign == "-":
-                stack.append("negate")
+                yard.stack.append("negate")
         else:
-            release(_OPERATORS[sign][0])
-            stack.append(sign)
-        # a name followed by "(" is a function, whose operand ends at its ")"
-        operand = bool(token["number"]) or sign == ")" or bool(
-            token["name"] and text[position - 1] != "(")
-    release(binding=0)
-    if stack:
+            yard.release(_OPERATORS[sign][0])
+            yard.stack.append(sign)
+        follows_operand = not token["call"] and sign in (None, ")")
+    yard.release(binding=0)
+    if yard.stack:
         raise UnreadableError(text)
-    return output
+    return yard.output
 
 
 # ---------------------------------------------------------------- numbers
