@@ -115,9 +115,10 @@ def derivatives_of(
     # second derivatives, and derivatives of flows that are not on lanes, are by dual numbers
     needs_duals = derived.second or (isinstance(scheme, SplittingScheme) and not lanes)
     duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if needs_duals else None
-    called_functions = frozenset(printer.functions).union(*(k.functions for k in kernels))
-    called_functions = called_functions.union(*(k["scalar"].functions for template in templates
-                                                for k in template["own"]))
+    called_functions = frozenset(printer.functions).union(
+        *(k.functions for k in kernels),
+        *(k["scalar"].functions for template in templates for k in template["own"]),
+        duals.functions if duals else ())
     index_of = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
@@ -125,7 +126,7 @@ def derivatives_of(
         times=len(times),
         chain=chain,
         inputs=[index_of.get(str(u), -1) for u in system.inputs],
-        functions=called_functions | duals.functions if duals else called_functions,
+        functions=called_functions,
         parts=templates,
         lanes=lanes,
         quantities=states.quantities is not None,

@@ -18,7 +18,7 @@ from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..schemes.system_differences import mean_gradient_of, time_input, vector
 from ..systems.jacobians import jacobian, transposed_product
 from ..systems.repeated_structure import ElementTemplate, Structure
-from .elements import NUMBERS, Emitter, Placed, local_inputs, mean_jacobian, term_kernels
+from .elements import NUMBERS, Emitter, local_inputs, mean_jacobian, nonempty, term_kernels
 from .program import Derived, Elements
 
 __all__ = ["element_derivatives"]
@@ -62,8 +62,8 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     derivative_tables = []
     for kind, (templates, tables, kernels_of) in enumerate(kinds):
         for template, table in zip(templates, tables, strict=True):
-            derivative_kernels = emit.template_kernels(table["name"],
-                                                       kernels_of(template, scheme, times))
+            derivative_kernels = emit.template_kernels(table["name"], nonempty(
+                [(kernel, NUMBERS) for kernel in kernels_of(template, scheme, times)]))
             extended = table | {"kind": kind, "columns": table["nk"] + len(times),
                                 "own": derivative_kernels}
             # a group may have kernels of the step itself, such as the Hessian of H
@@ -156,19 +156,9 @@ def _by_constants(
     return derivative_rows(expressions, [*template.constants, *times])
 
 
-def _nonempty(kernels: Sequence[Kernel]) -> list[Placed]:
-    """Return kernels, for numbers, without empty outputs; a kernel with no others is omitted."""
-    nonempty = []
-    for kernel in kernels:
-        outputs = {a: matrix for a, matrix in kernel.outputs.items() if matrix and matrix[0]}
-        if outputs:
-            nonempty.append((Kernel(kernel.name, kernel.doc, kernel.inputs, outputs), NUMBERS))
-    return nonempty
-
-
 def _energy_derivatives(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
-) -> list[Placed]:
+) -> list[Kernel]:
     """Return the kernels of a term of H: dH_q/dc, dH_p/dc and, of IMS and EMS, of D_q and D_p.
 
     D_q and D_p are its discrete gradients, in means and differences of two states; ``times`` are
@@ -176,10 +166,10 @@ def _energy_derivatives(
     """
     element = template.system
     state = Kernel("rates_by_constants", "dH_q/dc and dH_p/dc", local_inputs(template),
-                   {"H_qc": _by_constants(template, element.H_q if template.q else [], times),
-                    "H_pc": _by_constants(template, element.H_p if template.p else [], times)})
+                   {"H_qc": _by_constants(template, element.H_q, times),
+                    "H_pc": _by_constants(template, element.H_p, times)})
     if isinstance(scheme, SparkScheme):
-        return _nonempty([state])
+        return [state]
     # IMS and EMS
     nq, np = len(template.q), len(template.p)
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
@@ -191,14 +181,14 @@ def _energy_derivatives(
     by_constants = Kernel("mean_by_constants", "dD_q/dc and dD_p/dc", arguments,
                           {"D_qc": _by_constants(template, D_q, times),
                            "D_pc": _by_constants(template, D_p, times)})
-    hessian = [k for k in term_kernels(template, between=False, constrained=True)
-               if k[0].name == "hessian"]
-    return [*_nonempty([state, mean, by_constants]), *hessian]
+    hessian = [kernel for kernel, _ in term_kernels(template, between=False, constrained=True)
+               if kernel.name == "hessian"]
+    return [state, mean, by_constants, *hessian]
 
 
 def _constraint_derivatives(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
-) -> list[Placed]:
+) -> list[Kernel]:
     """Return the kernels of a constraint g: derivatives of g, of its rate and of its force.
 
     The rate is G v + g_t and the force Gᵀ λ; IMS and EMS have the force with the mean G of a step.
@@ -222,19 +212,19 @@ def _constraint_derivatives(
                               local_inputs(template, **{"lambda": lam}),
                               {"force_c": _by_constants(template, transposed_product(G, lam),
                                                         times)}))
-        return _nonempty(kernels)
+        return kernels
     # of q₁ and q₀, the kernels take the mean qm and the difference dq
     qm, dq = vector("qm", nq), vector("dq", nq)
     mean_G, _ = mean_jacobian(template, qm, dq, scheme.discrete)
     force = transposed_product(mean_G, lam)
     arguments = {"qm": qm, "dq": dq, "lambda": lam, "k": template.constants}
-    return _nonempty([
+    return [
         *kernels,
         Kernel("mean_force_by_start", "d(G^T lambda)/dqm between two states", arguments,
                {"K": jacobian(force, qm)}),
         Kernel("mean_force_by_constants", "d(G^T lambda)/dc between two states", arguments,
                {"force_c": _by_constants(template, force, times)}),
-    ])
+    ]
 
 
 def _rates(
@@ -250,9 +240,9 @@ def _rates(
 
 def _force_derivatives(
     template: ElementTemplate, scheme: SparkScheme | MeanScheme, times: Sequence[sp.Symbol]
-) -> list[Placed]:
+) -> list[Kernel]:
     """Return the kernel of a force F: dF/dc."""
     arguments = {"q": template.q, "p": template.p, **time_input(scheme.system),
                  "k": template.constants}
-    return _nonempty([Kernel("by_constants", "dF/dc", arguments,
-                             {"F_c": _by_constants(template, template.expressions, times)})])
+    return [Kernel("by_constants", "dF/dc", arguments,
+                   {"F_c": _by_constants(template, template.expressions, times)})]

@@ -8,6 +8,8 @@ instance. The functions of the whole system, which gather and scatter, are in
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from itertools import accumulate
 from typing import Any
 
@@ -31,7 +33,8 @@ from ..systems.repeated_structure import ElementSystem, ElementTemplate, Structu
 from .condensation import condensation_of
 from .program import Derived, Elements
 
-__all__ = ["NUMBERS", "Emitter", "Placed", "elements_of", "local_inputs", "term_kernels"]
+__all__ = ["NUMBERS", "Emitter", "Placed", "elements_of", "local_inputs", "nonempty",
+           "term_kernels"]
 
 #: What a kernel is needed for: numbers (Newton, reports), lanes (fixed-point iteration), or both.
 NUMBERS, LANES, BOTH = "numbers", "lanes", "both"
@@ -49,19 +52,10 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
     ``condensed``, ``curved``, ``condensed_start``
         entries of the condensed system, if H_pp is invertible block by block (``Condensation``).
     """
-    scheme, emit = derived.implicit, Emitter(derived.constants, derived.real)
+    scheme = derived.implicit
     constants = _constants_of(structure)
     index = {c: position for position, c in enumerate(constants)}
-
-    def tables(
-        kind: str, templates: Sequence[ElementTemplate],
-        kernels_of: Callable[[ElementTemplate], list[Placed]],
-    ) -> list[dict[str, Any]]:
-        """Return the tables of the templates of one kind, named ``kind0``, ``kind1`` and so on."""
-        return [_table_of(f"{kind}{f}", template, index)
-                | {"kernels": emit.template_kernels(f"{kind}{f}", kernels_of(template))}
-                for f, template in enumerate(templates)]
-
+    tables = partial(_tables, Emitter(derived.constants, derived.real), index)
     constrained, time = bool(structure.system.m), time_input(structure.system)
     energies = tables("term", structure.templates,
                       lambda template: _energy_kernels(template, scheme, constrained))
@@ -144,6 +138,16 @@ def _elimination_tables(elimination: Elimination) -> dict[str, Any]:
     }
 
 
+def _tables(
+    emit: Emitter, index: dict[int, int], kind: str, templates: Sequence[ElementTemplate],
+    kernels_of: Callable[[ElementTemplate], list[Placed]],
+) -> list[dict[str, Any]]:
+    """Return the tables of the templates of one kind, named ``kind0``, ``kind1`` and so on."""
+    return [_table_of(f"{kind}{f}", template, index)
+            | {"kernels": emit.template_kernels(f"{kind}{f}", kernels_of(template))}
+            for f, template in enumerate(templates)]
+
+
 def _table_of(name: str, template: ElementTemplate, index: dict[int, int]) -> dict[str, Any]:
     """Return the sizes and tables of an element template, as the template of C reads them.
 
@@ -214,44 +218,41 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
     ``between``: the scheme is IMS or EMS, whose gradient and second derivatives, between two
     states, are in ``mean_term_kernels``. A kernel is emitted for one trajectory (NUMBERS), for
     trajectories side by side (LANES), or for both. H_p for numbers and H_pp serve the constraint on
-    the momenta, G H_p + g_t = 0, of ``constrained`` systems. Derivatives by q or p are left out
-    where the term has no q or no p.
+    the momenta, G H_p + g_t = 0, of ``constrained`` systems.
     """
-    system = template.system
-    arguments = local_inputs(template)
-    gradients: dict[str, Any] = {}
-    second: dict[str, Any] = {}
-    # the order of the outputs is the order of the arguments in C
-    if template.p:
-        gradients["H_p"] = system.H_p
-    if template.q:
-        gradients["H_q"] = system.H_q
-        second["H_qq"] = system.H_qq
-    if template.p and template.q:
-        second["H_pq"] = system.H_pq
-    if template.p:
-        second["H_pp"] = system.H_pp
+    system, arguments = template.system, local_inputs(template)
     # in a co-moving frame, H̃ of the motion comes first, and the energy H last
-    kernels = [
-        (Kernel("energy", f"H of {_short_text(system.H)}", arguments,
-                {"H": template.expressions[-1]}), BOTH),
-        (Kernel("gradient", "derivatives of H", arguments, gradients), BOTH),
-    ]
-    if template.p:
+    kernels = [(Kernel("energy", f"H of {_short_text(system.H)}", arguments,
+                       {"H": template.expressions[-1]}), BOTH)]
+    if not between:
+        kernels.append((Kernel("gradient", "derivatives of H", arguments,
+                               {"H_p": system.H_p, "H_q": system.H_q}), BOTH))
+    if constrained or not between:
         kernels.append((Kernel("velocity", "H_p", arguments, {"H_p": system.H_p}),
                         BOTH if constrained else LANES))
+    if constrained:
         kernels.append((Kernel("mass", "H_pp, the inverse of a mass", arguments,
-                               {"H_pp": system.H_pp}),
-                        BOTH))
+                               {"H_pp": system.H_pp}), BOTH))
     if template.time is not None and not between:
         kernels.append((Kernel("energy_rate", "H_t", arguments, {"H_t": system.H_t}), BOTH))
-    kernels.append((Kernel("hessian", "second derivatives of H", arguments, second), NUMBERS))
-    # IMS and EMS have kernels of their own between two states: ``mean_term_kernels``
-    dropped = {"gradient", "hessian"} if between else set()
-    if not constrained:
-        dropped |= {"mass", "velocity"} if between else {"mass"}
-    return [(kernel, use) for kernel, use in kernels
-            if kernel.outputs and kernel.name not in dropped]
+    if not between:
+        kernels.append((Kernel("hessian", "second derivatives of H", arguments, {
+            "H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}), NUMBERS))
+    return nonempty(kernels)
+
+
+def nonempty(kernels: Sequence[Placed]) -> list[Placed]:
+    """Return kernels without outputs of length 0, which C has not; one with no others is omitted.
+
+    The order of outputs stays: it is the order of the arguments in C.
+    """
+    nonempty_kernels = []
+    for kernel, use in kernels:
+        outputs = {name: entries for name, entries in kernel.outputs.items()
+                   if _flat_entries(entries)}
+        if outputs:
+            nonempty_kernels.append((replace(kernel, outputs=outputs), use))
+    return nonempty_kernels
 
 
 def constraint_kernels(template: ElementTemplate, *, between: bool) -> list[Placed]:
@@ -272,14 +273,14 @@ def constraint_kernels(template: ElementTemplate, *, between: bool) -> list[Plac
         (Kernel("jacobian", "G = dg/dq", arguments, {"G": G}), BOTH),
         (Kernel("reaction", "G^T lambda", with_lambda, {"force": transposed_product(G, lam)}),
          NUMBERS if between else BOTH),
-        (Kernel("curvature", "K = d(G^T lambda)/dq", with_lambda, {"K": curvature(g, q, lam)}),
-         NUMBERS),
     ]
+    if not between:  # IMS and EMS have the curvature between two states
+        kernels.append((Kernel("curvature", "K = d(G^T lambda)/dq", with_lambda,
+                               {"K": curvature(g, q, lam)}), NUMBERS))
     if template.time is not None:
         rates = [row[0] for row in jacobian(g, [template.time])]
         kernels.append((Kernel("rate", "g_t", arguments, {"g_t": rates}), BOTH))
-    # IMS and EMS have the curvature between two states: ``mean_constraint_kernels``
-    return [pair for pair in kernels if not (between and pair[0].name == "curvature")]
+    return kernels
 
 
 def force_kernels(template: ElementTemplate, time: dict[str, list[sp.Symbol]]) -> list[Placed]:
@@ -308,25 +309,14 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
     qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
     D_q, D_p = mean_gradient_of(template.system, (qm, pm), (dq, dp), discrete)
     arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": template.constants}
-    # C has no arrays of length 0: outputs without entries are left out
-    gradient: dict[str, Any] = {}
-    second: dict[str, Any] = {}
-    if nq:
-        gradient["D_q"] = D_q
-        second["D_qq"] = by_increment(D_q, qm, dq)
-    if nq and np:
-        second["D_qp"] = by_increment(D_q, pm, dp)
-        second["D_pq"] = by_increment(D_p, qm, dq)
-    if np:
-        gradient["D_p"] = D_p
-        second["D_pp"] = by_increment(D_p, pm, dp)
     kernels = [
-        (Kernel("mean_gradient", "mean gradient of H between two states", arguments, gradient),
-         BOTH if nq else NUMBERS),
-        (Kernel("mean_jacobian", "its derivatives by dq and dp", arguments, second), NUMBERS),
+        (Kernel("mean_gradient", "mean gradient of H between two states", arguments,
+                {"D_q": D_q, "D_p": D_p}), BOTH if nq else NUMBERS),
+        (Kernel("mean_jacobian", "its derivatives by dq and dp", arguments,
+                {"D_qq": by_increment(D_q, qm, dq), "D_qp": by_increment(D_q, pm, dp),
+                 "D_pq": by_increment(D_p, qm, dq), "D_pp": by_increment(D_p, pm, dp)}), NUMBERS),
+        (Kernel("mean_velocity", "D_p", arguments, {"D_p": D_p}), LANES),
     ]
-    if np:
-        kernels.append((Kernel("mean_velocity", "D_p", arguments, {"D_p": D_p}), LANES))
     if template.time is not None:
         rate = sp.Integer(0)  # of a term without time
         if template.system.is_time_dependent:
@@ -334,7 +324,7 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
             *_, rate = mean_slopes_of(template.system, (qm, pm), (dq, dp), discrete)
         kernels.append((Kernel("mean_energy_rate", "mean of dH/dt between two states", arguments,
                                {"D_t": rate}), BOTH))
-    return [(kernel, use) for kernel, use in kernels if kernel.outputs]
+    return nonempty(kernels)
 
 
 def mean_constraint_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]:

@@ -135,22 +135,9 @@ class CheckFunction:
 
     def _case(self, number: int, kernel: KernelText) -> str:
         """Return the C that calls a kernel on inputs in x and has its outputs in y."""
-        lines = [f"{kernel.constants} c;", "clear(&c, sizeof c);"]
-        # it reads and writes fields of two structs, which are no arrays: they are set by offsets
         if kernel.name == "prepare":
-            fields, places = (", ".join(f"offsetof({kind}, {name})" for name in names)
-                              for kind, names in (("parameters_t", kernel.inputs),
-                                                  ("constants", kernel.outputs)))
-            lines += ["parameters_t par;", "clear(&par, sizeof par);",
-                      f"static const size_t fields[{max(len(kernel.inputs), 1)}] = "
-                      f"{{ {fields or 0} }};",
-                      f"static const size_t places[{len(kernel.outputs)}] = {{ {places} }};",
-                      "for (int e = 0; e < size[0]; ++e)",
-                      "    *(real *)(void *)((char *)&par + fields[e]) = x[e];",
-                      "prepare(&par, &c);",
-                      "for (int e = 0; e < size[1]; ++e)",
-                      "    y[e] = *(const real *)(const void *)((const char *)&c + places[e]);"]
-            return _block(number, lines)
+            return _block(number, _preparation(kernel))
+        lines = [f"{kernel.constants} c;", "clear(&c, sizeof c);"]
         lines += [f"c.{name} = x[{e}];" for e, name in enumerate(kernel.fields)]
         if kernel.on_lanes:
             lines.append("c._used = LANES;")
@@ -175,6 +162,26 @@ _CLEAR = f"""
         ((unsigned char *)memory)[i] = 0;
 }}
 """
+
+
+def _preparation(kernel: KernelText) -> list[str]:
+    """Return the C that calls ``prepare``, from parameters in x to constants in y.
+
+    It reads and writes fields of two structs, which are no arrays: they are set by offsets.
+    """
+    parameters, constants = (", ".join(f"offsetof({kind}, {name})" for name in names)
+                             for kind, names in (("parameters_t", kernel.inputs),
+                                                 ("constants", kernel.outputs)))
+    return [
+        f"{kernel.constants} c;", "clear(&c, sizeof c);",
+        "parameters_t par;", "clear(&par, sizeof par);",
+        f"static const size_t fields[{max(len(kernel.inputs), 1)}] = {{ {parameters or 0} }};",
+        f"static const size_t places[{len(kernel.outputs)}] = {{ {constants} }};",
+        "for (int e = 0; e < size[0]; ++e)",
+        "    *(real *)(void *)((char *)&par + fields[e]) = x[e];",
+        "prepare(&par, &c);",
+        "for (int e = 0; e < size[1]; ++e)",
+        "    y[e] = *(const real *)(const void *)((const char *)&c + places[e]);"]
 
 
 def _block(number: int, lines: Iterable[str]) -> str:
@@ -273,7 +280,7 @@ def _worst_mismatch(
     maxima over the points on the right; else if it is within SLACK times the bound of a running
     error analysis. The worst has the largest ratio ``excess`` of error and allowed error.
     """
-    kernel = function.kernels[number]
+    kernel, epsilon = function.kernels[number], 2.0 ** (1 - real.bits)
     # the same points in every process, which hash() of a text would not give
     random = np.random.default_rng(zlib.crc32(kernel.name.encode()))
     pending_outputs, worst_mismatch, excess = dict.fromkeys(outputs_of(kernel)), None, 1.0
@@ -286,33 +293,48 @@ def _worst_mismatch(
         y = _evaluate_kernel(module, function, number, points, count, wide)
         bounds: dict[str, Any] = {}
         for output in list(pending_outputs):
-            exact, rounded = _doubles(y0[output], count), _doubles(y1[output], count)
-            finite = np.isfinite(exact) & np.isfinite(rounded)
-            if finite.sum() < 2:
+            finite, compiled, expected, errors, round_off = _errors_of(
+                y[output], y0[output], y1[output], wide, count)
+            if len(errors) < 2:
                 continue  # outside of where a root or a logarithm is real: drawn from elsewhere
             del pending_outputs[output]
-            with np.errstate(all="ignore"):
-                errors, round_off = (
-                    np.abs(_doubles(outputs - y0[output], count)[finite])
-                    for outputs in (y[output], wide.array(y1[output], count)))
-            ulp = 2.0 ** (1 - real.bits) * np.abs(exact[finite]).max()
-            allowed = SLACK * max(round_off.max(), ulp, sys.float_info.min)
-            errors[np.isnan(errors)] = np.inf
+            allowed = SLACK * max(round_off, epsilon * np.abs(expected).max(), sys.float_info.min)
             largest = int(errors.argmax())
             # rounding may cancel in NumPy, and not with FMA: then the measured round-off is too
             # small, and its bound decides, which takes longer to evaluate
             if errors[largest] > allowed:
                 bounds = bounds or _bounds(kernel, wide, points)
-                allowed = max(allowed, SLACK * float(
-                    2.0 ** (1 - real.bits) * _doubles(bounds[output], count)[finite].max()))
+                bound = _doubles(bounds[output], count)[finite].max()
+                allowed = max(allowed, SLACK * float(epsilon * bound))
             if errors[largest] > excess * allowed:
                 excess = errors[largest] / allowed
-                compiled = _doubles(y[output], count)[finite][largest]
-                worst_mismatch = KernelMismatch(kernel.name, output, compiled,
-                                                exact[finite][largest], allowed)
+                worst_mismatch = KernelMismatch(kernel.name, output, compiled[largest],
+                                                expected[largest], allowed)
         if not pending_outputs:
             break
     return worst_mismatch, list(pending_outputs)
+
+
+class _Errors(NamedTuple):
+    """Errors of an output of a compiled kernel at the points where its statements are finite."""
+
+    finite: NDArray[np.bool_]  # which of all points these are
+    compiled: NDArray[np.float64]
+    expected: NDArray[np.float64]
+    errors: NDArray[np.float64]  # ∞ where the compiled value is NaN
+    round_off: float  # the largest error of the statements in the stepper's type
+
+
+def _errors_of(y: Any, y0: Any, y1: Any, wide: Arithmetic, count: int) -> _Errors:
+    """Return |y − y₀| and max |y₁ − y₀| of an output; letters as of ``_worst_mismatch``."""
+    expected, rounded = _doubles(y0, count), _doubles(y1, count)
+    finite = np.isfinite(expected) & np.isfinite(rounded)
+    with np.errstate(all="ignore"):
+        errors, round_off = (np.abs(_doubles(outputs - y0, count)[finite])
+                             for outputs in (y, wide.array(y1, count)))
+    errors[np.isnan(errors)] = np.inf
+    return _Errors(finite, _doubles(y, count)[finite], expected[finite], errors,
+                   float(round_off.max(initial=0.0)))
 
 
 def _bounds(
