@@ -45,8 +45,8 @@ from .joints import (
 )
 from .rigid_body import rotation_matrix
 
-__all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "frames_along",
-           "moments_of_segment", "stiffness_of", "strain_between"]
+__all__ = ["COLOUR", "Beam", "BeamEnd", "BeamJoint", "curve_of", "moments_of_segment",
+           "stiffness_of", "strain_between"]
 
 #: Colour of the tube that a beam is drawn as.
 COLOUR = "#7d8794"
@@ -359,6 +359,22 @@ class BeamCurve(NamedTuple):
     nodes: Array  # ends of the segments, at equal distances along it, shape (count + 1, 3), m
     end_edges: Array  # its first and its last edge, shape (2, 3), m
     length: float  # m
+
+    @property
+    def chords(self) -> Array:
+        """The segments as vectors in space, shape (count, 3), m."""
+        return np.diff(self.nodes, axis=0)
+
+    def attitudes(self, name: str, normal: ArrayLike | None, twist: float) -> list[Array]:
+        """Return the unit quaternions of the sections at the start, mid-segments and the end.
+
+        Arguments and errors as of ``frames_along``.
+        """
+        first_edge, last_edge = self.end_edges
+        count = len(self.nodes) - 1
+        arc = np.array([0.0, *(np.arange(count) + 0.5) / count, 1.0])
+        return frames_along(name, np.stack([first_edge, *self.chords, last_edge]), arc, normal,
+                            twist)
 
 
 def curve_of(name: str, start: Any, end: Any, points: Any, count: int) -> BeamCurve:

@@ -58,7 +58,6 @@ from .beam import (
     BeamEnd,
     BeamJoint,
     curve_of,
-    frames_along,
     moments_of_segment,
     stiffness_of,
 )
@@ -501,20 +500,14 @@ class Multibody(FixedAttributes):
         segment_count, EI, GJ, extension, tau = stiffness_of(
             name, count, bending, twisting, stretching, shearing, damping)
         curve = curve_of(name, start, end, points, segment_count)
+        attitudes = curve.attitudes(name, normal, float(finite(f"twist of {name!r}", twist, ())))
         # h: length of the beam along a segment, whose chord is shorter where the beam is curved
         nodes, h = curve.nodes, curve.length / segment_count
-        chords = np.diff(nodes, axis=0)
-        # sections at the start, at the middle of each segment and at the end: their distances from
-        # the start as parts of the length
-        arc = np.array([0.0, *(np.arange(segment_count) + 0.5) / segment_count, 1.0])
-        first_edge, last_edge = curve.end_edges
-        attitudes = frames_along(name, np.stack([first_edge, *chords, last_edge]), arc, normal,
-                                 float(finite(f"twist of {name!r}", twist, shape=())))
         m = positive(f"mass of {name!r}", mass) / segment_count
         checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)
         moments = as_inertia(moments_of_segment(name, inertia, m, h, checked_radius),
                              f"inertia of {name!r}")
-        halves = np.linalg.norm(chords, axis=1) / 2
+        halves = np.linalg.norm(curve.chords, axis=1) / 2
         v, omega = (optional_vector(f"{option} of {name!r}", entry) for option, entry in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
         segments, segment_attitudes = list[Body](), attitudes[1:-1]

@@ -191,20 +191,19 @@ class Fitting:
 
     def __init__(
         self, step: Stepper, observation: Observation, run: RunArguments, sample_steps: Array,
-        data: Array, sigma: Array, free: Sequence[str], fits_start: bool,
+        data: Array, sigma: Array, free: Sequence[str],
         clock: tuple[Any, Array] | None = None,
     ) -> None:
         """Keep the run and its measurements: ``data`` at the states after ``sample_steps`` steps.
 
         Shapes: sample_steps (samples,), data (samples, columns), sigma (1,) or (c,), c the number
-        of residuals of a sample. ``free`` names the parameters to fit; ``fits_start``: whether the
-        start is fitted too. ``clock`` is t0 and the times of the samples, shape (samples,), in
-        scaled time.
+        of residuals of a sample. ``free`` names the parameters to fit, and "start" if the start is
+        fitted too. ``clock`` is t0 and the times of the samples, shape (samples,), in scaled time.
         """
         self.step, self.observation, self.run = step, observation, run
         self.sample_steps, self.data, self.sigma = sample_steps, data, sigma
-        self.fits_start, self.coordinates = fits_start, Coordinates(step, free, run.parameters)
-        self.free = list(free)
+        self.fits_start, self.free = "start" in free, [name for name in free if name != "start"]
+        self.coordinates = Coordinates(step, self.free, run.parameters)
         self.samples = len(data)
         #: In scaled time the start's t, and the times of the samples, which lie between steps.
         self.clock = clock
@@ -461,26 +460,19 @@ def fit(
     iteration_limit = as_positive_count("max_iterations", max_iterations, minimum=1)
     as_progress(progress)
     t0 = as_real("t", first_guess.t, stepper.binding.number)
-    times = as_numbers("t", t)
-    if times.ndim != 1 or not len(times):
-        raise InputError(f"t has the shape {times.shape}; give one time for each row of data.")
+    times = _sample_times(t, float(t0))
     samples = observation.check_data(data, len(times))
-    times = np.array(times, dtype=float)
-    _refuse_unordered(times, float(t0))
     clocked = stepper.binding.clocked
     if clocked or dtau is not None:
         # samples lie between steps, whose number is not known: 1 stands for it
         step_size, sample_steps = step_argument(stepper.binding, dt, dtau), np.ones(1, int)
     else:
         step_size, sample_steps = _steps_at(times, float(t0), dt)
-    names = _free_names(stepper, free, fixed)
-    fits_start = "start" in names
-    names = [name for name in names if name != "start"]
+    free_names = _free_names(stepper, free, fixed)
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
     # without a sigma residuals have the unit 1, and the noise is estimated from them
     fitting = Fitting(stepper, observation, run, sample_steps, samples, sigma=np.ones(1),
-                      free=names, fits_start=fits_start,
-                      clock=(t0, times) if clocked else None)
+                      free=free_names, clock=(t0, times) if clocked else None)
     point = _first_point(fitting)
     if sigma is not None:
         fitting.sigma = _sigma(sigma, fitting, point)
@@ -564,14 +556,18 @@ def _linearise_and_report(
     return linearise(point)
 
 
-def _refuse_unordered(times: Array, t0: float) -> None:
-    """Refuse times of samples, shape (samples,), that do not increase, or begin before t0."""
+def _sample_times(t: ArrayLike, t0: float) -> Array:
+    """Return the times of the samples, shape (samples,), which increase and begin not before t0."""
+    numbers = as_numbers("t", t)
+    if numbers.ndim != 1 or not len(numbers):
+        raise InputError(f"t has the shape {numbers.shape}; give one time for each row of data.")
+    times = np.array(numbers, dtype=float)
     if not np.isfinite(times).all():
         raise InputError("A time in t is not finite; leave out samples that are missing.")
-    intervals = np.diff(times)
-    if (intervals <= 0).any() or times[0] < t0:
+    if (np.diff(times) <= 0).any() or times[0] < t0:
         raise InputError("The times in t do not increase from the start's; sort the samples, one "
                          "for each time, and give a start not after the first of them.")
+    return times
 
 
 def _steps_at(times: Array, t0: float, dt: Any) -> tuple[Any, Array]:

@@ -203,6 +203,16 @@ class Hessian:
         return card("Hessian", table(rows, ("", "gradient", "second derivatives")))
 
 
+def _refuse_first_order_alone(cotangents: Cotangents) -> None:
+    """Refuse a function of multipliers or of states within steps: they have a gradient alone."""
+    if cotangents.multipliers.size:
+        raise InputError("A Hessian is of states, and this function depends on multipliers, which "
+                         "have first derivatives alone; leave them out.")
+    if cotangents.points:
+        raise InputError("A Hessian is of states at the ends of steps, and this function depends "
+                         "on states within them; give cotangents of rows alone.")
+
+
 def hessian_of(
     stepper: Stepper, run: RunArguments, cotangents: Cotangents, slopes: Slopes | None,
     checked: Callable[[Mapping[str, Any]], Cotangents], wrt: tuple[str, ...], memory: Any,
@@ -210,21 +220,16 @@ def hessian_of(
 ) -> Hessian:
     """Return the Hessian Dᵀ (z̄' D) of a function of a checked run, one column a direction of D.
 
-    z̄ are the function's derivatives by z = (q₀, p₀, parameters, Δt, t0), and z̄' D their slopes
-    along the columns of D, directions tangent to the constraints: one for each name of ``wrt``, and
-    for "start" a basis. ``cotangents`` are the function's derivatives by the stored states;
-    ``slopes`` says how these change along a direction (None: they do not), and ``checked`` checks
-    its answers. All steps are kept, in at most ``memory``; ``value`` goes into the result. Raises
-    InputError for what a Hessian is not taken by, for states within steps, for too little memory;
-    StepFailed as the run itself does.
+    z̄, shape (rows,), are the function's derivatives by z = (q₀, p₀, parameters, Δt, t0), and z̄' D
+    their slopes along the columns of D, shape (rows, k), directions tangent to the constraints: one
+    for each name of ``wrt``, and for "start" a basis. ``cotangents`` are the function's derivatives
+    by the stored states; ``slopes`` says how these change along a direction (None: they do not),
+    and ``checked`` checks its answers. All steps are kept, in at most ``memory``; ``value`` goes
+    into the result. Raises InputError for what a Hessian is not taken by, for states within steps,
+    for too little memory; StepFailed as the run itself does.
     """
     refuse_run(run)
-    if cotangents.multipliers.size:
-        raise InputError("A Hessian is of states, and this function depends on multipliers, which "
-                         "have first derivatives alone; leave them out.")
-    if cotangents.points:
-        raise InputError("A Hessian is of states at the ends of steps, and this function depends "
-                         "on states within them; give cotangents of rows alone.")
+    _refuse_first_order_alone(cotangents)
     stored_run = _StoredRun(stepper, run, memory)
     space = TangentSpace(stored_run.first_order, stored_run.parameters, run.q, run.p,
                          stepper.constraint_names)

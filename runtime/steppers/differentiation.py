@@ -474,11 +474,8 @@ class Differentiation(Evaluation):
         if hasattr(loss, "free_symbols") and slopes is None:
             slopes = function_of("generator.systems.run_functions", "slopes_over_states")(loss, run)
         rows_by_kind = self._rows_by_kind(run, solver)
-
-        def checked(arrays: Mapping[str, Any]) -> Any:
-            """Return cotangents of stored states, checked as ``gradient`` checks them."""
-            return cotangents_of(stepper, rows_by_kind, arrays)
-
+        # checks cotangents of stored states as ``gradient`` checks them
+        checked = partial(cotangents_of, stepper, rows_by_kind)
         return hessian_of(stepper, rows_by_kind.run, checked(cotangents), slopes, checked, names,
                           memory, value)
 

@@ -184,7 +184,6 @@ class Stepper(Dynamics):
             When the step finds no solution.
         """
         state = merged_start(self, start, p, parameters)
-        q, p, t0 = state.q, state.p, state.t
         input_rows = as_inputs(inputs, self.binding, 1)
         if input_rows is not None:
             # inputs among the parameters have no effect beside ``inputs``, and are not compared
@@ -192,31 +191,39 @@ class Stepper(Dynamics):
             state = replace_fields(state, parameters={
                 name: value for name, value in parameter_values.items()
                 if name not in self.binding.input_names})
-        # the names of inputs are compared too: a call without them does not hold the last ones
-        arguments = (dt, solver, input_rows is None, state.parameters)
-        # one for each thread: threads share a stepper, and not the memory of its solver
-        previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
-        # gone until this step has succeeded: a step that fails leaves no memory to go on from
-        self._local.previous_step = None
-        if previous_step is not None and previous_step.continues(q, p, t0, arguments):
-            step = previous_step
-        else:
-            run = self._checked_run(self._run_arguments(
-                state, dt=dt, steps=1, inputs=input_rows, solver=solver))
-            self._warn(run)
-            # work memory that a step has used needs no initialisation
-            work = None if previous_step is None else previous_step.work
-            step = ContinuedStep(self.binding, run, arguments, work)
+        step = self._continued_step(state, dt, solver, input_rows)
         if input_rows is not None:
             step.feed(input_rows.at(0))
         if step.advance(1):
             # it has failed: without the memory of earlier steps it may succeed, else the error
             # raised here has the reason
-            run = step.run_from(q, p, t0).with_inputs(input_rows)
+            run = step.run_from(state.q, state.p, state.t).with_inputs(input_rows)
             end = integrate(self.binding, self.manifest, run)
             return end.q[-1], end.p[-1]
         self._local.previous_step = step
         return step.q.copy(), step.p.copy()
+
+    def _continued_step(
+        self, state: StartNumbers, dt: Number, solver: Any, input_rows: InputRows | None
+    ) -> ContinuedStep:
+        """Return the step of this thread's last call if ``state`` continues it, else a new one.
+
+        Threads share a stepper, and not the memory of its solver. Until the step has succeeded the
+        thread has none: a step that fails leaves no memory to go on from.
+        """
+        # the names of inputs are compared too: a call without them does not hold the last ones
+        arguments = (dt, solver, input_rows is None, state.parameters)
+        previous_step: ContinuedStep | None = getattr(self._local, "previous_step", None)
+        self._local.previous_step = None
+        if previous_step is not None and previous_step.continues(
+                state.q, state.p, state.t, arguments):
+            return previous_step
+        run = self._checked_run(self._run_arguments(
+            state, dt=dt, steps=1, inputs=input_rows, solver=solver))
+        self._warn(run)
+        # work memory that a step has used needs no initialisation
+        work = None if previous_step is None else previous_step.work
+        return ContinuedStep(self.binding, run, arguments, work)
 
     def start(
         self,

@@ -180,18 +180,7 @@ def tune(
     check_stepper(step, "step")
     fixed = as_mapping("parameters", {} if parameters is None else parameters, "{'mgl': 0.4}")
     state = merged_start(step, start, p, fixed)
-    aim = choose("aim", aim, AIMS.values())
-    if aim == "energy" and "auto" not in (gamma, frame):
-        raise InputError("aim = 'energy' is for gamma='auto' or frame='auto'; give one of them.")
-    # parameter → the rule that finds its value: of the model first, then of the arguments
-    rules = _searches(state.parameters)
-    if gamma is not None or frame is not None or rules:
-        step._refuse_scaled(rules="a choice of γ or of a frame")
-    if gamma is not None:
-        rule = choose("gamma", gamma, (*MEANS, "auto"))
-        rules |= _gammas(step, state.parameters, fixed, rule, aim)
-    if frame is not None:
-        rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), aim)
+    rules = _rules_of(step, state.parameters, fixed, gamma, frame, aim)
     pilot_limit = as_positive_count("pilot_steps", pilot_steps, minimum=_LEAST)
     state = replace(state, parameters={**state.parameters, **rules})
     length = Span(dt, dtau, t_end, steps)
@@ -252,6 +241,28 @@ def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
 # ---------------------------------------------------------------- arguments
 
 
+def _rules_of(
+    step: Stepper, parameters: Mapping[str, Any], fixed: Mapping[str, Any], gamma: Any, frame: Any,
+    aim: Any,
+) -> dict[str, Rule]:
+    """Return parameter → the rule of its value: of the model first, then of the arguments.
+
+    ``parameters`` has the numbers and rules of the model, ``fixed`` the numbers of the caller.
+    """
+    aim = choose("aim", aim, AIMS.values())
+    if aim == "energy" and "auto" not in (gamma, frame):
+        raise InputError("aim = 'energy' is for gamma='auto' or frame='auto'; give one of them.")
+    rules = _searches(parameters)
+    if gamma is not None or frame is not None or rules:
+        step._refuse_scaled(rules="a choice of γ or of a frame")
+    if gamma is not None:
+        rule = choose("gamma", gamma, (*MEANS, "auto"))
+        rules |= _gammas(step, parameters, fixed, rule, aim)
+    if frame is not None:
+        rules |= _rates(step, fixed, choose("frame", frame, ("auto", "start")), aim)
+    return rules
+
+
 def _searches(parameters: Mapping[str, Any]) -> dict[str, Rule]:
     """Return the rules other than means: searches and least squares that a model asks for."""
     return {name: x for name, x in parameters.items()
@@ -261,10 +272,7 @@ def _searches(parameters: Mapping[str, Any]) -> dict[str, Rule]:
 def _gammas(
     step: Stepper, parameters: Mapping[str, Any], fixed: Mapping[str, Any], rule: str, aim: Aim
 ) -> dict[str, Rule]:
-    """Return the rule of each γ and α with a known inertia, but for those that are fixed.
-
-    ``parameters`` has the numbers and rules of the model, ``fixed`` the numbers of the caller.
-    """
+    """Return the rule of each γ and α with a known inertia, but for those that are fixed."""
     inertias = {name: number_or_rule.inertia for name, number_or_rule in parameters.items()
                 if isinstance(number_or_rule, Rule)}
     names = [name for name in step.parameter_domains if is_inertia_parameter(name)
