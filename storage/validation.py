@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import zarr
@@ -251,6 +251,24 @@ def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
         yield "its arrays are not in blocks of the same rows"
 
 
+class _Form(NamedTuple):
+    """The form that an array of a store must have."""
+
+    row_shape: tuple[int, ...]
+    chunks: tuple[int, ...]
+    dtype: np.dtype[Any]
+
+
+def _forms_of(stored_field: StoredField, rows: int) -> dict[str, _Form]:
+    """Return the forms of the arrays of a field, in chunks of ``rows``, by their names."""
+    forms = {stored_field.name: _Form(
+        stored_field.shape, (rows, *stored_field.shape), np.dtype(stored_field.dtype))}
+    if stored_field.wide:  # all digits of wide numbers are in an array of bytes
+        forms[wide_name(stored_field.name)] = _Form(
+            stored_field.wide_shape, (rows, *stored_field.wide_shape), np.dtype("u1"))
+    return forms
+
+
 def refuse_other_arrays(
     path: Path, group: zarr.Group, fields: list[StoredField], row_counts: Collection[int],
     checkpoint_bytes: int,
@@ -262,23 +280,13 @@ def refuse_other_arrays(
     checkpoint; arrays of ``events`` may have any length. Raises InputError.
     """
     block, about = array_of(group, "time").chunks[0], attributes_of(group)
-    expected: dict[str, tuple[tuple[int, ...], tuple[int, ...], np.dtype[Any]]] = {
-        CHECKPOINT: ((), (checkpoint_bytes,), np.dtype("u1"))}
-
-    def expect(stored_field: StoredField, rows: int) -> None:
-        """Note the shape, the chunks of ``rows`` and the type that a field's arrays must have."""
-        expected[stored_field.name] = (
-            stored_field.shape, (rows, *stored_field.shape), np.dtype(stored_field.dtype))
-        if stored_field.wide:  # all digits of wide numbers are in an array of bytes
-            expected[wide_name(stored_field.name)] = (
-                stored_field.wide_shape, (rows, *stored_field.wide_shape), np.dtype("u1"))
-
+    expected = {CHECKPOINT: _Form((), (checkpoint_bytes,), np.dtype("u1"))}
     for stored_field in fields:
-        expect(stored_field, block)
+        expected |= _forms_of(stored_field, block)
     for stored_field in events:
-        expect(stored_field, array_of(group, stored_field.name).chunks[0])
+        expected |= _forms_of(stored_field, array_of(group, stored_field.name).chunks[0])
     growing = set(names_of(events))  # an event array has a row for each crossing
-    for name, (row_shape, chunks, dtype) in expected.items():
+    for name, form in expected.items():
         lengths = {checkpoint_bytes} if name == CHECKPOINT else set(row_counts)
         try:
             array = array_of(group, name)
@@ -291,7 +299,7 @@ def refuse_other_arrays(
         if name in growing:
             lengths = set(array.shape[:1])
         if (array.shape[:1] not in {(length,) for length in lengths}
-                or (array.shape[1:], array.chunks, array.dtype) != (row_shape, chunks, dtype)):
+                or (array.shape[1:], array.chunks, array.dtype) != form):
             raise _damage(path, f"array {name!r} has not the form of this run's")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -9,10 +10,12 @@ import numpy as np
 
 from ..core.arrays import Array
 from ..core.errors import InputError
+from ..runtime.bindings.binding import Binding
 from ..runtime.events.detection import Levels
 from ..runtime.events.location import crossings_of, detectors_for
 from ..runtime.integration.lanes import EnsembleStates
 from ..runtime.integration.run_arguments import EnsembleArguments, RunArguments
+from ..runtime.results.crossings import Crossings
 from ..runtime.steppers.stepper import Stepper
 from .study import Study
 from .tiles import Cells
@@ -72,18 +75,28 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
         if not ensemble_states.status[0]:  # a cell that failed before keeps its reason
             ensemble_states.status[0] = NOT_CONVERGED
     binding, row_count = ensemble_states.binding, steps // every + 1
-    event_results: dict[str, Array] = {}
-    for event in study.events:
-        cell_crossings = [run_crossings[event.name].shown(binding) for run_crossings in crossings]
-        event_results[first_of(event.name)] = np.array(
-            [float(cell.t[0]) if len(cell) else np.nan for cell in cell_crossings] or [np.nan])
-        event_results[count_of(event.name)] = np.array(
-            [float(len(cell)) for cell in cell_crossings] or [np.nan])
     reports = np.concatenate([np.frombuffer(binding.ffi.buffer(record), dtype=binding.report_type)
                               for record in ensemble_states.reports])
     samples = ensemble_states.rows.q[:, :row_count], ensemble_states.rows.p[:, :row_count]
     return CellEnds(ensemble_states.q, ensemble_states.p, reports, ensemble_states.status, samples,
-                    event_results)
+                    _event_results(study, binding, crossings))
+
+
+def _event_results(
+    study: Study, binding: Binding, crossings: Sequence[Mapping[str, Crossings]]
+) -> dict[str, Array]:
+    """Return the first time and the number of crossings of each event, an entry for each cell.
+
+    No ``crossings`` stand for one cell whose events are not located, with NaN.
+    """
+    results: dict[str, Array] = {}
+    for event in study.events:
+        cell_crossings = [run_crossings[event.name].shown(binding) for run_crossings in crossings]
+        results[first_of(event.name)] = np.array(
+            [float(cell.t[0]) if len(cell) else np.nan for cell in cell_crossings] or [np.nan])
+        results[count_of(event.name)] = np.array(
+            [float(len(cell)) for cell in cell_crossings] or [np.nan])
+    return results
 
 
 def _join(parts: list[CellEnds]) -> CellEnds:

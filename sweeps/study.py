@@ -135,18 +135,7 @@ def checked_study(study: Study) -> Study:
     cure.
     """
     _refuse_repetition(study)
-    stepper = study.steppers[0]
-    names = list(stepper.parameter_domains)
-    for axis in study.axes:
-        for column, values in axis.columns.items():
-            if column in ("q", "p") and axis.name != START:
-                raise InputError(f"{column!r} along the axis {axis.name!r} is no parameter that a "
-                                 "sweep can vary, for the results have the states under this name; "
-                                 f"give states as the axis {START!r}, or rename the parameter.")
-            if column == SCHEME and axis.name != SCHEME:
-                raise InputError(f"{SCHEME!r} is a column of the axis {axis.name!r}; schemes vary "
-                                 f"along an axis of their own, {SCHEME!r}.")
-            _check_column(study, names, column, values)
+    _check_axes(study)
     parameters = _checked_parameters(study)
     study = _with_counts(study)
     name = study.step_name
@@ -163,6 +152,21 @@ def checked_study(study: Study) -> Study:
             Solver(study.solver) if len(study.steppers) > 1 else
             Solver(study.solver, study.tolerance, study.max_iterations))
     return replace(study, parameters=parameters, dt=dt, t_end=t_end, events=_events(study))
+
+
+def _check_axes(study: Study) -> None:
+    """Refuse a column of an axis that no sweep can vary, and values outside of its domain."""
+    names = list(study.steppers[0].parameter_domains)
+    for axis in study.axes:
+        for column, values in axis.columns.items():
+            if column in ("q", "p") and axis.name != START:
+                raise InputError(f"{column!r} along the axis {axis.name!r} is no parameter that a "
+                                 "sweep can vary, for the results have the states under this name; "
+                                 f"give states as the axis {START!r}, or rename the parameter.")
+            if column == SCHEME and axis.name != SCHEME:
+                raise InputError(f"{SCHEME!r} is a column of the axis {axis.name!r}; schemes vary "
+                                 f"along an axis of their own, {SCHEME!r}.")
+            _check_column(study, names, column, values)
 
 
 def _with_counts(study: Study) -> Study:

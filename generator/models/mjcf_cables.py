@@ -246,10 +246,8 @@ def _labels(count: int) -> list[str]:
 
 
 def _curve(composite: Element) -> Array:
-    """Return the ends of the segments in a row, shape (segments + 1, 3), as MuJoCo places them.
-
-    They are the points of ``vertex``, or of ``curve`` at equidistant s from 0 to 1: up to three
-    words for x, y and z, with length, radius and half turns from ``size``.
+    """Return the ends of the segments in a row, shape (segments + 1, 3), as MuJoCo places them:
+    the points of ``vertex``, or of the formulas in ``curve``.
     """
     values = composite.attributes
     numbers = {key: _numbers(composite, key, values.get(key, default), largest_count)
@@ -265,15 +263,7 @@ def _curve(composite: Element) -> Array:
     if numbers["vertex"]:
         points: Array = np.reshape(numbers["vertex"], (-1, 3))
     else:
-        length, radius, turns = (numbers["size"] + [0.0] * 3)[:3]
-        s = np.arange(count) / (count - 1)
-        shapes = {"s": length * s, "cos(s)": radius * np.cos(math.pi * turns * s),
-                  "sin(s)": radius * np.sin(math.pi * turns * s), "0": 0 * s}
-        words = values.get("curve", "").split()
-        if len(words) > 3 or not {*words} <= shapes.keys():
-            raise _refusal(composite, f"has curve={shown(values['curve'])}; write up to three of "
-                           f"{join_or(shapes)}.")
-        points = np.stack([shapes[word] for word in (words + ["0"] * 3)[:3]], axis=1)
+        points = _points_of_formulas(composite, numbers["size"], count)
     edges = np.diff(points, axis=0)
     lengths = np.linalg.norm(edges, axis=1)
     tangents = edges / np.where(lengths, lengths, 1)[:, None]
@@ -283,6 +273,23 @@ def _curve(composite: Element) -> Array:
         raise _refusal(composite, "has points of its curve that coincide, or a curve that turns "
                        "back; write other points.")
     return points
+
+
+def _points_of_formulas(composite: Element, size: list[float], count: int) -> Array:
+    """Return points of ``curve`` at equidistant s from 0 to 1, shape (count, 3).
+
+    ``curve`` has up to three words for x, y and z, ``size`` length, radius and half turns.
+    """
+    length, radius, turns = (size + [0.0] * 3)[:3]
+    s = np.arange(count) / (count - 1)
+    shapes = {"s": length * s, "cos(s)": radius * np.cos(math.pi * turns * s),
+              "sin(s)": radius * np.sin(math.pi * turns * s), "0": 0 * s}
+    text = composite.attributes.get("curve", "")
+    words = text.split()
+    if len(words) > 3 or not {*words} <= shapes.keys():
+        raise _refusal(composite, f"has curve={shown(text)}; write up to three of "
+                       f"{join_or(shapes)}.")
+    return np.stack([shapes[word] for word in (words + ["0"] * 3)[:3]], axis=1)
 
 
 def _bodies(

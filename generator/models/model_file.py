@@ -156,6 +156,20 @@ def _warn_of_file(path: str | Path, messages: Iterable[str]) -> None:
         warn(f"In the model file {str(path)!r}: {message}")
 
 
+def _kind_of(content: TomlTable) -> str:
+    """Return the one key of ``KINDS`` that a file has; refuse none and several."""
+    # several bodies may be point masses or segments of beams alone
+    kinds = [kind for kind in KINDS
+             if kind in content or (kind == "bodies" and (
+                 "point_masses" in content or "beams" in content))]
+    if len(kinds) != 1:
+        headers = {kind: f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS}
+        tables = ", ".join(headers[kind] for kind in kinds) or "none of them"
+        raise content.file_error(f"it must have one table among {', '.join(headers.values())} "
+                                 f"and has {tables}; write one.")
+    return kinds[0]
+
+
 def _parse_model(
     text: str, path: str | Path, rep: str | None, settings: Mapping[str, str]
 ) -> ModelFile:
@@ -169,19 +183,11 @@ def _parse_model(
     content = load_toml(text, Path(path))
     for key, value in settings.items():
         _set_key(content, key, value)
-    # several bodies may be point masses or segments of beams alone
-    kinds = [kind for kind in KINDS
-             if kind in content or (kind == "bodies" and (
-                 "point_masses" in content or "beams" in content))]
-    if len(kinds) != 1:
-        headers = {kind: f"[[{kind}]]" if kind == "bodies" else f"[{kind}]" for kind in KINDS}
-        tables = ", ".join(headers[kind] for kind in kinds) or "none of them"
-        raise content.file_error(f"it must have one table among {', '.join(headers.values())} "
-                                 f"and has {tables}; write one.")
-    content.require("name", *(() if kinds == ["bodies"] else ("start",)))
+    kind = _kind_of(content)
+    content.require("name", *(() if kind == "bodies" else ("start",)))
     formulas = Formulas(content, ParameterValues(content))
     try:
-        model = _with_inputs(KINDS[kinds[0]](content, _name(content), formulas, rep), content)
+        model = _with_inputs(KINDS[kind](content, _name(content), formulas, rep), content)
         model = _with_units(_with_events(model, content), content)
         if "frame" in content:
             model = replace(model, frame=content.choice("frame", FRAMES, default=""))

@@ -399,23 +399,7 @@ def _add_force(
         builder.motor(table.symbol("name", table.text("name")), *_joints(table, kind), **efforts)
         return
     if kind in ("spring", "joint_spring"):
-        # a joint spring may be a damper alone, which has no rest
-        is_damper = kind == "joint_spring" and "damping" in table and "rest" not in table
-        table.require("name", *([] if is_damper else ["stiffness"]))
-        frames: Sequence[Frame | str] = (
-            _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, count=2))
-        numbers: dict[str, Any] = {}
-        for key in FORCES[kind]:
-            if key not in table or key in POINTS:
-                continue
-            # an interval of rest has two numbers
-            units = (_units_of(builder, frames[0], f"Spring {table.text('name')!r}")
-                     if key == "rest" else {})
-            has_interval = key == "rest" and isinstance(table.content[key], list)
-            numbers[key] = (tuple(table.vector(key, 2, units)) if has_interval
-                            else table.number(key, units))
-        getattr(builder, kind)(table.symbol("name", table.text("name")), *frames,
-                               **numbers, **points)
+        _add_spring(builder, bodies, table, kind, points)
         return
     table.require(kind)
     (body,) = _frames(table, bodies, count=1)
@@ -423,6 +407,29 @@ def _add_force(
         raise table.error("bodies", "is the ground, which nothing moves; name a body.")
     entries = formulas.read_all(table, kind, motion, count=3)
     getattr(builder, kind)(body, entries, **points)
+
+
+def _add_spring(
+    builder: Multibody, bodies: Mapping[str, Frame], table: TomlTable, kind: str,
+    points: Mapping[str, Any],
+) -> None:
+    """Add a spring between two points, or one in a joint: ``kind`` "spring" or "joint_spring"."""
+    # a joint spring may be a damper alone, which has no rest
+    is_damper = kind == "joint_spring" and "damping" in table and "rest" not in table
+    table.require("name", *([] if is_damper else ["stiffness"]))
+    frames: Sequence[Frame | str] = (
+        _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, count=2))
+    numbers: dict[str, Any] = {}
+    for key in FORCES[kind]:
+        if key not in table or key in POINTS:
+            continue
+        # an interval of rest has two numbers
+        units = (_units_of(builder, frames[0], f"Spring {table.text('name')!r}")
+                 if key == "rest" else {})
+        has_interval = key == "rest" and isinstance(table.content[key], list)
+        numbers[key] = (tuple(table.vector(key, 2, units)) if has_interval
+                        else table.number(key, units))
+    getattr(builder, kind)(table.symbol("name", table.text("name")), *frames, **numbers, **points)
 
 
 def _add_contact(

@@ -398,10 +398,9 @@ class RobotBuilder:
         joint is one of the builder's; several with armatures are a chain of coordinates; other
         combinations have a joint of their own (``_add_combined_joint``), or are refused.
         """
-        robot, build = self.robot, self.builder
+        robot = self.robot
         joints, parent = robot.bodies[limb].joints, robot.limb(robot.bodies[limb].above)
         kinds = [joint.kind for joint in joints]
-        first = joints[0]
         frames = self.frames[parent], self.frames[limb]
         axes = [self.poses.axes[joint.name] for joint in joints]
         points = [self.poses.points[joint.name] for joint in joints]
@@ -410,19 +409,7 @@ class RobotBuilder:
                                  and abs(np.linalg.det(axes[:3])) > _SAME):
             return
         if len(joints) == 1:
-            name = self.joint_name[first.name]
-            coordinate = float(self.start.coordinates[first.name][0])
-            if first.kind == "ball":
-                ball = build.ball(name, *frames, at=points[0])
-                if first.armature:
-                    build.flywheel(self.joint_names.free(f"{first.name}_rotor"), ball,
-                                   inertia=first.armature)
-                return
-            line: dict[str, Any] = {"at": points[0], "axis_in_space": axes[0]}
-            self._set_coordinate(
-                first, build.revolute(name, *frames, **line, angle=coordinate)
-                if first.kind == "hinge" else
-                build.prismatic(name, *frames, **line, travel=coordinate))
+            self._add_single_joint(joints[0], frames, axes[0], points[0])
         # coordinates with inertias of their own need no bodies between the joints
         elif all(joint.armature for joint in joints) and set(kinds) <= {"hinge", "slide"}:
             self._add_chain(limb, frames, axes, points)
@@ -431,6 +418,24 @@ class RobotBuilder:
                 f"{robot.part} {shown(robot.bodies[limb].name)} has the joints {', '.join(kinds)} "
                 "in a row, and not each has an inertia; write armature=\"…\" above 0 for each, or "
                 f"a {robot.part} with mass between them.")
+
+    def _add_single_joint(
+        self, joint: RobotJoint, frames: tuple[Frame, Frame], axis: Floats, point: Floats
+    ) -> None:
+        """Add a ball, hinge or slide between two frames at a point, about or along an axis."""
+        build, name = self.builder, self.joint_name[joint.name]
+        coordinate = float(self.start.coordinates[joint.name][0])
+        if joint.kind == "ball":
+            ball = build.ball(name, *frames, at=point)
+            if joint.armature:
+                build.flywheel(self.joint_names.free(f"{joint.name}_rotor"), ball,
+                               inertia=joint.armature)
+            return
+        line: dict[str, Any] = {"at": point, "axis_in_space": axis}
+        self._set_coordinate(
+            joint, build.revolute(name, *frames, **line, angle=coordinate)
+            if joint.kind == "hinge" else
+            build.prismatic(name, *frames, **line, travel=coordinate))
 
     def _set_coordinate(self, joint: RobotJoint, link: Connection) -> None:
         """Store the connection with the coordinate of a joint: ``link``, or a flywheel on it.

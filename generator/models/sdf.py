@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from ...core.arguments import choose, few, join_or, proposal, shown
-from ...core.arrays import Floats
+from ...core.arrays import Array, Floats
 from ...core.errors import InputError
 from ...core.records import dataclass
 from ...core.shapes import Shape
@@ -337,11 +337,7 @@ def _link(name: str, element: Element) -> tuple[RobotLink, float]:
 
 
 def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
-    """Return a joint with its axis and its pose in the world.
-
-    The axis is given in the frame ``expressed_in``; without it, in the frame of the joint, or in
-    the frame of the model in versions 1.3 and 1.4 and with ``use_parent_model_frame``.
-    """
+    """Return a joint with its axis and its pose in the world."""
     kind = element.attributes.get("type", "")
     if kind not in KINDS:
         raise InputError(f"line {element.line}: the type of joint {shown(name)} is {shown(kind)}; "
@@ -356,19 +352,11 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     if axis is None:  # a ball or fixed joint needs none; the standard gives others the axis z
         return PlacedJoint(name, kind, parent, child, scopes.places[name],
                            np.array([0.0, 0.0, 1.0]))
-    xyz, dynamics = axis.first("xyz"), axis.first("dynamics")
-    model = axis.first("use_parent_model_frame")
-    expressed_in = "" if xyz is None else xyz.attributes.get("expressed_in", "")
-    in_model = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
-    frame = scopes.resolve(expressed_in, name) if expressed_in else (
-        _MODEL if in_model or scopes.version in ("1.3", "1.4") else name)
-    if frame not in scopes.places:
-        raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "
-                         f"{shown(frame)}, which is no link, joint or frame; correct it.")
-    direction = scopes.places[frame].R @ ([0, 0, 1.0] if xyz is None else _numbers(xyz, 3))
+    direction = _axis_direction(name, axis, scopes)
     if not direction.any():
         raise InputError(f"line {element.line}: the axis of joint {shown(name)} is zero; write its "
                          "direction.")
+    dynamics = axis.first("dynamics")
     damping, stiffness, rest_angle = (
         0.0 if dynamics is None else _number(dynamics, key, default=0.0)
         for key in ("damping", "spring_stiffness", "spring_reference"))
@@ -378,6 +366,25 @@ def _joint(name: str, element: Element, scopes: _Scopes) -> PlacedJoint:
     return PlacedJoint(name, kind, parent, child, scopes.places[name], unit(direction),
                        damping=damping, stiffness=stiffness, rest=rest_angle, range=_range(axis),
                        follower=_follower(name, axis))
+
+
+def _axis_direction(name: str, axis: Element, scopes: _Scopes) -> Array:
+    """Return the direction of a joint's axis in the world, shape (3,), of any length.
+
+    The axis is given in the frame ``expressed_in``; without it, in the frame of the joint, or in
+    the frame of the model in versions 1.3 and 1.4 and with ``use_parent_model_frame``.
+    """
+    xyz, model = axis.first("xyz"), axis.first("use_parent_model_frame")
+    expressed_in = "" if xyz is None else xyz.attributes.get("expressed_in", "")
+    in_model = model is not None and _flag(model.text, f"line {model.line}: <{model.name}>")
+    frame = scopes.resolve(expressed_in, name) if expressed_in else (
+        _MODEL if in_model or scopes.version in ("1.3", "1.4") else name)
+    if frame not in scopes.places:
+        raise InputError(f"line {axis.line}: the axis of {shown(name)} is expressed in "
+                         f"{shown(frame)}, which is no link, joint or frame; correct it.")
+    direction: Array = scopes.places[frame].R @ (
+        [0, 0, 1.0] if xyz is None else _numbers(xyz, 3))
+    return direction
 
 
 def _follower(name: str, axis: Element) -> Follower | None:

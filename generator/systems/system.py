@@ -296,37 +296,26 @@ class System:
         """
         time = () if self.time is None else (self.time,)
         allowed = {*self.q, *self.p, *self.parameters, *self._dependent_symbols, *time}
-        unknown = self.H.free_symbols - allowed
-        if unknown:
-            raise InputError(
-                f"H of system {self.name!r} contains the unknown symbol "
-                f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
-            )
-        holonomic = allowed - {*self.p, *self._dependent_symbols}
-        for index, g in enumerate(self.constraints):
-            unknown = g.free_symbols - holonomic
-            if unknown:
-                raise InputError(
-                    f"Constraint {index} of system {self.name!r} contains "
-                    f"{min(map(str, unknown))!r}; a holonomic constraint depends on q, "
-                    "parameters and what is declared as time; declare it there, or remove it."
-                )
-        for name, row in zip(self.velocity_constraint_names, self.velocity_constraints,
-                             strict=True):
-            unknown = row.free_symbols - (allowed - {*self.p} | {*self.velocities})
-            if unknown:
-                raise InputError(
-                    f"Velocity constraint {name!r} of system {self.name!r} contains "
-                    f"{min(map(str, unknown))!r}; it depends on q, velocities, parameters and what "
-                    "is declared as time; declare it there, or remove it.")
-        for label, e in (*((f"Force {i}", e) for i, e in enumerate(self.forces)),
-                         *((f"Quantity {name!r}", e) for name, e in self.quantities.items())):
-            unknown = e.free_symbols - allowed
-            if unknown:
-                raise InputError(
-                    f"{label} of system {self.name!r} contains the unknown symbol "
-                    f"{min(map(str, unknown))!r}; declare it in q, p, parameters or as time."
-                )
+        of_g = allowed - {*self.p, *self._dependent_symbols}
+        of_rows = (allowed - {*self.p}) | {*self.velocities}
+        any_symbol = "the unknown symbol {}; declare it in q, p, parameters or as time."
+        # label, expression, symbols that it may contain, rest of the sentence
+        checks: list[tuple[str, sp.Expr, set[sp.Symbol], str]] = [
+            ("H", self.H, allowed, any_symbol),
+            *((f"Constraint {i}", g, of_g,
+               "{}; a holonomic constraint depends on q, parameters and what is declared as time; "
+               "declare it there, or remove it.") for i, g in enumerate(self.constraints)),
+            *((f"Velocity constraint {name!r}", row, of_rows,
+               "{}; it depends on q, velocities, parameters and what is declared as time; declare "
+               "it there, or remove it.") for name, row in zip(
+                   self.velocity_constraint_names, self.velocity_constraints, strict=True)),
+            *((f"Force {i}", e, allowed, any_symbol) for i, e in enumerate(self.forces)),
+            *((f"Quantity {name!r}", e, allowed, any_symbol)
+              for name, e in self.quantities.items())]
+        for label, e, symbols, sentence in checks:
+            if unknown := e.free_symbols - symbols:
+                raise InputError(f"{label} of system {self.name!r} contains "
+                                 + sentence.format(repr(min(map(str, unknown)))))
 
     def _refuse_inputs_elsewhere(self) -> None:
         """Refuse inputs outside forces: they jump between steps, which changes H and violates g."""

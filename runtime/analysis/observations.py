@@ -97,6 +97,11 @@ class Observation:
             row, column = np.argwhere(~np.isfinite(measurements))[0]
             raise InputError(f"data[{row}, {column}] = {measurements[row, column]} is not finite; "
                              "leave out the samples that are missing, and their times.")
+        self._normalise_attitudes(measurements)
+        return measurements
+
+    def _normalise_attitudes(self, measurements: Array) -> None:
+        """Scale the quaternions in rows of data to length 1, in place; refuse other quaternions."""
         for part, columns_of_part, _ in self._columns():
             if not isinstance(part, list):
                 continue
@@ -108,7 +113,6 @@ class Observation:
                                  f"quaternion: its length is {norms[row]:.6g}. Scale the rows to "
                                  "length 1.")
             attitudes /= norms[:, None]  # a view: in ``measurements`` too
-        return measurements
 
     def residuals(
         self, data: Array, q: Array, p: Array, parameters: Mapping[str, float]

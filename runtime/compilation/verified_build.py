@@ -8,6 +8,7 @@ import importlib.util
 import shlex
 import sys
 import threading
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -72,10 +73,7 @@ def compile_verified(
             listed = {*compared, *unchecked}
             absent = sorted(expected - listed - {k.removeprefix("lanes_") for k in listed})
             unchecked |= dict.fromkeys(absent, "it is not in the text as a kernel")
-            if unchecked:
-                reasons = "; ".join(f"{kernel} ({why})" for kernel, why in unchecked.items())
-                warn(f"After its compilation {name} was not checked in full, so that an error of "
-                     f"the compiler in these kernels would stay: {reasons}.")
+            _warn_of_unchecked(name, unchecked)
             return file, {"flags": list(flags), "kernels": compared,
                            "frames": frames_of(build_folder), "left_out": unchecked}
         usual_mismatches = usual_mismatches or mismatches
@@ -83,6 +81,14 @@ def compile_verified(
         f"The compiler {shlex.join(compiler.command)!r} makes wrong code of {name} with "
         f"{' '.join(SAFER_FLAGS[-1])} too: {_summary(usual_mismatches)}. Set CC to another "
         "compiler, or to another version of this one.", command=list(compiler.command))
+
+
+def _warn_of_unchecked(name: str, unchecked: Mapping[str, str]) -> None:
+    """Warn of kernels that were not checked in full, kernel → reason, if there are any."""
+    if unchecked:
+        reasons = "; ".join(f"{kernel} ({why})" for kernel, why in unchecked.items())
+        warn(f"After its compilation {name} was not checked in full, so that an error of the "
+             f"compiler in these kernels would stay: {reasons}.")
 
 
 def _summary(mismatches: list[KernelMismatch]) -> str:

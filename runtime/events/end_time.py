@@ -80,19 +80,37 @@ class EndTimeObserver:
 
     def _end(self, constants: RunConstants, state: RunState, row: Rows) -> TerminalEvent:
         """Return the end of the run, between a state and the row at the end of the step from there.
+        """
+        binding, run = self._stepper.binding, self._run
+        work_memory = binding.works.take()
+        tau, row = self._step_to_end(constants, state, row, work_memory)
+        binding.works.give_back(work_memory)
+        row.q[0, -1] = self._t  # to the last bit, which it is but for round-off
+        row.work[:] += binding.work_done(state.record)
+        steps = np.array([state.steps])
+        elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
+        crossing = Crossings(run.t0 + elapsed, row.q, row.p, steps,
+                             rising=np.array([self._ahead > 0]), elapsed=elapsed)
+        return TerminalEvent(event=0, at=crossing, row=row)
+
+    def _step_to_end(
+        self, constants: RunConstants, state: RunState, row: Rows, work_memory: Any
+    ) -> tuple[Any, Rows]:
+        """Return τ and the row of the partial step from ``state`` whose end is nearest to t_end.
 
         t(τ) = t_end by the inverse cubic through the two nearest points (τ, t − t_end, dτ/dt =
         1/σ), which a partial step of τ then corrects; bisection where that leaves the bracket.
         """
-        binding, run, t_end = self._stepper.binding, self._run, self._t
-        work_memory, low, high = binding.works.take(), 0 * run.dt, run.dt
+        binding, t_end = self._stepper.binding, self._t
+        low, high = 0 * self._run.dt, self._run.dt
         scales = binding.time_scales(constants.parameters, np.stack([state.q, row.q[0]]),
                                      np.stack([state.p, row.p[0]]))
         # τ since the state, t − t_end and 1/σ
         near_point, new_point = ((tau, t - t_end, 1 / scale) for tau, t, scale in zip(
             (low, high), (state.q[-1], row.q[0, -1]), scales, strict=True))
         resolution = epsilon_of_times(self._stepper) * max(abs(state.q[-1]), abs(t_end))
-        best_end: tuple[Any, Any] = (np.inf, None)
+        best_overshoot: Any = np.inf
+        best_step: tuple[Any, Rows] | None = None
         for _ in range(_MOST):
             # rounded to the type of times
             tau = np.array([_zero(near_point, new_point)], binding.number_type)[0]
@@ -101,24 +119,17 @@ class EndTimeObserver:
                 tau = (low + high) / 2
             row = self._partial_step(constants, state, tau, work_memory)
             overshoot = row.q[0, -1] - t_end
-            if not abs(overshoot) < best_end[0]:  # no nearer than before: round-off
+            if not abs(overshoot) < best_overshoot:  # no nearer than before: round-off
                 break
-            best_end = abs(overshoot), (tau, row)
+            best_overshoot, best_step = abs(overshoot), (tau, row)
             if abs(overshoot) <= resolution:
                 break
             low, high = (low, tau) if self._ahead * overshoot > 0 else (tau, high)
             scale = binding.time_scales(constants.parameters, row.q, row.p)[0]
             near_point = min(near_point, new_point, key=lambda point: abs(point[1]))
             new_point = tau, overshoot, 1 / scale
-        binding.works.give_back(work_memory)
-        tau, row = best_end[1]
-        row.q[0, -1] = t_end  # to the last bit, which it is but for round-off
-        row.work[:] += binding.work_done(state.record)
-        steps = np.array([state.steps])
-        elapsed = binding.times(0 * run.t0, run.dt, steps) + tau
-        crossing = Crossings(run.t0 + elapsed, row.q, row.p, steps,
-                             rising=np.array([self._ahead > 0]), elapsed=elapsed)
-        return TerminalEvent(event=0, at=crossing, row=row)
+        assert best_step is not None
+        return best_step
 
     def _partial_step(
         self, constants: RunConstants, state: RunState, tau: Any, work_memory: Any

@@ -53,6 +53,19 @@ class _Call:
     plan: Integration
     limits: Limits
 
+    def has_arguments(self, arguments: tuple[Any, ...], parameters: Any) -> bool:
+        """Whether these are the arguments of the call, beside its state."""
+        # the objects of the call first: equality of types and values takes longer
+        return (all(map(operator.is_, arguments, self.arguments))
+                or all(map(_is_same, arguments, self.arguments))) and (
+                    _are_same(parameters, self.parameters))
+
+    def has_start(self, start: Any) -> bool:
+        """Whether the start differs from that of the call by q, p and t alone."""
+        return (type(start) is Start and self.start is not None and not start._events
+                and (start._span, start._spare) == self.span_and_spare
+                and all(map(_are_same, _dicts_of(start), self.start)))
+
 
 class CallMemory:
     """Memory of the last call of one stepper; threads may share it."""
@@ -70,22 +83,17 @@ class CallMemory:
         A state that is not plainly usable gives None, too.
         """
         last_call = self._last
-        # the objects of the last call first: equality of types and values takes longer
-        if (last_call is None or not (all(map(operator.is_, arguments, last_call.arguments))
-                                      or all(map(_is_same, arguments, last_call.arguments)))
-                or not _are_same(parameters, last_call.parameters)):
+        if last_call is None or not last_call.has_arguments(arguments, parameters):
             return None
         binding, run, constants = stepper.binding, last_call.plan.run, last_call.plan.constants
-        q: Any = start
-        t0: Any = run.t0
         if p is None:
             start = getattr(start, "start", None)
-            if (type(start) is not Start or last_call.start is None or start._events
-                    or (start._span, start._spare) != last_call.span_and_spare
-                    or not all(map(_are_same, _dicts_of(start), last_call.start))):
+            if not last_call.has_start(start):
                 return None
             q, p, t0 = start.q, start.p, start.t
-        elif last_call.start is not None:
+        elif last_call.start is None:
+            q, t0 = start, run.t0
+        else:
             return None
         try:
             q, p = stepper._state(q, p)

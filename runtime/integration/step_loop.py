@@ -158,15 +158,7 @@ def march(
                     and 0 < run.steps <= pace.most and not run.steps % run.every
                     and binding.dtype is not object)
     if is_one_chunk and not stop():
-        # without the bookkeeping of ``fill``, as the run takes microseconds
-        is_timed = run.steps > FIRST_STEPS  # for the first chunk of the next call
-        pace.begin(remaining=None if is_timed else run.steps)
-        status, state, read_rows = binding.integrate_short(
-            constants, run.q, run.p, run.steps, run.every)
-        pace.end(run.steps)
-        trajectory = trajectory_of(binding, manifest, run, read_rows, state.record, state.q,
-                                   state.p)
-        return MarchedRun(trajectory, status, state)
+        return _march_one_chunk(binding, manifest, run, constants, pace)
     # how many steps an open end takes is not known: ``fill`` makes room as they come
     rows = Rows.allocate(binding, FIRST_STEPS if run.open_end else run.rows + 1)
     rows.q[0], rows.p[0] = run.q, run.p
@@ -183,6 +175,20 @@ def march(
     binding.works.give_back(state.work)
     trajectory = trajectory_of(binding, manifest, run, lambda: rows, state.record, state.q,
                                state.p)
+    return MarchedRun(trajectory, status, state)
+
+
+def _march_one_chunk(
+    binding: Binding, manifest: Manifest, run: RunArguments, constants: RunConstants,
+    pace: ChunkSize,
+) -> MarchedRun:
+    """Integrate a short run without the bookkeeping of ``fill``, as it takes microseconds."""
+    is_timed = run.steps > FIRST_STEPS  # for the first chunk of the next call
+    pace.begin(remaining=None if is_timed else run.steps)
+    status, state, read_rows = binding.integrate_short(
+        constants, run.q, run.p, run.steps, run.every)
+    pace.end(run.steps)
+    trajectory = trajectory_of(binding, manifest, run, read_rows, state.record, state.q, state.p)
     return MarchedRun(trajectory, status, state)
 
 

@@ -67,18 +67,6 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
         "refused_tangents": {} if trajectory.tangents is None
         else trajectory.tangents.events.refused,
     }
-    # of events, and of tangents
-    further_arrays = {
-        f"event{i}_{name}": array
-        for i, event_rows in enumerate((trajectory.events | trajectory.impacts).values())
-        for name, array in event_rows.columns.items()}
-    if trajectory.tangents is not None:
-        of_events = trajectory.tangents.events
-        tangents = {"": trajectory.tangents} | {
-            f"event{i}_": of_events[name] for i, name in enumerate(trajectory.events)
-            if name in of_events}
-        further_arrays |= {f"tangents_{prefix}{name}": array for prefix, rows in tangents.items()
-                           for name in _TANGENTS if (array := getattr(rows, name)) is not None}
     # no pickles: a file is read without executing anything in it
     with result_file(target, "The trajectory") as partial_file, partial_file.open("wb") as file:
         np.savez_compressed(
@@ -86,8 +74,24 @@ def save_npz(trajectory: Trajectory, target: Path) -> Path:
             **{name: np.array(_names(trajectory.manifest, name), dtype=str) for name in _LABELS},
             **{output.attribute: storable(getattr(trajectory, output.attribute))
                for output in OUTPUTS},
-            **{name: storable(array) for name, array in further_arrays.items()})
+            **{name: storable(array)
+               for name, array in _arrays_of_events_and_tangents(trajectory).items()})
     return target
+
+
+def _arrays_of_events_and_tangents(trajectory: Trajectory) -> dict[str, Array]:
+    """Return the arrays of crossings and impacts, and of tangents, by their names in a file."""
+    arrays = {f"event{i}_{name}": array
+              for i, event_rows in enumerate((trajectory.events | trajectory.impacts).values())
+              for name, array in event_rows.columns.items()}
+    if trajectory.tangents is None:
+        return arrays
+    of_events = trajectory.tangents.events
+    tangents = {"": trajectory.tangents} | {
+        f"event{i}_": of_events[name] for i, name in enumerate(trajectory.events)
+        if name in of_events}
+    return arrays | {f"tangents_{prefix}{name}": array for prefix, rows in tangents.items()
+                     for name in _TANGENTS if (array := getattr(rows, name)) is not None}
 
 
 def save_ensemble(ensemble: Ensemble, target: Path) -> Path:

@@ -10,7 +10,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager
 from dataclasses import field, replace
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, cast
 
@@ -299,27 +299,23 @@ def _side_by_side(
     if is_long:
         for i in range(len(runs)):
             _refuse_undefined_energy(stepper, runs, i)
-    batches = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
+    states = EnsembleStates.at_start(stepper, runs, detectors_for(stepper, levels, runs))
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
-        def fill(states: EnsembleStates, report: Callable[..., Any] | None = None) -> None:
-            """Integrate the runs of ``states`` and store their states in it."""
-            fill_ensemble(states, threads, lambda: interrupts.is_requested, report)
-
-        fill(batches, report)
+        fill = partial(fill_ensemble, threads=threads, stop=lambda: interrupts.is_requested)
+        fill(states, report=report)
         for i in range(len(runs)):
             # H at the start of shorter runs is in their reports
-            if not (is_long or math.isfinite(batches.report(i).energy_start)):
+            if not (is_long or math.isfinite(states.report(i).energy_start)):
                 _refuse_undefined_energy(stepper, runs, i)
-        crossings = _crossings(stepper, levels, batches, fill)
-        event_tuple = () if levels is None else levels.events
-        ensemble = _ensemble(stepper, batches, crossings, event_tuple)
+        ensemble = _ensemble(stepper, states, levels, fill)
         if runs.rests is not None and not interrupts.is_requested:
-            last_runs = runs.last_parts(stepper.binding, batches.q, batches.p, batches.status)
+            last_runs = runs.last_parts(stepper.binding, states.q, states.p, states.status)
             parts = EnsembleStates.at_start(stepper, last_runs,
                                             detectors_for(stepper, levels, last_runs))
             fill(parts)
-            ensemble = _with_last_parts(stepper, ensemble, runs, _ensemble(
-                stepper, parts, _crossings(stepper, levels, parts, fill), event_tuple), event_tuple)
+            ensemble = _with_last_parts(stepper, ensemble, runs,
+                                        _ensemble(stepper, parts, levels, fill),
+                                        () if levels is None else levels.events)
         if not warned:
             dt = runs.dt[:, None]
             if stepper.binding.clocked:  # bodies turn by Ω Δt, not Ω Δτ: Δt is a mean over rows
@@ -329,7 +325,7 @@ def _side_by_side(
             ensemble = _with_tangents(stepper, ensemble, tangents, threads,
                                       lambda: interrupts.is_requested)
     if interrupts.is_requested:
-        raise _stop_exception(interrupts, sum(batches.row_counts), ensemble, ensemble.t.size)
+        raise _stop_exception(interrupts, sum(states.row_counts), ensemble, ensemble.t.size)
     return ensemble
 
 
@@ -339,20 +335,6 @@ def _refuse_undefined_energy(stepper: Stepper, runs: EnsembleArguments, i: int) 
         refuse_undefined_energy(stepper.binding, runs[i])
     except InputError as error:
         raise InputError(f"Trajectory {i}: {error}") from None
-
-
-def _crossings(
-    stepper: Stepper, levels: Levels | None, states: EnsembleStates,
-    fill: Callable[[EnsembleStates], None],
-) -> list[dict[str, Crossings]]:
-    """Return the crossings of each trajectory, event's name → crossings.
-
-    The list is empty without events. ``fill`` integrates the steps in which detectors bracketed a
-    crossing once more, to locate it.
-    """
-    return [] if levels is None else crossings_of(
-        stepper, levels, states.runs,
-        [detector.final_brackets() for detector in states.detectors], fill)
 
 
 def _with_last_parts(
@@ -497,8 +479,7 @@ def _integrate_on(
                 report(int(trajectories.steps_done.sum()))
             return interrupts.is_requested
 
-        ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop), crossings=[],
-                              event_tuple=())
+        ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop))
                     if state is None else shared_ensemble(stepper, trajectories, like, stop))
         if report is not None:
             report(int(trajectories.steps_done.sum()))
@@ -517,15 +498,22 @@ def _levels(stepper: Stepper, events: Any) -> Levels | None:
 
 
 def _ensemble(
-    stepper: Stepper, states: EnsembleStates, crossings: list[dict[str, Crossings]],
-    event_tuple: tuple[Event, ...],
+    stepper: Stepper, states: EnsembleStates, levels: Levels | None = None,
+    fill: Callable[[EnsembleStates], None] | None = None,
 ) -> Ensemble:
     """Return the ensemble of stored states, NaN behind a failed step, with failures and events.
 
-    ``crossings`` has a dict, event's name → crossings, for each run; it is empty without events.
-    Members are made from ``states`` when they are asked for.
+    ``levels`` are those of events, None without events; ``fill`` integrates the steps in which
+    detectors bracketed a crossing once more, to locate it. Members are made from ``states`` when
+    they are asked for.
     """
     binding, runs = stepper.binding, states.runs
+    crossings: list[dict[str, Crossings]] = []  # of each run, event's name → crossings
+    if levels is not None:
+        assert fill is not None
+        brackets = [detector.final_brackets() for detector in states.detectors]
+        crossings = crossings_of(stepper, levels, runs, brackets, fill)
+    event_tuple = () if levels is None else levels.events
     # crossings without the coordinates that scaled time adds
     shown_crossings = [{name: crossing.shown(binding) for name, crossing in events_of_run.items()}
                        for events_of_run in crossings]

@@ -79,8 +79,8 @@ def test_a_recalled_call_gives_what_a_first_call_gives(gl3) -> None:
 
     numbers = {**TOP.parameters}
     usual = TOP.start
-    heavier, faster, busy = usual.replace(), usual.replace(p=30 * TOP.p0), usual.replace()
-    heavier.parameters = {**numbers, "mgl": 0.5}
+    heavier = usual.replace(parameters={**numbers, "mgl": 0.5})
+    faster, busy = usual.replace(p=30 * TOP.p0), usual.replace()
     busy._events = (gs.Event("q0"),)
     tuned = usual.replace()
     tuned._rules = {"gamma": "h"}
