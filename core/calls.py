@@ -146,6 +146,10 @@ def _refusal(
     for name in unknown:
         if cure := former_argument(shown_name, name, {parameter.name for parameter in parameters}):
             return f"{shown_name} has no argument {name!r} any more; {cure}."
+    if "dtau" in unknown and "dt" in by_name and shown_name.islower():
+        return (f"{shown_name} has no argument 'dtau': it takes steps of t, dt=...; for a system "
+                "with time_scale take integrate(..., dtau=...) and run.gradient(...), or a stepper "
+                "of the system without time_scale.")
     if unknown:
         return (f"{shown_name} has no argument {unknown[0]!r}{proposal(unknown[0], by_name)}; it "
                 f"takes {takes}.")

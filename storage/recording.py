@@ -205,7 +205,9 @@ class Recording(Trajectory):
         end = None if row_range[-1] + row_range.step >= self.states else t[-1]
         events, impacts = ({name: x.within(t[0], end, ahead) for name, x in crossings.items()}
                            for crossings in (self.events, self.impacts))
-        return replace_fields(run_in_memory, events=events, impacts=impacts)
+        # the stepper in the store is read and compiled when it is first needed
+        return replace_fields(run_in_memory, events=events, impacts=impacts,
+                              _stepper=self._stepper or (lambda: self.stepper))
 
     def _blocks(self) -> Iterator[tuple[slice, Trajectory]]:
         """Yield blocks of rows, each with the row before it."""

@@ -145,7 +145,8 @@ class Trajectory(Shown):
     _origin: Any = field(default=None, repr=False)
     #: Where a longer run goes on, if the last row lies between two steps.
     _grid: Any = field(default=None, repr=False)
-    #: What ``at`` makes its steps with, where it is known: of what ``integrate`` returned.
+    #: What ``at`` makes its steps with, or a function that returns it, where it is known: of what
+    #: ``integrate`` returned, and of stored runs.
     _stepper: Any = field(default=None, repr=False)
     #: What the arrays that are not there yet are computed from, or a function that returns it.
     _states: Any = field(default=None, repr=False)
@@ -548,7 +549,9 @@ class Trajectory(Shown):
 
     def _maker(self, stepper: Maker | None, call: str) -> Maker:
         """Return the stepper of the trajectory: the argument, or the one that integrated it."""
-        maker: Maker | None = self._stepper if stepper is None else stepper
+        maker: Maker | None = stepper
+        if maker is None:
+            maker = self._stepper() if callable(self._stepper) else self._stepper
         if maker is None:
             raise InputError(
                 f"This trajectory of {self.manifest.name} does not know the stepper that made "

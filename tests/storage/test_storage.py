@@ -214,3 +214,13 @@ def test_slices_have_the_most_iterations_of_their_steps(tmp_path, monkeypatch):
         assert np.array_equal(states.iterations, rare)
     assert np.array_equal(stored[3:30:4].iterations, run[3:30:4].iterations)
     assert len(run[5:6].iterations) == len(stored[5:6].iterations) == 0
+
+
+def test_a_slice_of_a_stored_run_has_the_stepper_of_the_store(gl3, tmp_path):
+    """The one that ran it here, or, of a store that is read, the one of its source."""
+    stored = record(gl3, **START, steps=12, out=tmp_path / "run.zarr")
+    run = integrate(gl3, **START, steps=12)
+    for recording in (stored, gs.load(tmp_path / "run.zarr")):
+        for rows in (slice(None, None, 4), slice(3, 9)):
+            middle = float(run.t[4:6].mean())
+            assert bits(recording[rows].at(middle).q) == bits(run[rows].at(middle).q)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import warnings
 from fractions import Fraction
+from functools import partial
 
 import mpmath as mp
 import numpy as np
@@ -355,6 +356,17 @@ def test_what_is_not_derived_is_refused_with_a_way_out(call):
     with pytest.raises(gs.InputError) as caught:
         other_calls(step, start, run)[call]()
     assert "time_scale" in str(caught.value)
+
+
+@pytest.mark.parametrize("name", ["eccentric", "kepler"])
+def test_calls_that_take_steps_of_t_alone_say_so(name):
+    step = stepper(name)
+    start = timed_start(name, step)
+    for call in (step.step, step.jvp, step.vjp, step.hvp, step.value_and_gradient,
+                 partial(gs.lyapunov, step), partial(gs.periodic_orbit, step)):
+        with pytest.raises(gs.InputError, match=r"'dtau'.*dt=.*integrate\(.*time_scale") as caught:
+            call(start, dtau=0.1)
+        assert "did you mean" not in str(caught.value)
 
 
 @pytest.mark.parametrize(("keywords", "words"), [
