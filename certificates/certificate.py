@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, TypedDict
 
 from ..api import stepper as make_stepper
 from ..api import tableau as make_tableau
-from ..core.arguments import as_mapping, choose, shown
+from ..core.arguments import as_mapping, choose, count_text, shown
 from ..core.calls import explain_arguments
 from ..core.errors import InputError
 from ..core.exact_numbers import Number
@@ -74,16 +74,18 @@ class Certificate:
 
     def __repr__(self) -> str:
         compared = [line for line in self.lines if line.holds is not None]
-        return (f"<Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+        return (f"<Certificate of {self.model} with {self.stepper}, "
+                f"{count_text(self.steps, 'step')} of "
                 f"{self.step_text}: {sum(line.holds is True for line in compared)} of "
-                f"{len(compared)} guarantees hold>")
+                f"{count_text(len(compared), 'guarantee')} hold>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: a row for each property, its measurement and the result."""
         table_rows = [(line.quantity, line.found, line.expected, line.verdict)
                       for line in self.lines]
         outcome = "every guarantee holds" if self.holds else "a guarantee is missed"
-        return card(f"Certificate of {self.model} with {self.stepper}, {self.steps:,} steps of "
+        return card(f"Certificate of {self.model} with {self.stepper}, "
+                    f"{count_text(self.steps, 'step')} of "
                     f"{self.step_text}: {outcome}",
                     table(table_rows, ("kept", "found", "should be", "verdict")))
 

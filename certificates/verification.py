@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ..core.arguments import count_text
 from ..core.real_types import REALS, RealName
 from ..generator.pipeline import Generated, generate
 from ..generator.schemes.fast_tableau import FastTableau
@@ -45,7 +46,7 @@ class Verification:
     def __repr__(self) -> str:
         satisfied = sum(line.holds for line in self.conditions)
         return (f"<Verification of {self.name}: order {self.order}, {satisfied} of "
-                f"{len(self.conditions)} conditions hold>")
+                f"{count_text(len(self.conditions), 'condition')} hold>")
 
     @property
     def holds(self) -> bool:

@@ -6,6 +6,8 @@ import contextlib
 
 import click
 
+from ..core.arguments import count_text
+
 __all__ = ["cache"]
 
 
@@ -23,7 +25,7 @@ def list_entries() -> None:
     for path in files:
         with contextlib.suppress(FileNotFoundError):  # cleared meanwhile, by another process
             click.echo(f"{path.stat().st_size:>10,}  {path.name}")
-    click.echo(f"{len(files)} files in {cache_folder()}")
+    click.echo(f"{count_text(len(files), 'file')} in {cache_folder()}")
 
 
 @cache.command()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from ..core.arguments import count_text
 from ..core.file_formats import format_of
 from .options import check_writable
 
@@ -42,6 +43,7 @@ def export(
     recording = open_recording(store)
     names = None if columns is None else [name.strip() for name in columns.split(",")]
     recording.save(target, euler=euler, degrees=degrees, columns=names)
-    click.echo(f"{target}: {recording.states:,} states of {recording.steps_done:,} steps "
+    click.echo(f"{target}: {count_text(recording.states, 'state')} of "
+               f"{count_text(recording.steps_done, 'step')} "
                f"({recording.status})")
     return 0

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.arguments import join_or
+from ..core.arguments import count_text, join_or
 from ..core.errors import CompilerError, InputError
 from ..core.file_formats import staged_file
 from ..core.lazy_imports import imported_for_good
@@ -155,8 +155,8 @@ def summary(
     if compile_seconds is not None:
         seconds += f", compiled in {compile_seconds:.2f} s"
     return (
-        f"{name}: order {scheme.order}, {scheme.unknowns} unknowns a step, "
-        f"{scheme.multipliers * len(system.constraints)} multipliers\n"
+        f"{name}: order {scheme.order}, {count_text(scheme.unknowns, 'unknown')} a step, "
+        f"{count_text(scheme.multipliers * len(system.constraints), 'multiplier')}\n"
         f"{remarks}"
         f"  kernels: {sum_operations(manifest)}\n"
         f"  {out / name}.h .c .json\n"

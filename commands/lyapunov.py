@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.arguments import join_or
+from ..core.arguments import count_text, join_or
 from ..core.registry import MODELS, PROBLEMS
 from .options import (
     check_picture,
@@ -101,8 +101,8 @@ def _result(spectrum: Lyapunov) -> dict[str, Any]:
 
 def _text(report: dict[str, Any]) -> str:
     """Return the report for people: exponents with errors, MEGNO, symplectic defect, pairing."""
-    lines = [f"{report['stepper']}: {report['steps']:,} steps of {report['dt']:g} s, QR every "
-             f"{report['every']}"]
+    lines = [f"{report['stepper']}: {count_text(report['steps'], 'step')} of {report['dt']:g} s, "
+             f"QR every {report['every']}"]
     lines += [f"  λ{i:<3} {exponent:12.6f} ± {'?' if error is None else f'{error:.2g}'} /s"
               for i, (exponent, error) in enumerate(zip(report["exponents"], report["errors"],
                                                         strict=True), 1)]

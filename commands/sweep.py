@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.arguments import count_text
 from ..core.errors import GyrosparkError, InputError, Stopped
 from ..core.interrupts import catch_signals
 from . import exit_code_of
@@ -147,7 +148,7 @@ def _text(result: dict[str, Any]) -> str:
     """Return the report for people: cells, time, statuses, and the extremes of one result."""
     axes = " × ".join(f"{length:,} {name}" for name, length in result["axes"].items())
     lines = [f"{result['sweep']} with {', '.join(result['steppers'])}",
-             f"  {result['cells']:,} cells ({axes}) in {result['seconds']:.1f} s"]
+             f"  {count_text(result['cells'], 'cell')} ({axes}) in {result['seconds']:.1f} s"]
     lines += [f"  {name:<23} {count:,}" for name, count in result["statuses"].items()]
     if result["least"] is not None:
         location = ", ".join(f"{name} = {axis_value:.6g}" if isinstance(axis_value, float)
@@ -170,22 +171,17 @@ def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: 
         return
     # cells are independent, so that workers share them evenly
     spread = f"({_duration(estimate.low / workers)} to {_duration(estimate.high / workers)})"
-    place = f"on {_counted(workers, 'core')} here"
+    place = f"on {count_text(workers, 'core')} here"
     click.echo("\n".join([
         f"{study.name} with {', '.join(s.name for s in study.steppers)}",
-        f"  {_counted(estimate.cells, 'cell')}, {_counted(estimate.steps, 'step')} in "
-        f"{_counted(estimate.tiles, 'tile')}",
+        f"  {count_text(estimate.cells, 'cell')}, {count_text(estimate.steps, 'step')} in "
+        f"{count_text(estimate.tiles, 'tile')}",
         f"  {place:<24}{_duration(wall)} {spread}; one core "
         f"{_duration(estimate.cpu_seconds)}",
         f"  on the disk             {_bytes(estimate.disk_bytes)} in "
-        f"{_counted(estimate.files, 'file')}",
+        f"{count_text(estimate.files, 'file')}",
         f"  in a worker's memory    {_bytes(estimate.memory_bytes)}",
     ]))
-
-
-def _counted(count: int, noun: str) -> str:
-    """Return a number with its noun, in the plural unless there is one."""
-    return f"{count:,} {noun}{'s' * (count != 1)}"
 
 
 def _duration(seconds: float) -> str:

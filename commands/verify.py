@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from ..core.arguments import count_text
 from ..core.errors import InputError
 from ..core.inertia import REPS, RepName
 from ..core.progress import log_task
@@ -274,7 +275,7 @@ def _print_certificate(certificate: Certificate) -> None:
     from rich.table import Table
 
     table = Table(title=f"{certificate.model} with {certificate.stepper}: "
-                        f"{certificate.steps:,} steps of {certificate.step_text}",
+                        f"{count_text(certificate.steps, 'step')} of {certificate.step_text}",
                   title_justify="left")
     for heading in ("quantity", "found", "should be", ""):
         table.add_column(heading, overflow="fold")
@@ -289,7 +290,8 @@ def _print_certificate(certificate: Certificate) -> None:
     failed = [line.quantity for line in certificate.lines if line.holds is False]
     count = sum(line.holds is not None for line in certificate.lines)
     result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
-    click.echo(f"{certificate.model}: {count} guarantees of {certificate.stepper}: {result}")
+    click.echo(f"{certificate.model}: {count_text(count, 'guarantee')} of {certificate.stepper}: "
+               f"{result}")
 
 
 def _print(verdicts: list[Verification], *, details: bool) -> None:
@@ -309,5 +311,6 @@ def _print(verdicts: list[Verification], *, details: bool) -> None:
             console.print(table)
         failed = [line.name for line in verdict.conditions if not line.holds]
         result = "holds" if not failed else f"FAILS: {', '.join(failed)}"
-        click.echo(f"{verdict.name}: order {verdict.order}, {len(verdict.conditions)} conditions: "
+        click.echo(f"{verdict.name}: order {verdict.order}, "
+                   f"{count_text(len(verdict.conditions), 'condition')}: "
                    f"{result}")

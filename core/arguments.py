@@ -27,6 +27,7 @@ __all__ = [
     "as_text",
     "check_stepper",
     "choose",
+    "count_text",
     "few",
     "join_or",
     "proposal",
@@ -102,6 +103,12 @@ def proposal(
 def _plain(name: str) -> str:
     """Return a name without case and signs between words, which people confuse."""
     return name.lower().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def count_text(count: int, noun: str) -> str:
+    """Return a number with its noun, in the plural unless there is one: "1 step", "2,000 steps"."""
+    plural = f"{noun[:-1]}ies" if noun.endswith("y") else f"{noun}s"
+    return f"{count:,} {noun if count == 1 else plural}"
 
 
 def join_or(names: Iterable[str]) -> str:

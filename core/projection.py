@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from .arguments import quote
+from .arguments import count_text, quote
 from .arrays import Array
 from .calls import explain_arguments
 from .errors import InputError
@@ -113,7 +113,8 @@ class Projection:
     hidden_after: dict[str, float]
 
     def __repr__(self) -> str:
-        return (f"<Projection of {len(self.q)} coordinates onto {len(self.before)} constraints: "
+        return (f"<Projection of {count_text(len(self.q), 'coordinate')} onto "
+                f"{count_text(len(self.before), 'constraint')}: "
                 f"{_move_of('q', self.q_moved, self.q_name)}, "
                 f"{_move_of('p', self.p_moved, self.p_name)}>")
 

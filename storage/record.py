@@ -16,6 +16,7 @@ from typing import Any
 
 import zarr
 
+from ..core.arguments import count_text
 from ..core.errors import InputError
 from ..core.event import Event, Impact, refuse_unusable_names, with_restitutions
 from ..core.exact_numbers import Number
@@ -239,7 +240,7 @@ def _run_attributes(
     """
     begun = recording is not None and recording.report is not None
     return {
-        "title": f"{stepper.name}: {run.steps} steps of {float(run.dt):g} s"
+        "title": f"{stepper.name}: {count_text(run.steps, 'step')} of {float(run.dt):g} s"
                  + (f", to {float(run.t_end):g} s" if run.rest else ""),
         "status": RUNNING,
         "states": recording.steps_done // run.every + 1 if recording is not None and begun else 0,

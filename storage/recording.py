@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
-from ..core.arguments import join_or
+from ..core.arguments import count_text, join_or
 from ..core.arrays import Array
 from ..core.calls import explain_arguments
 from ..core.errors import InputError, StepFailed
@@ -156,9 +156,9 @@ class Recording(Trajectory):
         return Recording.read, (self.path,)
 
     def __repr__(self) -> str:
-        total_steps = self.attributes["run"]["steps"]
-        return (f"<Recording {str(self.path)!r}: {self.status}, {self.steps_done} of {total_steps} "
-                "steps>")
+        total_steps = count_text(self.attributes["run"]["steps"], "step")
+        return (f"<Recording {str(self.path)!r}: {self.status}, {self.steps_done} of "
+                f"{total_steps}>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks; of a run without a state, its status."""

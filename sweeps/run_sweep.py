@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
-from ..core.arguments import as_flag
+from ..core.arguments import as_flag, count_text
 from ..core.errors import InputError, Stopped, StorageError
 from ..core.exact_numbers import Number, digits_of, exact
 from ..core.inertia import RepName
@@ -214,7 +214,8 @@ def _warn_of_failures(statuses: Mapping[int, int]) -> None:
     if failures:
         reasons = ", ".join(f"{count:,} with status {status} ({meanings()[status]})"
                             for status, count in sorted(failures.items()))
-        warn(f"{sum(failures.values()):,} of {sum(statuses.values()):,} cells of the sweep failed "
+        warn(f"{sum(failures.values()):,} of {count_text(sum(statuses.values()), 'cell')} of the "
+             "sweep failed "
              f"and are NaN: {reasons}. The result's status has the reason of each cell.")
 
 
@@ -270,7 +271,8 @@ def _compute(
     is_stored = path is not None  # tiles of a store are larger
     cells = sum(_size(tile) for tile in tiles_of(study, is_stored) if tile.place in finished)
     remaining_tiles = (tile for tile in tiles_of(study, is_stored) if tile.place not in finished)
-    with (log_progress(f"sweeping {study.size:,} cells", study.size, progress) as report,
+    work = f"sweeping {count_text(study.size, 'cell')}"
+    with (log_progress(work, study.size, progress) as report,
           catch_signals() if is_stored else catch_ctrl_c() as interrupts):
         progress_count = _CellCount(cells, study.size, report)
         progress_count.tell()
@@ -288,10 +290,12 @@ def _interruption_text(progress_count: _CellCount, path: Path | None) -> str:
     """Return the message of the error of a sweep that a signal has interrupted."""
     where = ".dataset" if path is None else repr(str(path))
     if progress_count.done == progress_count.all:
-        return (f"Stopped after the last of {progress_count.all:,} cells: the sweep is complete, "
+        return (f"Stopped after the last of {count_text(progress_count.all, 'cell')}: the sweep is "
+                "complete, "
                 f"in {where}.")
     hint = "" if path is None else " The same command with --resume goes on."
-    return (f"Stopped with {progress_count.done:,} of {progress_count.all:,} cells done; they are "
+    return (f"Stopped with {progress_count.done:,} of {count_text(progress_count.all, 'cell')} "
+            "done; they are "
             f"in {where}.{hint}")
 
 

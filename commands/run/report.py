@@ -6,6 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING, Any
 
+from ...core.arguments import count_text
 from ...core.errors import StepFailed, Stopped
 from ...core.exact_numbers import digits_of
 from ...core.manifest import SystemManifest
@@ -219,7 +220,8 @@ def as_text(result: dict[str, Any], system: SystemManifest) -> str:
     return "\n".join([
         f"{result['problem']} with {result['stepper']} (order {result['order']})",
         *_resumed_lines(result),
-        f"  {result['steps']:,} steps of {_step_size(result)} to t = {result['t_end']:g} s{cost}",
+        f"  {count_text(result['steps'], 'step')} of {_step_size(result)} to "
+        f"t = {result['t_end']:g} s{cost}",
         *_constraint_lines(result, system),
         *_energy_lines(result),
         f"  iterations              mean {result['iterations_mean']:.2f}, "
@@ -249,7 +251,7 @@ def _motion_lines(result: dict[str, Any]) -> list[str]:
     lines = []
     if "energy_waits" in result:
         lines.append("  energy waits            in "
-                     f"{result['energy_waits']:,} steps without a small θ")
+                     f"{count_text(result['energy_waits'], 'step')} without a small θ")
     if "radians_per_step" in result:
         lines.append(f"  fastest rotation        {result['radians_per_step']:.3g} rad a step, of "
                      f"{result['fastest_body']}")
@@ -316,5 +318,5 @@ def _event_line(kind: str, name: str, crossings: dict[str, Any]) -> str:
     """Return the line of an event or impact: its count and its first four times."""
     times = ", ".join(f"{t:.12g}" for t in crossings["t"][:4])
     ellipsis = ", …" if len(crossings["t"]) > 4 else ""
-    return f"  {f'{kind} {name}':<23} {len(crossings['t']):,} times" + (f": {times}{ellipsis} s"
-                                                                  if times else "")
+    label, count = f"{kind} {name}", count_text(len(crossings["t"]), "time")
+    return f"  {label:<23} {count}" + (f": {times}{ellipsis} s" if times else "")

@@ -69,6 +69,7 @@ from typing import Any, cast
 
 import sympy as sp
 
+from ...core.arguments import count_text
 from ...core.errors import InputError
 from ...core.inertia import REPS, RepName
 from ...core.warnings import warn
@@ -505,7 +506,8 @@ def _joints(table: TomlTable, kind: str) -> list[str]:
     """Return the names under ``joints``, as many as a joint or force of this type acts on."""
     names = table.strings("joints")
     if len(names) != ON_JOINTS[kind]:
-        raise table.error("joints", f"has {len(names)} names; write {ON_JOINTS[kind]}.")
+        raise table.error("joints", f"has {count_text(len(names), 'name')}; write "
+                                    f"{ON_JOINTS[kind]}.")
     return names
 
 
@@ -513,7 +515,7 @@ def _frames(table: TomlTable, bodies: Mapping[str, Frame], count: int) -> list[F
     """Return the frames whose names are under the key ``bodies``, ``count`` of them."""
     names = table.strings("bodies")
     if len(names) != count:
-        raise table.error("bodies", f"has {len(names)} names; write {count}.")
+        raise table.error("bodies", f"has {count_text(len(names), 'name')}; write {count}.")
     for name in names:
         if name not in bodies:
             raise table.error("bodies", f"names {name!r}, which is none of "

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 import sympy as sp
 
+from ...core.arguments import count_text
 from ..multibody.model import Model, exact_array
 from ..parsing.grammar import UNITS
 from ..systems.system import System
@@ -113,7 +114,8 @@ def _coordinates_and_momenta(
     """Return name → symbol of the coordinates and of the momenta, one for each coordinate."""
     q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
     if len(q) != len(p):
-        raise table.error("momenta", f"has {len(p)} names for {len(q)} coordinates; write one for "
+        raise table.error("momenta", f"has {count_text(len(p), 'name')} for "
+                                     f"{count_text(len(q), 'coordinate')}; write one for "
                                      "each.")
     for symbol in q.keys() & p.keys():
         raise table.error("momenta", f"has the name {symbol!r}, which is a coordinate too; names "
@@ -141,7 +143,8 @@ def _symbols(table: TomlTable, key: str) -> dict[str, sp.Symbol]:
     """Return name → symbol of the names under a key, which must differ."""
     names = table.names(key)
     if not 1 <= len(names) <= MAX_COORDINATES:
-        raise table.error(key, f"has {len(names)} names; write 1 to {MAX_COORDINATES}.")
+        raise table.error(key, f"has {count_text(len(names), 'name')}; write 1 to "
+                               f"{MAX_COORDINATES}.")
     for i, name in enumerate(names):
         if name in names[:i]:
             raise table.error(key, f"has the name {name!r} twice; names must differ.")

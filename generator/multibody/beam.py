@@ -24,7 +24,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_integer, shown
+from ...core.arguments import as_integer, count_text, shown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.inertia import quaternion_product, real_array
@@ -136,7 +136,8 @@ class Beam:
     rest: Array | None
 
     def __repr__(self) -> str:
-        return f"<Beam {self.name}: {len(self.segments)} segments of {self.spacing:g} m>"
+        return (f"<Beam {self.name}: {count_text(len(self.segments), 'segment')} of "
+                f"{self.spacing:g} m>")
 
     def rest_strain(self, a: Array, b: Array, factor: int) -> Array:
         """Return u (3,) at which a joint has no moment, where κ = (factor/h) u is the curvature.

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_integer, as_items, as_mapping, as_text, choose, few, shown
+from ...core.arguments import (
+    as_integer,
+    as_items,
+    as_mapping,
+    as_text,
+    choose,
+    count_text,
+    few,
+    shown,
+)
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -208,11 +217,12 @@ class Model:
                              "give one.")
 
     def __repr__(self) -> str:
-        n, m = self.system.n, self.system.m
-        steps = "" if self.steps is None else f", {self.steps:,} steps"
+        steps = "" if self.steps is None else f", {count_text(self.steps, 'step')}"
         run = "" if self.dt is None else f"; dt = {self.dt:g} s{steps}"
-        return (f"<Model {self.name}: {n} coordinates, {m} constraints, {len(self.parameters)} "
-                f"parameters, {len(self.bodies)} bodies{run}>")
+        counts = {"coordinate": self.system.n, "constraint": self.system.m,
+                  "parameter": len(self.parameters), "body": len(self.bodies)}
+        parts = ", ".join(count_text(count, noun) for noun, count in counts.items())
+        return f"<Model {self.name}: {parts}{run}>"
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the numbers, and the system's formulas."""

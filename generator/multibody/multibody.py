@@ -23,6 +23,7 @@ from ...core.arguments import (
     as_mapping,
     as_text,
     choose,
+    count_text,
     few,
     shown,
 )
@@ -968,7 +969,7 @@ class Multibody(FixedAttributes):
             "joints", joints, "mappings")]
         hinges = [link for link in links if link.coordinate.kind == "angle"]
         if not 1 <= len(links) <= 6:
-            raise InputError(f"Chain {name!r} has {len(links)} joints; give 1 to 6.")
+            raise InputError(f"Chain {name!r} has {count_text(len(links), 'joint')}; give 1 to 6.")
         for link in links:
             self._join(link.coordinate)
         # the point of b on the axis of the last hinge, which then leaves it where it is
@@ -1040,7 +1041,7 @@ class Multibody(FixedAttributes):
             expression = as_expression(f(*symbols))
         except TypeError as error:
             raise InputError(f"The function of law {name!r} fails: {error}; let it take "
-                             f"{len(measured_joints)} coordinates.") from None
+                             f"{count_text(len(measured_joints), 'coordinate')}.") from None
         if not expression.free_symbols & {*symbols}:
             raise InputError(f"Law {name!r} is {shown(str(expression))}, without a coordinate; "
                              "return what is to be 0.")

@@ -22,7 +22,7 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ...core.arguments import shown
+from ...core.arguments import count_text, shown
 from ...core.errors import InputError
 from ...core.records import dataclass
 from ..parsing.tokens import shorten
@@ -257,7 +257,8 @@ def from_lagrangian(
     if tree_size([L]) > _LARGEST_TREE:
         (L,) = share_repeated([L])
     if len(speeds) != len(coordinates):
-        raise InputError(f"System {name!r} has {len(coordinates)} coordinates and {len(speeds)} "
+        raise InputError(f"System {name!r} has {count_text(len(coordinates), 'coordinate')} and "
+                         f"{len(speeds)} "
                          "velocities; give the velocity of each coordinate, in the same order.")
     F = tuple(map(as_expression, as_sequence("forces", () if forces is None else forces)))
     g = tuple(map(as_expression, as_sequence("constraints", constraints)))

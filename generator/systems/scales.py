@@ -13,7 +13,7 @@ from typing import Any
 
 import sympy as sp
 
-from ...core.arguments import shown
+from ...core.arguments import count_text, shown
 from ...core.errors import InputError
 from .expression_arguments import as_expression, as_sequence
 
@@ -50,7 +50,8 @@ def distance(a: Any, b: Any, power: float | sp.Expr = 1.5) -> sp.Expr:
                          "distance is: give 3/2, say.")
     points = [_point(name, end) for name, end in (("a", a), ("b", b))]
     if len(points[0]) != len(points[1]):
-        raise InputError(f"a has {len(points[0])} coordinates and b {len(points[1])}; give points "
+        raise InputError(f"a has {count_text(len(points[0]), 'coordinate')} and b "
+                         f"{len(points[1])}; give points "
                          "of the same space.")
     square: sp.Expr = sp.Add(*((x - y) ** 2 for x, y in zip(*points, strict=True)))
     if square == 0:

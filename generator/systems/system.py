@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import sympy as sp
 
-from ...core.arguments import as_flag, as_items, as_mapping, as_text, few, shown
+from ...core.arguments import as_flag, as_items, as_mapping, as_text, count_text, few, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.frozen_dict import FrozenDict
@@ -192,7 +192,8 @@ class System:
             )
         if len(self.q) != len(self.p) or not self.q:
             raise InputError(
-                f"System {self.name!r} has {len(self.q)} coordinates and {len(self.p)} momenta; "
+                f"System {self.name!r} has {count_text(len(self.q), 'coordinate')} and "
+                f"{len(self.p)} momenta; "
                 "give one momentum for each of at least one coordinate."
             )
         # velocities may be missing only where no velocity constraint needs them
@@ -221,7 +222,8 @@ class System:
                     "give one name for each constraint, or none.")
         if len(self.forces) not in (0, self.n):
             raise InputError(
-                f"System {self.name!r} has {len(self.forces)} forces on {self.n} coordinates; give "
+                f"System {self.name!r} has {count_text(len(self.forces), 'force')} on {self.n} "
+                "coordinates; give "
                 "one for each coordinate (0 where none acts), or none at all."
             )
 
@@ -239,8 +241,9 @@ class System:
 
     def __repr__(self) -> str:
         parts = [f"coordinates {few(self.q)}", f"parameters {few(self.parameters)}",
-                 f"{self.m} constraints"]
-        parts += [f"{self.velocity_count} velocity constraints"] if self.velocity_count else []
+                 count_text(self.m, "constraint")]
+        parts += [count_text(self.velocity_count, "velocity constraint")] * bool(
+            self.velocity_count)
         parts += ["forces"] if self.forces else []
         parts += [f"quantities {few(self.quantities)}"] if self.quantities else []
         return f"<System {self.name}: {'; '.join(parts)}>"

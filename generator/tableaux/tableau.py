@@ -18,6 +18,7 @@ from typing import Any
 import mpmath as mp
 import sympy as sp
 
+from ...core.arguments import count_text
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.html import card, formula, table
@@ -73,7 +74,7 @@ class NumericTableau:
     c_tilde: list[Any]
 
     def __repr__(self) -> str:
-        return f"<NumericTableau: {len(self.b)} stages, p = {len(self.c_tilde) - 1}>"
+        return f"<NumericTableau: {count_text(len(self.b), 'stage')}, p = {len(self.c_tilde) - 1}>"
 
 
 @explain_arguments

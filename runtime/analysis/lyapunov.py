@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_flag, check_stepper, few
+from ...core.arguments import as_flag, check_stepper, count_text, few
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -284,7 +284,8 @@ class Benettin:
         with np.errstate(all="ignore"):  # numbers that are not finite are refused
             c = self.frame.coordinates(self.V)
         if not np.isfinite(c).all():
-            raise InputError(f"Directions are not finite after {step:,} steps; give an every below "
+            raise InputError(f"Directions are not finite after {count_text(step, 'step')}; give an "
+                             "every below "
                              f"{self.run.every}, or a smaller dt.")
         self._measure_symplecticity(c, form_before)
         # LAPACK's R may have negative diagonal entries; growth factors are R_ii > 0.
@@ -328,7 +329,8 @@ class Benettin:
             with np.errstate(all="ignore"):
                 return UnitaryFrame(self.binding, run.parameters, t, q, p)
         except np.linalg.LinAlgError as error:
-            raise InputError(f"The metric of the state after {step:,} steps is not finite: its "
+            raise InputError(f"The metric of the state after {count_text(step, 'step')} is not "
+                             "finite: its "
                              "energy is no double; take other units, or fewer steps.") from error
 
     def _directions(self) -> Array:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_items, join_or, shown, unknown
+from ...core.arguments import as_items, count_text, join_or, shown, unknown
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.records import dataclass
@@ -88,7 +88,8 @@ class Observation:
         column_count = len(self.names)
         if samples.ndim != 2 or len(samples) != rows or (
                 column_count and samples.shape[1] != column_count):
-            columns = (f"{column_count} columns ({', '.join(self.names)})" if column_count
+            columns = (f"{count_text(column_count, 'column')} "
+                       f"({', '.join(self.names)})" if column_count
                        else "its columns")
             raise InputError(f"data has the shape {np.shape(data)}; give {rows} rows, one for each "
                              f"time, with {columns}.")

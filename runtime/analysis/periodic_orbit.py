@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_items, check_stepper, few, shown, unknown
+from ...core.arguments import as_items, check_stepper, count_text, few, shown, unknown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import GyrosparkError, InputError
@@ -120,7 +120,7 @@ class PeriodicOrbit:
         # the text of a multiplier stands for its conjugate too
         multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
         return (f"<PeriodicOrbit of {self._stepper.name}: period {float(self.period):.12g} s, "
-                f"{self.steps:,} steps; multipliers {multipliers}; closed to "
+                f"{count_text(self.steps, 'step')}; multipliers {multipliers}; closed to "
                 f"{self.residuals[-1]:.1e} after {self.iterations} iterations>")
 
     def _repr_html_(self) -> str:
@@ -278,8 +278,8 @@ class OrbitSearch:
     def _failure(self, guess: Guess, gaps: list[float]) -> GyrosparkError:
         """Return the error of a search that did not converge; ``gaps`` are its |Φ(z) − z|."""
         return GyrosparkError(
-            f"Newton's method found no periodic orbit of {self.steps:,} steps: after "
-            f"{len(gaps) - 1} iterations the end is off the start by {gaps[-1]:.2e} "
+            f"Newton's method found no periodic orbit of {count_text(self.steps, 'step')}: after "
+            f"{count_text(len(gaps) - 1, 'iteration')} the end is off the start by {gaps[-1]:.2e} "
             f"({min(gaps):.2e} at best, {gaps[0]:.2e} at first), with dt = {float(guess.dt):.6g}; "
             "give a state and a dt nearer to an orbit, more steps, or something else to fix.")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError
 from ...core.incompatibilities import refuse_together
@@ -121,7 +122,7 @@ def warn_of_jumps(stepper: Stepper, switched: int) -> None:
     """Warn where ``switched`` steps, more than 0, cross places where forces jump."""
     jumps = stepper.manifest.system.jumps
     if switched and jumps:
-        warn(f"{switched:,} steps end on another side of a switch than they begin, and forces jump "
+        warn(f"A switch lies within {count_text(switched, 'step')}, and forces jump "
              f"at {jumps}: these derivatives are those of the discrete run, and lack what the time "
              "of a jump contributes.")
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import shown, unknown
+from ...core.arguments import count_text, shown, unknown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -366,7 +366,8 @@ class Accelerations:
     _states: Array  # q of the states, a row each
 
     def __repr__(self) -> str:
-        return f"<Accelerations of {len(self._states):,} states, {self.q.shape[-1]} coordinates>"
+        return (f"<Accelerations of {count_text(len(self._states), 'state')}, {self.q.shape[-1]} "
+                "coordinates>")
 
     def joint(self, name: str) -> Any:
         """Return d²θ/dt² of a hinge in rad/s², or d²s/dt² of a slide in m/s², shape (...).

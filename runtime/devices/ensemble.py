@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ...core.arguments import choose
+from ...core.arguments import choose, count_text
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -64,8 +64,8 @@ class DeviceEnsemble:
         return len(self.t)
 
     def __repr__(self) -> str:
-        return (f"<DeviceEnsemble of {self._name}: {len(self):,} trajectories of "
-                f"{self.t.shape[1]:,} states, {len(self.failures):,} failed>")
+        return (f"<DeviceEnsemble of {self._name}: {count_text(len(self), 'trajectory')} of "
+                f"{count_text(self.t.shape[1], 'state')}, {len(self.failures):,} failed>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the number of trajectories, and the first failures."""
@@ -74,7 +74,8 @@ class DeviceEnsemble:
 
 def ensemble_card(title: str, t: Array, failures: Mapping[int, object]) -> str:
     """Return a card of trajectories: their numbers, and the first reasons of failures."""
-    rows: list[tuple[str, object]] = [("trajectories", f"{len(t):,} of {t.shape[1]:,} states"),
+    rows: list[tuple[str, object]] = [("trajectories", f"{len(t):,} of "
+                                                       f"{count_text(t.shape[1], 'state')}"),
                                       ("failed", f"{len(failures):,}")]
     return card(title, table([*rows, *((f"trajectory {i}", failure) for i, failure in
                                        islice(failures.items(), 3))]))

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.errors import InputError
 from ...core.event import Impact, with_restitutions
@@ -205,7 +206,8 @@ class ImpactObserver:
             self.end = self._end(gap, state)
             if status == _REST:
                 warn(f"The run ends at t = {float(self.end.at.t[0]):.9g} s, after {state.steps:,} "
-                     f"of {self._run.steps:,} steps: impacts of {self.events[gap].name!r} follow "
+                     f"of {count_text(self._run.steps, 'step')}: impacts of "
+                     f"{self.events[gap].name!r} follow "
                      "each other faster than times resolve, and it stays closed. Go on from "
                      "run[-1] with a system that has the gap as a constraint.")
             return 0

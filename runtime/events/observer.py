@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.event import Event, Impact
@@ -70,7 +71,8 @@ def integrate_observed(
         crossings_by_name = observer.take_crossings(
             lambda: interrupts.is_requested and not had_signal)
     if interrupts.is_requested and not had_signal:
-        raise Stopped(f"Stopped where the events of {trajectory.report.steps:,} steps were solved "
+        raise Stopped(f"Stopped where the events of {count_text(trajectory.report.steps, 'step')} "
+                      "were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)
     trajectory = with_events(stepper, observer, trajectory, crossings_by_name)

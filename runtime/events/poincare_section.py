@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import check_stepper, choose, shown
+from ...core.arguments import check_stepper, choose, count_text, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -68,8 +68,8 @@ class Section:
         return len(self.t)
 
     def __repr__(self) -> str:
-        return (f"<Section of {self._stepper.name}: {len(self):,} points of "
-                f"{len(self._parameters):,} trajectories at {self.event.quantity} = "
+        return (f"<Section of {self._stepper.name}: {count_text(len(self), 'point')} of "
+                f"{count_text(len(self._parameters), 'trajectory')} at {self.event.quantity} = "
                 f"{float(self.event.level):g}>")
 
     def _repr_html_(self) -> str:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import shown
+from ...core.arguments import count_text, shown
 from ...core.arrays import Array
 from ...core.errors import InputError, Stopped
 from ...core.interrupts import catch_ctrl_c
@@ -83,7 +83,8 @@ def _states_at(
     refuse_impacts(trajectory)
     refuse_forgotten(stepper, trajectory)
     if not len(trajectory) or ((1 if trajectory.dt > 0 else -1) * np.diff(trajectory.t) < 0).any():
-        raise InputError(f"The trajectory has {len(trajectory)} states, not in the order of time: "
+        raise InputError(f"The trajectory has {count_text(len(trajectory), 'state')}, not in the "
+                         "order of time: "
                          "t_eval or at(...) had these times. Ask the run for the times wanted."
                          if len(trajectory) else "The trajectory has no states: t_eval or at(...) "
                          "had no times. Ask the run for the times wanted.")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from ...core.arguments import as_mapping, few, shown
+from ...core.arguments import as_mapping, count_text, few, shown
 from ...core.arrays import Array
 from ...core.errors import ArgumentError, InputError
 from ...core.event import Event, Impact
@@ -352,7 +352,7 @@ def steps_of_all(
         else:
             spans.append(span_of(steps, t_end, start_time, step))
     if len({(count, bool(remainder)) for count, remainder in spans}) > 1:
-        fewest, most = (f"{count:,} steps{' and a shorter one' * bool(remainder)}"
+        fewest, most = (f"{count_text(count, 'step')}{' and a shorter one' * bool(remainder)}"
                         for count, remainder in (min(spans), max(spans)))
         raise InputError(f"t_end = {shown(t_end)} is after {fewest} of one trajectory and after "
                          f"{most} of another; give steps, or runs of their own.")

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.errors import StepFailed, Stopped
 from ...core.interrupts import Interrupts, catch_ctrl_c
@@ -131,7 +132,7 @@ def require_end(
 def ended_at(step: int, steps: int) -> str:
     """Return a sentence that says after which step a signal has ended a run."""
     if step == steps:
-        return f"Stopped after the last of {steps:,} steps: the run is complete."
+        return f"Stopped after the last of {count_text(steps, 'step')}: the run is complete."
     return f"Stopped at step {step:,} of {steps:,}."
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from .trajectory_plots import check_picture_path, figure_class, save
 
 if TYPE_CHECKING:
@@ -43,7 +44,8 @@ def draw_exponents(lyapunov: Lyapunov, path: str | os.PathLike[str] | None) -> A
     megno_axes.set_xlabel("t [s]")
     for axes in (exponent_axes, megno_axes):
         axes.grid(alpha=0.3)
-    figure.suptitle(f"{lyapunov.name}, Δt = {float(lyapunov.dt):g} s, {lyapunov.steps:,} steps",
+    figure.suptitle(f"{lyapunov.name}, Δt = {float(lyapunov.dt):g} s, "
+                    f"{count_text(lyapunov.steps, 'step')}",
                     fontsize=11)
     if target is not None:
         save(figure, target)

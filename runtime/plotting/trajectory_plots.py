@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arguments import choose
+from ...core.arguments import choose, count_text
 from ...core.errors import MissingDependencyError
 from ...core.extras import install
 from ...core.file_formats import checked_path, ending_of, endings, result_file
@@ -81,7 +81,7 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
     for panel_cell, panel in zip(panel_cells, panels, strict=True):
         panel(figure.add_subplot(panel_cell), trajectory)
     figure.suptitle(f"{trajectory.manifest.name}, Δt = {trajectory.dt:g} s, "
-                    f"{trajectory.report.steps:,} steps", fontsize=11)
+                    f"{count_text(trajectory.report.steps, 'step')}", fontsize=11)
     if target is not None:
         save(figure, target)
     return figure
@@ -257,7 +257,7 @@ def draw_section(section: Section, x: str, y: str, path: str | os.PathLike[str] 
     axes.set_ylabel(y)
     direction = {-1: ", falling", 0: "", 1: ", rising"}[section.event.direction]
     axes.set_title(f"{section.event.quantity} = {float(section.event.level):g}{direction}: "
-                   f"{len(section):,} points", fontsize=11)
+                   f"{count_text(len(section), 'point')}", fontsize=11)
     if target is not None:
         save(figure, target)
     return figure
@@ -292,7 +292,8 @@ def draw_ensemble(
     selection_note = f", {len(drawn_indices)} of them drawn" if len(drawn_indices) < count else ""
     default = [*(first_member.quantities or first_member.coordinates)[:_PANELS], "energy_error"]
     return draw_values([ensemble.members[i] for i in drawn_indices], names or default, path,
-                       f"{first_member.manifest.name}: {count:,} trajectories{selection_note}, "
+                       f"{first_member.manifest.name}: "
+                       f"{count_text(count, 'trajectory')}{selection_note}, "
                        f"{len(ensemble.failures):,} failed")
 
 

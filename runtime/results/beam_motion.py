@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ...core.arguments import choose
+from ...core.arguments import choose, count_text
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
@@ -68,8 +68,9 @@ class BeamMotion(FixedAttributes):
         self.arc = np.array([_section_of(joint).arc for joint in sections])
 
     def __repr__(self) -> str:
-        return (f"<BeamMotion of {self.name} in {self._run.manifest.name}: {len(self.segments)} "
-                f"segments, {len(self._run):,} states>")
+        return (f"<BeamMotion of {self.name} in {self._run.manifest.name}: "
+                f"{count_text(len(self.segments), 'segment')}, "
+                f"{count_text(len(self._run), 'state')}>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the segments and the states."""

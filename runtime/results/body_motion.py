@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_flag, choose, few, shown
+from ...core.arguments import as_flag, choose, count_text, few, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -55,7 +55,7 @@ class BodyMotion(FixedAttributes):
 
     def __repr__(self) -> str:
         return (f"<BodyMotion of {self.name} in {self._run.manifest.name}: "
-                f"{len(self._run):,} states>")
+                f"{count_text(len(self._run), 'state')}>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the states, with attitude and position of the last."""

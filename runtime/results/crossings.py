@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
@@ -220,4 +221,4 @@ class CrossingsOfMany:
                          for crossings in self._members])
 
     def __repr__(self) -> str:
-        return f"<CrossingsOfMany {len(self):,} trajectories: {self.count.sum():,}>"
+        return f"<CrossingsOfMany {count_text(len(self), 'trajectory')}: {self.count.sum():,}>"

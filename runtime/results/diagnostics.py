@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.html import card, table
@@ -61,7 +62,8 @@ class Report:
         """Return the steps and iterations, and the largest and mean errors, on three lines."""
         scaled = (f", from {self.time_step_min:.3g} to {self.time_step_max:.3g} s long"
                   if self.time_step_max else "")
-        return (f"<Report of {self.steps:,} steps, {self.iterations_mean:.1f} iterations each"
+        return (f"<Report of {count_text(self.steps, 'step')}, {self.iterations_mean:.1f} "
+                "iterations each"
                 f"{scaled}\n"
                 f"  largest errors: energy {self.energy_error_max:.2e}, constraint "
                 f"{self.constraint_max:.2e}, momentum constraint "
@@ -78,7 +80,7 @@ class Report:
             ("momentum constraint", self.momentum_constraint_max,
              self.momentum_constraint_mean))]
         iterations = ("iterations a step", self.iterations_max, f"{self.iterations_mean:.1f}")
-        return card(f"Report of {self.steps:,} steps",
+        return card(f"Report of {count_text(self.steps, 'step')}",
                     table([iterations, *errors], ("", "largest", "mean")))
 
     @classmethod

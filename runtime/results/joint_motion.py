@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from ...core.arguments import as_flag, choose
+from ...core.arguments import as_flag, choose, count_text
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -57,7 +57,7 @@ class JointMotion(FixedAttributes):
 
     def __repr__(self) -> str:
         body_names = ", ".join(name or "ground" for name in self.bodies)
-        return f"<JointMotion of {self.name} ({body_names}): {len(self._run):,} states>"
+        return f"<JointMotion of {self.name} ({body_names}): {count_text(len(self._run), 'state')}>"
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the bodies and the states."""

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from ...core.arguments import choose, few
+from ...core.arguments import choose, count_text, few
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -68,13 +68,13 @@ class TangentRows:
     events: EventTangents = field(default_factory=lambda: EventTangents({}, {}), repr=False)
 
     def __repr__(self) -> str:
-        return (f"<TangentRows of {len(self.q):,} states along {few(self.names)}>")
+        return (f"<TangentRows of {count_text(len(self.q), 'state')} along {few(self.names)}>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the size of each direction in the first and last state."""
         rows = [(name, *(f"{np.linalg.norm(self[name][i].astype(float)):.6g}" for i in (0, -1)))
                 for name in self.names] if len(self.q) else []
-        return card(f"Tangents of {len(self.q):,} states",
+        return card(f"Tangents of {count_text(len(self.q), 'state')}",
                     table(rows, ("direction", "norm of the first", "norm of the last")))
 
     def __getitem__(self, name: str) -> Array:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_path, shown
+from ...core.arguments import as_path, count_text, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
@@ -218,7 +218,8 @@ class Trajectory(Shown):
             raise InputError(f"run[{shown(row)}] is no row; give a whole number, or a slice such "
                              "as run[::10].") from None
         except IndexError:
-            raise IndexError(f"run[{shown(row)}] is none of {len(self):,} stored states.") from None
+            raise IndexError(f"run[{shown(row)}] is none of "
+                             f"{count_text(len(self), 'stored state')}.") from None
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
             # of the step that ends at the row; a run at given times has none: they lie within steps
@@ -284,7 +285,8 @@ class Trajectory(Shown):
     def _attributes(self) -> dict[str, Any]:
         """Return the attributes of the run in files, as JSON values."""
         return {
-            "title": f"{self.manifest.name}: {self.report.steps} steps of {float(self.dt):g} s",
+            "title": f"{self.manifest.name}: {count_text(self.report.steps, 'step')} of "
+                     f"{float(self.dt):g} s",
             "run": {"parameters": {name: digits_of(x) for name, x in self.parameters.items()},
                     "dt": digits_of(self.dt), "every": self.every, "steps": self.report.steps,
                     **({"impacts": impacts_as_json(self._laws, self.parameters)}
@@ -330,8 +332,8 @@ class Trajectory(Shown):
         last_part = "" if self._grid is None else " and a part of one"
         # t_eval=[] stores no state
         times = f", t = {float(self.t[0]):.6g} to {float(self.t[-1]):.6g} s" if len(self) else ""
-        return (f"<Trajectory of {self.manifest.name}: {len(self):,} states of {report.steps:,} "
-                f"steps{last_part}{times}\n"
+        return (f"<Trajectory of {self.manifest.name}: {count_text(len(self), 'state')} of "
+                f"{count_text(report.steps, 'step')}{last_part}{times}\n"
                 f"  largest errors: energy {report.energy_error_max:.1e}, constraint "
                 f"{report.constraint_max:.1e}, momentum {report.momentum_constraint_max:.1e}>")
 
@@ -677,6 +679,7 @@ def _row_range(row_slice: slice, count: int) -> range:
     except (TypeError, ValueError):
         row_range = range(0)
     if not row_range or row_range.step < 1:
-        raise InputError(f"run[{shown(row_slice)}] is no part of {count:,} states; give whole "
+        raise InputError(f"run[{shown(row_slice)}] is no part of {count_text(count, 'state')}; "
+                         "give whole "
                          "numbers and a step of at least 1, as in run[100::10].")
     return row_range

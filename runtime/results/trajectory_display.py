@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any, cast
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.html import card, curve, table
 from .body_motion import FrameName
@@ -32,7 +33,8 @@ class Shown:
     def _extent(self) -> list[tuple[str, str]]:
         """Return how many states there are, and their times, as rows of a card."""
         run, t = self._run, self._run.t.astype(float)
-        return [("states", f"{len(run):,} of {run.report.steps:,} steps of {float(run.dt):g} s"),
+        return [("states", f"{len(run):,} of {count_text(run.report.steps, 'step')} of "
+                           f"{float(run.dt):g} s"),
                 ("time", f"{t[0]:.6g} to {t[-1]:.6g} s" if len(t) else "none")]
 
     def _repr_html_(self) -> str:

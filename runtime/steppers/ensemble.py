@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_path, shown
+from ...core.arguments import as_path, count_text, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import InputError, InputWarning, StepFailed, Stopped
@@ -134,8 +134,8 @@ class Ensemble:
         return len(self.t)
 
     def __repr__(self) -> str:
-        return (f"<Ensemble of {self._name}: {len(self):,} trajectories of {self.t.shape[1]:,} "
-                f"states, {len(self.failures):,} failed>")
+        return (f"<Ensemble of {self._name}: {count_text(len(self), 'trajectory')} of "
+                f"{count_text(self.t.shape[1], 'state')}, {len(self.failures):,} failed>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the number of trajectories, and the first failures."""
@@ -214,7 +214,8 @@ class Ensemble:
         """Show the bodies of one of the trajectories in motion; see ``Trajectory.show``."""
         number = as_positive_count("member", member)
         if number >= len(self):
-            raise InputError(f"member = {number} is none of {len(self):,} trajectories, which are "
+            raise InputError(f"member = {number} is none of {count_text(len(self), 'trajectory')}, "
+                             "which are "
                              "counted from 0.")
         return self.members[number].show(path, **options)
 
@@ -389,7 +390,7 @@ def _progress_of(
 
     ``steps`` is their total, by default that of runs of equal length.
     """
-    return log_progress(f"integrating {len(runs):,} times {stepper.name}",
+    return log_progress(f"integrating {count_text(len(runs), 'time')} {stepper.name}",
                         steps or len(runs) * runs.first.steps, progress)
 
 
@@ -398,7 +399,8 @@ def _stop_exception(
 ) -> Stopped:
     """Return the exception after Ctrl-C, with the ``stored`` of ``size`` states that are computed.
     """
-    return Stopped(f"Stopped with {stored:,} of {size:,} states; they are in .ensemble.",
+    return Stopped(f"Stopped with {stored:,} of {count_text(size, 'state')}; they are in "
+                   ".ensemble.",
                    interrupts.signal, ensemble=cast(Ensemble, ensemble))
 
 
@@ -675,7 +677,8 @@ def _warn_of_early_ends(runs: Sequence[_FinishedRun], steps: int) -> None:
     """Warn of runs that impacts have ended before ``steps`` steps; failed runs do not count."""
     count = sum(run.trajectory.report.steps < steps and not run.status for run in runs)
     if count:
-        warn(f"{count:,} of {len(runs):,} trajectories end before the last step, where a gap "
+        warn(f"{count:,} of {count_text(len(runs), 'trajectory')} end before the last step, where "
+             "a gap "
              "stays closed or a terminal impact ends them; their last rows are in members.")
 
 
@@ -766,5 +769,6 @@ def _parameters_of_runs(
         raise InputError(f"parameters = {shown(parameters)} is neither a dict nor a list of "
                          "dicts.")
     if len(parameters) != size:
-        raise InputError(f"{len(parameters)} sets of parameters are given for {size} trajectories.")
+        raise InputError(f"{len(parameters)} sets of parameters are given for "
+                         f"{count_text(size, 'trajectory')}.")
     return [dict(with_rules(run, domains)) for run in parameters]

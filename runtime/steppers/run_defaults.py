@@ -7,6 +7,7 @@ from dataclasses import asdict, field, replace
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
+from ...core.arguments import count_text
 from ...core.event import Event, Impact
 from ...core.exact_numbers import Rounded, exact, knowing
 from ...core.records import dataclass
@@ -70,8 +71,8 @@ class RunDefaults:
     visuals: Mapping[str, Sequence[Shape]] = field(default_factory=dict)
 
     def __repr__(self) -> str:
-        return (f"<RunDefaults of {self.name}: {len(self.q0)} coordinates, {len(self.parameters)} "
-                "parameters>")
+        return (f"<RunDefaults of {self.name}: {count_text(len(self.q0), 'coordinate')}, "
+                f"{count_text(len(self.parameters), 'parameter')}>")
 
     @classmethod
     def of_problem(cls, problem: Problem) -> RunDefaults:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ...core.arguments import few, proposal, shown
+from ...core.arguments import count_text, few, proposal, shown
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.errors import AbsentError, InputError, StepFailed, Stopped
@@ -278,7 +278,7 @@ class Simulation(FixedAttributes):
 
     def __repr__(self) -> str:
         size = f"{float(self.dt):.6g} s" + " of τ" * self._run.binding.clocked
-        return (f"<Simulation by {self._stepper.name}: {self.steps:,} steps of {size}, "
+        return (f"<Simulation by {self._stepper.name}: {count_text(self.steps, 'step')} of {size}, "
                 f"t = {float(self.t):.6g} s>")
 
     def _repr_html_(self) -> str:

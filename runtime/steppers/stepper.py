@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_flag, as_mapping, few
+from ...core.arguments import as_flag, as_mapping, count_text, few
 from ...core.arrays import Array
 from ...core.calls import explain_arguments
 from ...core.event import Event, Impact, as_events, as_impacts
@@ -125,15 +125,19 @@ class Stepper(Dynamics):
         self._impacts: Binding | None = None
 
     def __repr__(self) -> str:
-        return f"<Stepper {self.name}: order {self.order}, {self.unknowns} unknowns>"
+        unknowns = count_text(self.unknowns, "unknown")
+        return f"<Stepper {self.name}: order {self.order}, {unknowns}>"
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: method, system, and the arguments of a run."""
         system, scheme = self.manifest.system, self.manifest.scheme
         domains = self.parameter_domains.items()
-        rows = [("method", f"{scheme.method}, order {self.order}, {self.unknowns} unknowns"),
-                ("system", f"{system.name}: {self.n} coordinates, {self.m} constraints"
-                 + f", {self.binding.rows} velocity constraints" * bool(self.binding.rows)),
+        velocity_constraints = count_text(self.binding.rows, "velocity constraint")
+        rows = [("method", f"{scheme.method}, order {self.order}, "
+                 + count_text(self.unknowns, "unknown")),
+                ("system", f"{system.name}: {count_text(self.n, 'coordinate')}, "
+                 + count_text(self.m, "constraint")
+                 + f", {velocity_constraints}" * bool(self.binding.rows)),
                 ("H", textwrap.shorten(str(system.hamiltonian), _LONGEST, placeholder=" …")),
                 ("parameters", few(name if domain == "real" else f"{name} ({domain})"
                                    for name, domain in domains)),

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.registry import MEANS
 from ..rigid_body.gamma_rules import mean_inertia
@@ -177,7 +178,7 @@ class Search:
             if pilots.rows < all_rows:
                 return f"the motion is lost within {(pilots.rows + 1) * pilots.every} steps"
             if pilots.longer:
-                return f"pilot runs of {steps} steps say nothing of a longer run"
+                return f"pilot runs of {count_text(steps, 'step')} say nothing of a longer run"
         # the error over the middle time of quarters 2 to 4: the same if it grows like t
         growth = pilots.quarters(index)[1:] / np.array([[1.5], [2.5], [3.5]])
         above_round_off = pilots.sizes(index) > 4 * pilots.rounding

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.errors import InputError, StepFailed
 from ...core.exact_numbers import as_double
@@ -107,7 +108,7 @@ class StepSearch:
         if coarse_q is None and failure is not None:
             raise failure
         raise InputError(
-            f"step_error = {self.bound:g} is not reached with {_MOST:,} steps: with "
+            f"step_error = {self.bound:g} is not reached with {count_text(_MOST, 'step')}: with "
             f"{self._steps[-1]:,} of dt = {self.pilots[-1].dt:.3g} it is "
             f"{self.pilots[-1].motion:.1e}; ask for a larger error, for a nearer t_end, or take a "
             "method of higher order.")
@@ -135,7 +136,7 @@ class StepSearch:
         """Append the pilot run of ``n`` steps with its error to the pilots of the search."""
         self._steps.append(n)
         dt = as_double(self.span / n)
-        label = f"{n:,} steps" if self.t_end is None else f"dtau = {dt:.6g}"
+        label = f"{count_text(n, 'step')}" if self.t_end is None else f"dtau = {dt:.6g}"
         self.pilots.append(Pilot(label, parameters={}, dt=dt, motion=error))
 
     def _interpolated_step_suffices(self, best: int, finest: Array) -> bool:

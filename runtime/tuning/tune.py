@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from numpy.typing import ArrayLike
 
-from ...core.arguments import as_mapping, check_stepper, choose, few, shown
+from ...core.arguments import as_mapping, check_stepper, choose, count_text, few, shown
 from ...core.calls import explain_arguments
 from ...core.errors import InputError
 from ...core.exact_numbers import Number, exact
@@ -86,7 +86,7 @@ class Tuned:
         return f"dtau = {float(dt):.6g}" if self.clocked else f"dt = {float(dt):.6g} s"
 
     def __repr__(self) -> str:
-        return f"<Tuned {few(self._settings())}: {len(self.pilots)} pilot runs>"
+        return f"<Tuned {few(self._settings())}: {count_text(len(self.pilots), 'pilot run')}>"
 
     def __str__(self) -> str:
         """Return the reason and a table of the pilot runs."""

@@ -231,7 +231,7 @@ CARDS = {
     "Projection": lambda one: [text for name in one.before for text in (
         name, f"{one.before[name]:.1e}", f"{one.after[name]:.1e}")],
     "Fit": lambda one: ["I1"],
-    "Lyapunov": lambda one: [f"{one.exponents[0]:.4g}"],
+    "Lyapunov": lambda one: [f"{one.exponents[0]:.6g}"],
     "Section": lambda one: [str(len(one))],
     "Certificate": lambda one: [line.verdict for line in one.lines],
     "Multibody": lambda one: ["a, b", "shoulder, elbow, knee, rod, spring"],

@@ -370,7 +370,7 @@ def test_bodies_are_what_the_builder_makes():
     ('euler = [0, 0, "pi/2"]', "quaternion = [0, 0, 0, 0]", ["[[bodies]] 2", "zero"]),
     ('type = "revolute"', 'type = "weld"', ["[[joints]] 2, type", "'weld'", "revolute"]),
     ('bodies = ["a", "b"]', 'bodies = ["a", "d"]', ["[[joints]] 2, bodies", "'d'", "ground"]),
-    ('bodies = ["a", "b"]', 'bodies = ["a"]', ["[[joints]] 2, bodies", "1 names", "write 2"]),
+    ('bodies = ["a", "b"]', 'bodies = ["a"]', ["[[joints]] 2, bodies", "1 name;", "write 2"]),
     ('bodies = ["a", "b"]', 'bodies = ["a", "a"]', ["[[joints]] 2", "itself"]),
     ("axis = [0, 1, 0]", "axis = [0, 0, 0]", ["[[joints]] 2", "axis"]),
     ("axis = [0, 1, 0]", "", ["[[joints]] 2", "axis"]),

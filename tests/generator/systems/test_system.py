@@ -36,7 +36,7 @@ def system(**changes):
 @pytest.mark.parametrize(("changes", "message"), [
     *(({"name": name}, f"{name!r}.*identifier")
       for name in ("", "two words", "1body", "kreisel-α", "γ", "a-b")),
-    ({"p": p[:2]}, "3 coordinates.*2 momenta"), ({"q": q[:1]}, "1 coordinates.*3 momenta"),
+    ({"p": p[:2]}, "3 coordinates.*2 momenta"), ({"q": q[:1]}, "1 coordinate .*3 momenta"),
     ({"q": (), "p": ()}, "0 coordinates.*0 momenta"),
     ({"constraints": (x - 1, y, z)}, "3 constraints.*3 coordinates"),
     ({"constraints": (x,) * 4}, "3 .*4.*redundant"),
