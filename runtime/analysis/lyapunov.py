@@ -350,9 +350,9 @@ class Benettin:
         """Return exponents, MEGNO and growth rates from the logarithms of R_ii.
 
             λ_i(t) = (1/t) Σ log R_ii
-            Y(t) = (2/t) Σ (t_k − Δt_k/2) log R_11,   MEGNO(t) = (1/t) Σ Y Δt_k
+            Y(t) = (2/t) Σ (t_k − Δt_k/2) log R_11,   MEGNO(t) = (1/t) Σ (Y_{k−1} + Y_k)/2 Δt_k
 
-        with the times t_k of the decompositions and the intervals Δt_k before them.
+        with the times t_k of the decompositions, the intervals Δt_k before them, and Y_0 = 0.
         """
         logs, dt = np.array(self.logs), abs(float(self.run.dt))
         times = np.array(self.ends) * dt
@@ -360,7 +360,7 @@ class Benettin:
         lengths = np.diff(times, prepend=0.0)
         running = np.cumsum(logs, axis=0) / times[:, None]
         Y = 2 * np.cumsum(logs[:, 0] * (times - lengths / 2)) / times
-        megno = np.cumsum(Y * lengths) / times
+        megno = np.cumsum((Y + np.append(0.0, Y[:-1])) / 2 * lengths) / times
         ftle = np.array(self.largest) / times
         return Lyapunov(
             running[-1].copy(), _errors(logs, lengths), times, running, float(megno[-1]), megno,

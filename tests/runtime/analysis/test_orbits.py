@@ -45,6 +45,13 @@ def test_saddle():
     assert np.abs(slopes - [1, -1]).max() < 1e-7
 
 
+def test_megno_is_a_mean_of_second_order():
+    """Decompositions after a second give the MEGNO of decompositions after each step."""
+    fine, coarse = (by_names(gs.lyapunov, systems.differentiable("pendulum"), **SADDLE, dt=0.01,
+                             steps=1000, every=every).megno for every in (1, 100))
+    assert abs(coarse - fine) < 0.1  # (1 s)²/10 s; a rule of first order has an error of 0.5
+
+
 def test_small_oscillations():
     """Periods are equal, so that directions do not even grow linearly."""
     spectrum = gs.lyapunov(systems.differentiable("pendulum"), [1e-4, -np.sqrt(1 - 1e-8)],
