@@ -57,6 +57,8 @@ def from_text(value: Any, real: RealName) -> Any:
         raise ValueError("an integer is huge")
     if not REALS[real].wide:
         return value
+    if value != value:  # of an input that changes
+        return rounding(real)(Fraction(0)) + value
     number = decimal(value) if isinstance(value, str) else exact(value)
     if not isinstance(number, Fraction):
         raise ValueError(f"{value!r} is no number")

@@ -451,9 +451,9 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
     writer = None
     try:
         for titles, columns in blocks:
-            record_table = pyarrow.table([pyarrow.array(
-                [*map(str, file_rows(column[:, None], flat=True))] if _is_wide(column) else column)
-                for column in columns], names=titles)
+            record_table = pyarrow.table([
+                pyarrow.array(map(str, file_rows(column[:, None], flat=True)), pyarrow.string())
+                if _is_wide(column) else pyarrow.array(column) for column in columns], names=titles)
             writer = writer or ParquetWriter(path, record_table.schema)
             writer.write_table(record_table)
     finally:

@@ -13,6 +13,7 @@ from functools import cache
 
 import mpmath as mp
 import numpy as np
+import pandas
 import pytest
 import sympy as sp
 
@@ -39,10 +40,10 @@ BEGIN = gs.Start(*START, t=T0)
 
 @cache
 def pushed(real):
-    """Return the stepper of a mass m under the force c t²; its age is a quantity."""
+    """Return the stepper of a mass m under the force c t², c an input; its age is a quantity."""
     x, p, m, c, t = sp.symbols("x p m c t", real=True, positive=True)
     system = gs.System((x,), (p,), (m, c), p**2 / (2 * m), name="pushed", forces=[c * t**2],
-                       time=t, quantities={"age": t, "third": x / 3})
+                       time=t, inputs=(c,), quantities={"age": t, "third": x / 3})
     return gs.stepper("G-L", 3, system=system, real=real)
 
 
@@ -77,6 +78,23 @@ def test_a_run(real, solver):
     assert run.parameters == {"m": rounding(real)(Fraction(7, 10)),
                               "c": rounding(real)(Fraction(11, 10))}
     assert run.report.energy_error_max <= 64 * EPS[real]
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_files_of_a_run_whose_inputs_change(real, tmp_path):
+    """A parameter that changes is NaN in the type, and events without crossings are saved."""
+    run = pushed(real).integrate(BEGIN, steps=STEPS, **RUN, inputs={"c": np.arange(1, STEPS + 1)},
+                                 events=[gs.Event("third", level=-9), gs.Event("x", level=0.21)])
+    for ending in ("npz", "nc"):
+        again = gs.load(run.save(tmp_path / f"run.{ending}"))
+        assert equal(run, again)
+        assert again.parameters["m"] == run.parameters["m"]
+        changing = again.parameters["c"]
+        assert np.isnan(float(changing))
+        assert type(changing) is type(run.parameters["c"])
+    run.save(tmp_path / "run.parquet")
+    crossings = pandas.read_parquet(tmp_path / "run.events.parquet")
+    assert [rounding(real)(Fraction(t)) for t in crossings["time"]] == list(run.events["x"].t)
 
 
 @pytest.mark.parametrize("real", WIDE)
