@@ -113,9 +113,9 @@ def _numbered_headings(
 
 
 def places_of(
-    columns: Any, titles: Sequence[str], sizes: Mapping[str, int]
+    columns: Any, titles: Sequence[str], sizes: Mapping[str, int], index: Iterable[str]
 ) -> list[int]:
-    """Return the indices of selected columns, the time first; None selects all.
+    """Return the indices of selected columns, those of ``index`` first; None selects all.
 
     A column is selected by its heading, by a pattern such as ``"*_angle"``, or by the name of its
     array: ``"q"``, ``"multipliers"``, ``"quantities"``. ``sizes`` has the number of columns of each
@@ -132,7 +132,7 @@ def places_of(
         groups.setdefault(group, []).extend(range(first_column, first_column + size))
         first_column += size
     # a dict keeps the order and drops repeated columns
-    places = {titles.index("time"): None}
+    places = dict.fromkeys(map(titles.index, index))
     for column in [columns] if isinstance(columns, str) else as_items("columns", columns, "names"):
         pattern = as_text("columns", column)
         matches = [i for i, title in enumerate(titles) if fnmatchcase(title, pattern)]

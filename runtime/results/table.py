@@ -115,7 +115,8 @@ class Table:
     def columns(self, selection: Any = None) -> Iterator[tuple[list[str], list[Array]]]:
         """Yield the headings and the columns of each block, a column for each number of a state.
 
-        ``selection`` names columns, as for ``Trajectory.table``; None takes all.
+        ``selection`` names columns, as for ``Trajectory.table``; None takes all. The number of the
+        trajectory and the time come first.
         """
         for index, arrays in self.read():
             count = len(next(iter(arrays.values())))
@@ -130,7 +131,7 @@ class Table:
             titles = headings(self.manifest.system, shapes, self.titles)
             columns = [column for array in matrices.values() for column in array.T]
             widths = {name: array.shape[1] for name, array in matrices.items()}
-            places = places_of(selection, titles, widths)
+            places = places_of(selection, titles, widths, index=(*index_columns, "time"))
             yield [titles[i] for i in places], [columns[i] for i in places]
 
 
@@ -373,7 +374,9 @@ def as_frame(table: Table, selection: Any = None) -> pandas.DataFrame:
     # all blocks have the same columns
     frame = pandas.DataFrame({name: np.concatenate([block[name] for block in blocks])
                               for name in blocks[0]})
-    return frame.set_index([name for name in ("trajectory", "time") if name in frame])
+    if frame["time"].dtype == np.longdouble:  # pandas finds no long double in an index
+        frame["time"] = frame["time"].astype(object)
+    return frame.set_index([*(name for name in table.along if name == "trajectory"), "time"])
 
 
 # ---------------------------------------------------------------- files

@@ -43,7 +43,7 @@ def pushed(real):
     """Return the stepper of a mass m under the force c t², c an input; its age is a quantity."""
     x, p, m, c, t = sp.symbols("x p m c t", real=True, positive=True)
     system = gs.System((x,), (p,), (m, c), p**2 / (2 * m), name="pushed", forces=[c * t**2],
-                       time=t, inputs=(c,), quantities={"age": t, "third": x / 3})
+                       time=t, inputs=(c,), quantities={"age": t, "third": x / 3, "trajectory": x})
     return gs.stepper("G-L", 3, system=system, real=real)
 
 
@@ -95,6 +95,18 @@ def test_files_of_a_run_whose_inputs_change(real, tmp_path):
     run.save(tmp_path / "run.parquet")
     crossings = pandas.read_parquet(tmp_path / "run.events.parquet")
     assert [rounding(real)(Fraction(t)) for t in crossings["time"]] == list(run.events["x"].t)
+
+
+@pytest.mark.parametrize("real", WIDE)
+def test_rows_of_a_table_are_found_by_their_time(real):
+    """Selected columns of an ensemble have the trajectory too; a quantity may have that name."""
+    many = pushed(real).integrate_ensemble([BEGIN, BEGIN], steps=2, **RUN)
+    run, frame = many.members[1], many.table("third")
+    assert list(frame) == ["third"]
+    assert frame.loc[(1, run.t[2]), "third"] == run.quantity("third")[2]
+    alone = run.table(["trajectory", "third"])
+    assert list(alone) == ["trajectory", "third"]
+    assert alone.loc[run.t[2], "trajectory"] == run.q[2, 0]
 
 
 @pytest.mark.parametrize("real", WIDE)

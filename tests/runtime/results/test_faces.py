@@ -111,6 +111,9 @@ def test_an_ensemble_has_the_same_face(gl3, tmp_path):
     assert np.array_equal(ensemble.dataset().q, ensemble.q)
     saved = pandas.read_parquet(ensemble.save(tmp_path / "many.parquet"))
     assert np.array_equal(saved["p3"], ensemble.p[..., 3].ravel())
+    some = pandas.read_csv(ensemble.save(tmp_path / "some.csv", columns="energy"))
+    assert np.array_equal(some["trajectory"], saved["trajectory"])
+    assert list(some) == ["trajectory", "time", "energy"]
     assert len(ensemble.plot("energy", "q1").axes) == 2
     assert ensemble.show(member=1).page
     with pytest.raises(gs.InputError, match="member = 2"):
