@@ -228,7 +228,7 @@ def _followed(mechanism: Mechanism, true: Mapping[str, Array], steps: int,
     return Row(mechanism.name, program, method, {
         "µs/step": spent / max(steps_run, 1) * 1e6, "steps": float(steps_run),
         "constraints": constraint, "energy (J)": max(drift, default=math.inf), "error (m)": error},
-        {"|H − H₀| (J)": tuple(drift)}, note)
+        energy_drift=tuple(drift), note=note)
 
 
 def _compared(scene: ReferenceScene, pieces: Any) -> tuple[dict[str, Array], float]:
@@ -332,7 +332,7 @@ def draw_drift(rows: Sequence[Row], shown: Sequence[Mechanism], path: Path) -> N
         axes = figure.add_subplot(lines, columns, number)
         axes.set_title(mechanism.title, fontsize=8)
         for row in rows:
-            drift = row.samples.get("|H − H₀| (J)", ())
+            drift = row.energy_drift
             if row.case == mechanism.name and drift:
                 seconds = mechanism.dt * row.numbers["steps"] * np.arange(1, len(drift) + 1)
                 program = f"{row.program} {row.setting}"

@@ -33,6 +33,8 @@ class Row:
         Column with its unit, such as "CPU µs/s" or "error (m)" → number.
     samples : dict of str to tuple of float
         Job → seconds of one repetition, for each round.
+    energy_drift : tuple of float
+        |H − H₀| in J at equal intervals of a long run.
     note : str
         Why numbers are missing.
     failed : bool
@@ -44,6 +46,7 @@ class Row:
     setting: str
     numbers: dict[str, float] = field(default_factory=dict)
     samples: dict[str, tuple[float, ...]] = field(default_factory=dict)
+    energy_drift: tuple[float, ...] = ()
     note: str = ""
     failed: bool = False
 

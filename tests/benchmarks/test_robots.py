@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,7 +12,8 @@ import sympy as sp
 import gyrospark as gs
 from benchmarks.peers import mujoco_scenes
 from benchmarks.peers.mujoco_files import MujocoFile
-from benchmarks.robots import MECHANISMS, Mechanism, conservative_text, page
+from benchmarks.robots import MECHANISMS, Mechanism, conservative_text, draw_drift, page
+from benchmarks.rows import Row
 from benchmarks.scenes import scene_of
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.systems.numeric_system import numeric
@@ -189,6 +191,18 @@ def test_mujoco_has_the_same_robot(four_bar):
         errors.append(np.abs(end[0] - run.q[-1]).max())
     assert errors[0] < 1e-4
     assert all(fine < 0.7 * coarse for coarse, fine in itertools.pairwise(errors))
+
+
+def test_the_drift_of_the_energy_is_drawn(four_bar, tmp_path):
+    """Seconds of repetitions are no energies."""
+    pytest.importorskip("matplotlib")
+    row = Row(four_bar.name, "gyrospark", "G-L", {"steps": 3.0}, {"run": (1e-3, 2e-3, 4e-3)})
+    pictures = []
+    for drift in ((), (1e-14, 3e-14, 2e-14)):
+        draw_drift([replace(row, energy_drift=drift)], [four_bar], tmp_path / "drift.png")
+        pictures.append((tmp_path / "drift.png").read_bytes())
+    draw_drift([], [four_bar], tmp_path / "empty.png")
+    assert pictures[0] == (tmp_path / "empty.png").read_bytes() != pictures[1]
 
 
 @pytest.mark.parametrize(("text", "message"), [
