@@ -22,8 +22,7 @@ from ..core.event import Event, Impact
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
-from ..runtime.events.last_step import counted_from_start, ends_within, report_to_end, row_of
-from ..runtime.events.location import first_terminal_event
+from ..runtime.events.last_step import counted_from_start, report_to_end, row_of
 from ..runtime.events.observer import integrate_observed, observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
@@ -339,19 +338,11 @@ class Recorder:
                          row_of(partial_run, work_of_steps + partial_run.work[-1:]))
         self.last_part, self.state = partial_run, replace(self.state, most_iterations=iterations)
         self.end = np.array([run.t_end], partial_run.t.dtype)
-        if ends_within(self.events, partial_run, run.dt):
+        if partial_run._ended_by is not None:
             self.end = partial_run.t[-1:]
             names = [event.name for event in self.events]
-            last_event = self._last_event(partial_run)
-            self.state = replace(self.state, status=-1 - names.index(last_event))
+            self.state = replace(self.state, status=-1 - names.index(partial_run._ended_by))
         self._commit(writer, crossings=crossings)
-
-    def _last_event(self, partial_run: Trajectory) -> str:
-        """Return the name of the terminal event or the last impact, which ends a partial step."""
-        terminal_event = first_terminal_event(self.events, partial_run.events, self.run.dt)
-        impacts = partial_run.impacts
-        return terminal_event or max(
-            impacts, key=lambda gap: max(impacts[gap].elapsed, default=0 * self.run.dt))
 
     # ------------------------------------------------------------ events
 

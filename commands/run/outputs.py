@@ -147,12 +147,8 @@ def _integrate_in_memory(
     count = steps_of(arguments, start.t, arguments.get("dt"))
     if isinstance(trouble, Stopped) and count:
         trouble = _with_location(trouble, trajectory.report.steps, count, saved_path)
-    origin = trajectory._origin  # None after a failure
-    events = () if origin is None else (*origin.events, *origin.impacts)
-    ended_by = next((event.name for event in events
-                     if event.terminal and len(trajectory.events.get(event.name, ()))), None)
     return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, saved_path, trouble,
-                      ended_by, between_steps=trajectory._grid is not None)
+                      trajectory._ended_by, between_steps=trajectory._grid is not None)
 
 
 def _with_location(

@@ -18,13 +18,12 @@ from ..results.crossings import Crossings, Impacts
 from ..results.diagnostics import Report
 from ..results.outputs import flat_multipliers
 from ..results.trajectory import Trajectory
-from .location import first_terminal_event
 from .observer import integrate_observed, with_row
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["counted_from_start", "ended_between", "ends_within", "joined_with_part",
+__all__ = ["counted_from_start", "ended_between", "joined_with_part",
            "report_to_end", "row_of"]
 
 CrossingsType = TypeVar("CrossingsType", bound=Crossings)
@@ -40,8 +39,7 @@ def ended_between(
     part of a step ends it there. Raises StepFailed or Stopped in that part of a step, with the run
     of whole steps.
     """
-    if (trajectory.report.steps < run.steps
-            or first_terminal_event(events, trajectory.events, run.dt) is not None):
+    if trajectory._ended_by is not None:
         return trajectory
     # a run of one step of length ``rest``, with events of its own
     partial_arguments = run.part_of_step(trajectory.q[-1], trajectory.p[-1], trajectory.t[-1])
@@ -54,19 +52,11 @@ def ended_between(
     except Stopped as error:
         error.trajectory = trajectory
         raise
-    return joined_with_part(stepper, run, events, trajectory, partial_run)
-
-
-def ends_within(events: Sequence[Event | Impact], partial_run: Trajectory, dt: Any) -> bool:
-    """Whether an event, or a gap that stays closed, ends the last part of a step."""
-    # a gap that closes within the part of a step leaves it unfinished: 0 steps
-    return (not partial_run.report.steps
-            or first_terminal_event(events, partial_run.events, dt) is not None)
+    return joined_with_part(stepper, run, trajectory, partial_run)
 
 
 def joined_with_part(
-    stepper: Stepper, run: RunArguments, events: Sequence[Event | Impact], trajectory: Trajectory,
-    partial_run: Trajectory,
+    stepper: Stepper, run: RunArguments, trajectory: Trajectory, partial_run: Trajectory,
 ) -> Trajectory:
     """Return a run of whole steps with the end of ``partial_run``, a partial step, as last row.
 
@@ -74,7 +64,7 @@ def joined_with_part(
     """
     # the state after whole steps, from which the grid of steps goes on
     last_elapsed, grid = trajectory.elapsed[-1], trajectory[len(trajectory) - 1]
-    if ends_within(events, partial_run, run.dt):
+    if partial_run._ended_by is not None:
         times = partial_run.t[-1:], last_elapsed + partial_run.elapsed[-1:]
     else:
         times = (np.array([run.t_end], trajectory.t.dtype),
@@ -90,7 +80,8 @@ def joined_with_part(
                for name, of_steps in trajectory.impacts.items()}
     return replace_fields(longer_run,
                           report=report_to_end(trajectory.report, partial_run, float(work[0])),
-                          events=crossings, impacts=impacts, _grid=grid)
+                          events=crossings, impacts=impacts, _grid=grid,
+                          _ended_by=partial_run._ended_by)
 
 
 def row_of(last: Trajectory, work: Array) -> Rows:

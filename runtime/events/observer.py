@@ -88,7 +88,9 @@ def with_end_apart(trajectory: Trajectory, end_event: str) -> Trajectory:
     """Return a trajectory whose event at t_end in scaled time is none of its events."""
     events_by_name = {**trajectory.events}
     end_events = {end_event: events_by_name.pop(end_event)}
-    return replace_fields(trajectory, events=events_by_name, _end_event=end_events)
+    ended_by = None if trajectory._ended_by == end_event else trajectory._ended_by
+    return replace_fields(trajectory, events=events_by_name, _end_event=end_events,
+                          _ended_by=ended_by)
 
 
 def observer_of(
@@ -120,8 +122,10 @@ def with_events(
     if end is not None:
         trajectory = with_row(stepper, trajectory, len(trajectory), (end.at.t, end.at.elapsed),
                               end.row)
-    return observer.results(trajectory, {
+    trajectory = observer.results(trajectory, {
         name: crossings.shown(stepper.binding) for name, crossings in crossings_by_name.items()})
+    return trajectory if end is None else replace_fields(
+        trajectory, _ended_by=observer.events[end.event].name)
 
 
 def with_row(

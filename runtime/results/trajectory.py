@@ -133,6 +133,8 @@ class Trajectory(Shown):
     events: dict[str, Crossings] = field(default_factory=dict, repr=False)
     #: The impacts of its gaps, by their names; see ``gyrospark.Impact``.
     impacts: dict[str, Impacts] = field(default_factory=dict, repr=False)
+    #: The name of the event that ended the run, or of the gap that stays closed.
+    _ended_by: str | None = field(default=None, repr=False)
     #: The event that ends a run at t_end in scaled time, by its name.
     _end_event: dict[str, Crossings] = field(default_factory=dict, repr=False)
     #: Derivatives of the stored states, where ``integrate(tangents=...)`` was asked for them.

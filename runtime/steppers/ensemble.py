@@ -373,8 +373,7 @@ def _with_last_parts(
     @cache  # events below and the caller's ``members`` ask for the same trajectory
     def member(i: int) -> Trajectory:
         """Return trajectory i, which has not failed, with its partial step."""
-        longer_run = joined_with_part(
-            stepper, runs[i], event_tuple, ensemble._make(i), parts._make(i))
+        longer_run = joined_with_part(stepper, runs[i], ensemble._make(i), parts._make(i))
         return replace_fields(longer_run, _origin=Origin(runs[i], event_tuple, rest=runs[i].rest))
 
     events = {name: CrossingsOfMany([

@@ -139,6 +139,23 @@ def test_events_of_a_file_are_those_of_its_runs(tmp_path, gyrospark, document):
         step.integrate_ensemble(model, steps=3, parameters={"m": [1.0, 2.0]})
 
 
+@pytest.mark.parametrize("out", [(), ("--out", "run.zarr")])
+def test_a_gap_that_stays_closed_ends_a_run_in_memory_and_in_a_store(
+        out, gyrospark):
+    """It does so at 3 √(2 h/g), where halved bounces add up, also in the last part of a step."""
+    Path("bounce.toml").write_text(
+        'name = "bounce"\ngravity = [0, 0, -9.81]\n[[point_masses]]\nname = "ball"\nmass = 1\n'
+        'position = [0, 0, 1]\n[[contacts]]\nname = "floor"\nbodies = ["ball"]\n'
+        "restitution = 0.5\n", encoding="utf-8")
+    rest = 3 * np.sqrt(2 / 9.81)
+    for t_end, ends in (("1.4", True), ("1.3549", True), ("1.34", False)):
+        done = gyrospark("run", "bounce.toml", "--scheme", "G-L", "--stages", "2", "--dt", "0.01",
+                         "--t-end", t_end, *(text.replace("run", t_end) for text in out), "--json")
+        assert (done.code, "ended" in done.document, "floor" in done.stderr) == (0, ends, ends)
+        if ends:
+            assert done.document["ended"] == {"event": "floor", "t": pytest.approx(rest, abs=1e-14)}
+
+
 def test_stepper_of_a_file_and_of_its_model_agree():
     model = gs.load_model(PENDULUM)
     run = {"dt": model.dt, "steps": 3, "parameters": dict(model.parameters)}
