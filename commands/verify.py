@@ -165,10 +165,8 @@ def spec_of_name(name: str) -> Spec:
     )
     match = re.fullmatch(pattern, name)
     if match is None:
-        raise InputError(
-            f"Unknown stepper {name!r}; names look like heavy_top_gl3_gamma or "
-            "heavy_top_ims_alpha. For a file, give its path ending in .json."
-        )
+        raise InputError(f"Unknown stepper {name!r}; names look like heavy_top_gl3_gamma or "
+                         "heavy_top_ims_alpha. For a file, give its path ending in .json.")
     system, method, stages, rep, real = match.groups()
     number = int(stages) if stages else None
     composed = SCHEMES[methods[method]].composed

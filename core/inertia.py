@@ -372,10 +372,8 @@ def quaternion_of_matrix(matrix: Any, label: str = "rotation") -> Floats:
     with np.errstate(over="ignore", invalid="ignore"):  # no rotation, then
         error, determinant = np.abs(R @ R.T - np.eye(3)).max(), np.linalg.det(R)
     if not error <= 1e-6 or determinant < 0:  # of matrices typed with six digits and more
-        raise InputError(
-            f"The {label} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
-            f"det R = {determinant:.3g}; give orthogonal columns, right-handed."
-        )
+        raise InputError(f"The {label} is no rotation matrix: |R Rᵀ − 1| = {error:.1e}, "
+                         f"det R = {determinant:.3g}; give orthogonal columns, right-handed.")
     # K = 4 q qᵀ from R. Every row is a multiple of q; that of the largest 4 q_i², which is at least
     # 1, has no cancellation.
     t = np.trace(R)

@@ -230,10 +230,8 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
         if not np.isfinite(p).all():
             break
     worst = int(np.argmax(np.abs(f)))
-    raise InputError(
-        f"No momenta near the given ones satisfy {_names(system)[worst]!r}: "
-        f"its rate stays at {abs(f[worst]):.3e}; give a nearer start."
-    )
+    raise InputError(f"No momenta near the given ones satisfy {_names(system)[worst]!r}: "
+                     f"its rate stays at {abs(f[worst]):.3e}; give a nearer start.")
 
 
 def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:

@@ -115,10 +115,8 @@ def parse(text: str, arithmetic: ParserArithmetic[V], example: str) -> V:
     the arithmetic refuses.
     """
     if len(text) > MAX_LENGTH:
-        raise InputError(
-            f"The expression {shorten(text)!r} has {len(text)} characters and at most "
-            f"{MAX_LENGTH} are allowed; simplify it or write it in decimals."
-        )
+        raise InputError(f"The expression {shorten(text)!r} has {len(text)} characters and at most "
+                         f"{MAX_LENGTH} are allowed; simplify it or write it in decimals.")
     if not text.strip():
         raise InputError(f"The expression is empty; write {example}.")
     parser = _Parser(text, arithmetic)

@@ -87,10 +87,8 @@ def decimal_parts(literal: str) -> DecimalParts:
     integer_part, _, fraction = mantissa.partition(".")
     # by its length first: the conversion of thousands of digits takes long
     if len(exponent.lstrip("+-0")) > 3 or abs(int(exponent or 0)) > MAX_DECIMAL_EXPONENT:
-        raise RefusedError(
-            f"The decimal exponent {shorten(exponent, 20)} is not within "
-            f"±{MAX_DECIMAL_EXPONENT}; write the number with a smaller one"
-        )
+        raise RefusedError(f"The decimal exponent {shorten(exponent, 20)} is not within "
+                           f"±{MAX_DECIMAL_EXPONENT}; write the number with a smaller one")
     return DecimalParts(integer_part, fraction, int(exponent or 0))
 
 

@@ -411,9 +411,7 @@ def _wait_for(running: list[_Running]) -> None:
     outputs = [process.communicate() for _, process in running]
     for (command, process), (_, stderr) in zip(running, outputs, strict=True):
         if process.returncode != 0:
-            raise CompilerError(
-                f"The C compiler {exit_reason(process.returncode)}: "
-                f"{shlex.join(command)}\n{stderr.strip()}",
-                command=command,
-                stderr=stderr,
-            )
+            raise CompilerError(f"The C compiler {exit_reason(process.returncode)}: "
+                                f"{shlex.join(command)}\n{stderr.strip()}",
+                                command=command,
+                                stderr=stderr)

@@ -361,10 +361,8 @@ def place_of_quantity(manifest: Manifest, name: Any) -> int:
     system = manifest.system
     names = tuple(system.quantities)
     if not isinstance(name, str) or name not in names:
-        raise InputError(
-            f"System {system.name!r} has no quantity {shown(name)}; it has "
-            f"{', '.join(names) or 'none: give System(..., quantities={...}), '}"
-            f"{'' if names else 'or quantity(name, expression) of a Multibody'}"
-            f"{proposal(name, names)}."
-        )
+        raise InputError(f"System {system.name!r} has no quantity {shown(name)}; it has "
+                         f"{', '.join(names) or 'none: give System(..., quantities={...}), '}"
+                         f"{'' if names else 'or quantity(name, expression) of a Multibody'}"
+                         f"{proposal(name, names)}.")
     return names.index(name)
