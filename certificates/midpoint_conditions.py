@@ -69,11 +69,8 @@ def _constraint(scheme: MeanScheme) -> Condition:
 
 
 def _increments(
-    expressions: Sequence[sp.Expr],
-    slopes: Sequence[Sequence[sp.Expr]],
-    variables: Sequence[sp.Symbol],
-    means: Sequence[sp.Symbol],
-    differences: Sequence[sp.Symbol],
+    expressions: Sequence[sp.Expr], slopes: Sequence[Sequence[sp.Expr]],
+    variables: Sequence[sp.Symbol], means: Sequence[sp.Symbol], differences: Sequence[sp.Symbol]
 ) -> IdentityCheck:
     """Compare e(end) − e(start) with slope·difference for each expression e and its ``slopes``.
 

@@ -23,7 +23,7 @@ from ..targets.build import Changed, target_named
 from ..targets.build import build as build_artefact
 from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
-from .options import DEFAULT, check_no_file, completing, real_number, whole_number
+from .options import DEFAULT, check_no_file, completing, optional, real_number, whole_number
 from .run.starts import arguments_of, refuse_repeated_keys, settings_of
 
 __all__ = ["build"]
@@ -134,9 +134,9 @@ def _write(
     with imported_for_good("sympy"), catch_termination():
         artefact = build_artefact(
             target.name, _model(model, settings),
-            stages=None if stages is None else whole_number("--stages", stages),
-            order=None if order is None else whole_number("--order", order),
-            dt=None if dt is None else real_number("--dt", dt),
+            stages=optional(whole_number, "--stages", stages),
+            order=optional(whole_number, "--order", order),
+            dt=optional(real_number, "--dt", dt),
             parameters=dict(pairs),
             # a word of Python, which no parameter of a function can have as its name
             platforms=scheme_options.pop("for", None),

@@ -18,6 +18,7 @@ from .options import (
     completing,
     json_option,
     method_options,
+    optional,
     real_number,
 )
 from .run.starts import start_of, stepper_and_start
@@ -89,10 +90,10 @@ def fit(
     state = start_of(step, start, t0)
     outcome = fit_model(
         step, state, times, rows, observe=observed_names,
-        dt=None if dt is None else real_number("--dt", dt),
-        dtau=None if dtau is None else real_number("--dtau", dtau),
+        dt=optional(real_number, "--dt", dt),
+        dtau=optional(real_number, "--dtau", dtau),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
-        sigma=None if sigma is None else real_number("--sigma", sigma))
+        sigma=optional(real_number, "--sigma", sigma))
     click.echo(json.dumps(_result(outcome), indent=2)
                if as_json else repr(outcome)[1:-1])  # without < and >
     return 0 if outcome.converged else 1

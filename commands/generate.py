@@ -71,23 +71,28 @@ def generate(
     gyrospark generate --scheme G-L --stages 3 --energy
     gyrospark generate --check --all
     """
-    # --check alone checks the paper's steppers, as --all does
-    has_choices = any([*choice.values(), profile])
-    if everything or (check and not has_choices):
-        if has_choices:
-            raise InputError("--all takes every stepper of the paper; leave out the other choices.")
-        specs = list(PAPER_SPECS)
-    else:
-        specs = [spec_from(**choice).with_profile(profile)]
+    specs = _specs(profile, choice, everything=everything, check=check)
     check_no_file("--out", out)
     if check:  # all of them: a diff of each, not of the first alone
         return max(check_files(spec, out, allow_invalid, standalone, derivatives)
                    for spec in specs)
     for spec in specs:
         write_stepper(spec, out, compile_it=not no_compile and spec.profile == "full",
-                      allow_invalid=allow_invalid,
-                      standalone=standalone, derivatives=derivatives)
+                      allow_invalid=allow_invalid, standalone=standalone, derivatives=derivatives)
     return 0
+
+
+def _specs(
+    profile: str | None, choice: dict[str, Any], *, everything: bool, check: bool
+) -> list[Spec]:
+    """Return the steppers of the options: all of the paper, as of --check alone, or the chosen one.
+    """
+    has_choices = any([*choice.values(), profile])
+    if not (everything or (check and not has_choices)):
+        return [spec_from(**choice).with_profile(profile)]
+    if has_choices:
+        raise InputError("--all takes every stepper of the paper; leave out the other choices.")
+    return list(PAPER_SPECS)
 
 
 def write_stepper(
@@ -209,10 +214,8 @@ def write_files(files: dict[str, str], out: Path) -> None:
             with staged_file(out / name) as temporary:
                 temporary.write_text(text, encoding="utf-8")
     except OSError as error:
-        raise InputError(
-            f"The output folder {str(out)!r} cannot be written: {error.strerror or error}; "
-            "choose another with --out."
-        ) from error
+        raise InputError(f"The output folder {str(out)!r} cannot be written: "
+                         f"{error.strerror or error}; choose another with --out.") from error
 
 
 def _load_or_derive(spec: Spec) -> dict[str, str]:

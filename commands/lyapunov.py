@@ -16,6 +16,7 @@ from .options import (
     completing,
     json_option,
     method_options,
+    optional,
     whole_number,
 )
 from .run.choices import steps_for
@@ -64,7 +65,7 @@ def lyapunov(
         check_picture(plot)
     # options are read before the stepper is made
     between = whole_number("--every", every)
-    exponent_count = None if count is None else whole_number("--count", count)
+    exponent_count = optional(whole_number, "--count", count)
     _, step, start, t0 = stepper_and_start(problem, settings, choice)
     state = start_of(step, start, t0)
     size, number = steps_for(start, t0, {"dt": dt, "steps": steps, "t_end": t_end})

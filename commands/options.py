@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from decimal import Decimal
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any, ClassVar, get_args
+from typing import Any, ClassVar, TypeVar, get_args
 
 import click
 
@@ -29,7 +29,9 @@ from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
            "check_writable", "completing", "frame_option", "json_option", "method_options",
-           "real_number", "solver_from", "spec_from", "stepper_options", "whole_number"]
+           "optional", "real_number", "solver_from", "spec_from", "stepper_options", "whole_number"]
+
+Number = TypeVar("Number", int, float)
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
@@ -114,20 +116,13 @@ def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def spec_from(
-    scheme: str | None,
-    stages: str | None,
-    rep: str | None,
-    system: str | None,
-    tableau: Path | None,
-    real: str | None,
-    frame: str | None = None,
-    energy: bool = False,
-    order: str | None = None,
-    composition: str | None = None,
+    scheme: str | None, stages: str | None, rep: str | None, system: str | None,
+    tableau: Path | None, real: str | None, frame: str | None = None, energy: bool = False,
+    order: str | None = None, composition: str | None = None
 ) -> Spec:
     """Return the checked spec that the options of a command describe."""
-    count = None if stages is None else whole_number("--stages", stages)
-    degree = None if order is None else whole_number("--order", order)
+    count = optional(whole_number, "--stages", stages)
+    degree = optional(whole_number, "--order", order)
     spec = Spec.from_arguments(scheme, count, rep, system, real, tableau, degree, composition)
     return spec.with_frame(frame).with_energy(energy)
 
@@ -135,6 +130,11 @@ def spec_from(
 def completing(names: Iterable[str]) -> Callable[..., list[str]]:
     """Return the shell completion of an option's text to one of the names."""
     return lambda context, parameter, text: [name for name in names if name.startswith(text)]
+
+
+def optional(read: Callable[[str, str], Number], name: str, text: str | None) -> Number | None:
+    """Return the number that ``read(name, text)`` returns; None of an option that is left out."""
+    return None if text is None else read(name, text)
 
 
 def whole_number(name: str, text: str) -> int:

@@ -6,6 +6,8 @@ import json
 import os
 import sys
 import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -74,24 +76,30 @@ def sweep(
         _print_estimate(estimate(loaded.study, fields), loaded.study, threads, as_json=as_json)
         return 0
     started = time.perf_counter()
-    trouble: Stopped | None = None
     failure: GyrosparkError | None = None
     with catch_signals() as interrupts:  # to the end: a sweep that is complete is reported
-        try:
-            run_study(loaded.study, keep=loaded.keep, out=store, resume=resume, workers=threads,
-                      dask=dask)
-        except Stopped as error:
-            trouble = error
-        except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
-            click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
-            sys.stderr.flush()
-            os._exit(130)  # without joining the threads that compute tiles
+        trouble = _run_to_end(partial(run_study, loaded.study, keep=loaded.keep, out=store,
+                                      resume=resume, workers=threads, dask=dask))
         if trouble is None or is_complete(loaded.study, store):
             result = _result(loaded.study, store, show, time.perf_counter() - started)
             if plot is not None:
                 failure = _draw(store, show, plot, result)
             click.echo(json.dumps(result, indent=2) if as_json else _text(result))
     return exit_code_of(trouble or failure, interrupts, "sweep")
+
+
+def _run_to_end(run: Callable[[], object]) -> Stopped | None:
+    """Run a sweep; return the error of one that a signal stops. A second signal ends the process.
+    """
+    try:
+        run()
+    except Stopped as error:
+        return error
+    except KeyboardInterrupt:  # the second one: Python would wait for the tiles in work
+        click.echo("gyrospark: Interrupted; every finished cell is stored.", err=True)
+        sys.stderr.flush()
+        os._exit(130)  # without joining the threads that compute tiles
+    return None
 
 
 def _check_targets(store: Path, plot: Path | None) -> None:

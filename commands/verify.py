@@ -24,6 +24,7 @@ from .options import (
     check_picture,
     frame_option,
     json_option,
+    optional,
     real_number,
     spec_from,
     stepper_options,
@@ -185,11 +186,11 @@ def _certify(
     _refuse_beside_model(target, choice)
     if plot is not None:
         check_picture(plot)
-    count = None if choice["stages"] is None else whole_number("--stages", choice["stages"])
+    count = optional(whole_number, "--stages", choice["stages"])
     spec = spec_from(**choice)
     from ..certificates.certificate import certify
     from ..runtime.rigid_body.problems import Problem
-    step_size = None if dt is None else real_number("--dt", dt)
+    step_size = optional(real_number, "--dt", dt)
     with log_task(f"checking what {name} keeps"):
         model = _model(name, choice["rep"])
         # a model has its representation already; a problem has numbers alone
@@ -201,8 +202,8 @@ def _certify(
             model, choice["scheme"], count, tableau=choice["tableau"], rep=rep,
             allow_invalid=True,  # as without a model: what fails is said, not refused
             frame=frame, energy=choice["energy"],
-            dt=step_size, dtau=None if dtau is None else real_number("--dtau", dtau),
-            steps=None if steps is None else whole_number("--steps", steps),
+            dt=step_size, dtau=optional(real_number, "--dtau", dtau),
+            steps=optional(whole_number, "--steps", steps),
             order=None if spec.composition else spec.order, composition=spec.composition or None,
         )
     picture_report = {}

@@ -208,10 +208,9 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
     if _norm(g) <= _round_off_of_g(system.G(q), q):
         return closest_q
     worst = int(np.argmax(np.abs(g)))
-    raise InputError(
-        f"No state near the given one meets all constraints: {system.constraint_names[worst]!r} "
-        f"stays at |g| = {abs(g[worst]):.3e}; check its points and lengths, or give a nearer start."
-    )
+    raise InputError("No state near the given one meets all constraints: "
+                     f"{system.constraint_names[worst]!r} stays at |g| = {abs(g[worst]):.3e}; "
+                     "check its points and lengths, or give a nearer start.")
 
 
 def project_momenta(system: Constrained, q: Array, p: Array) -> Array:

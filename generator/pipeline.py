@@ -49,15 +49,9 @@ class Generated:
 
 
 def generate(
-    spec: Spec,
-    *,
-    system: System | None = None,
-    model: Model | None = None,
-    tableau: Tableau | None = None,
-    allow_invalid: bool = False,
-    structured: bool | None = None,
-    derivatives: bool = False,
-    second: bool = False,
+    spec: Spec, *, system: System | None = None, model: Model | None = None,
+    tableau: Tableau | None = None, allow_invalid: bool = False, structured: bool | None = None,
+    derivatives: bool = False, second: bool = False
 ) -> Generated:
     """Return the C of a stepper with its manifest, and the equations that they were derived from.
 
@@ -259,7 +253,5 @@ def refuse_violations(tableau: Tableau, *, constrained: bool = True) -> None:
         listed = "; ".join(f"{line.name} ({line.equation}; residual {line.residual})"
                            for line in broken[:4])
         count = f"; and {len(broken) - 4} more" if len(broken) > 4 else ""
-        raise TableauError(
-            f"Tableau {tableau.name!r} violates {listed}{count}; see `gyrospark verify`, or pass "
-            "--allow-invalid."
-        )
+        raise TableauError(f"Tableau {tableau.name!r} violates {listed}{count}; see `gyrospark "
+                           "verify`, or pass --allow-invalid.")

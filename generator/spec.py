@@ -83,15 +83,8 @@ class Spec:
 
     @classmethod
     def from_arguments(
-        cls,
-        scheme: Any = None,
-        stages: Any = None,
-        rep: Any = None,
-        system: str | None = None,
-        real: Any = None,
-        tableau: Path | None = None,
-        order: Any = None,
-        composition: Any = None,
+        cls, scheme: Any = None, stages: Any = None, rep: Any = None, system: str | None = None,
+        real: Any = None, tableau: Path | None = None, order: Any = None, composition: Any = None
     ) -> Spec:
         """Return a spec from a user's arguments, each of them checked; None takes its default.
 
@@ -100,9 +93,8 @@ class Spec:
         """
         if tableau is not None:
             if scheme is not None or stages is not None or order is not None:
-                raise InputError(
-                    "A tableau file fixes the scheme and its stages; leave out scheme and stages."
-                )
+                raise InputError("A tableau file fixes the scheme and its stages; leave out "
+                                 "scheme and stages.")
             return cls.of_tableau(rep, system, real, tableau)
         if scheme is None:
             splits = order is not None or composition is not None
@@ -202,9 +194,8 @@ def _stages(scheme: Scheme, stages: Any) -> int | None:
     """
     if scheme.fewest == 0:
         if stages is not None:
-            raise InputError(
-                f"{scheme.name} has no stages, but stages = {shown(stages)} is given; leave it out."
-            )
+            raise InputError(f"{scheme.name} has no stages, but stages = {shown(stages)} is given; "
+                             "leave it out.")
         return None
     allowed = f"{scheme.name} takes {scheme.fewest}" + (
         f" to {scheme.most}" if scheme.takes_stages else " and no other number")

@@ -163,6 +163,5 @@ def storage_errors(path: Path, cure: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise StorageError(
-            f"The store {str(path)!r} cannot be used: {error.strerror or error}. {cure}"
-        ) from error
+        raise StorageError(f"The store {str(path)!r} cannot be used: {error.strerror or error}. "
+                           f"{cure}") from error

@@ -99,16 +99,14 @@ def refuse_if_different(
         prefixes_of_version = ("gyrospark ", "code.source ", "steppers.")  # what a version changes
         other_differences = "".join(f"; {phrase}" for phrase in differences
                                     if not phrase.startswith(prefixes_of_version))
-        raise InputError(
-            f"{where} was written by gyrospark {writer}; this is gyrospark "
-            f"{current_identity['gyrospark']}, which may compute other bits{other_differences}. "
-            f"What is stored can be read; go on with gyrospark {writer}, or choose another store."
-        )
+        raise InputError(f"{where} was written by gyrospark {writer}; this is gyrospark "
+                         f"{current_identity['gyrospark']}, which may compute other "
+                         f"bits{other_differences}. What is stored can be read; go on with "
+                         f"gyrospark {writer}, or choose another store.")
     if differences:
-        raise InputError(
-            f"{where} holds another run and cannot be resumed: {'; '.join(differences)}. Repeat "
-            "the command that began it, or choose another store."
-        )
+        raise InputError(f"{where} holds another run and cannot be resumed: "
+                         f"{'; '.join(differences)}. Repeat the command that began it, or choose "
+                         "another store.")
 
 
 def written_by(path: Path, writer: Any, why: str) -> InputError:

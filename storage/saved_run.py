@@ -5,10 +5,12 @@ The solver memory at its end is not known, so that it cannot be resumed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .._version import __version__
+from ..core.arrays import Array
 from ..core.errors import InputError
 from ..core.event import Event, impacts_as_json, refuse_unusable_names
 from ..core.exact_numbers import digits_of
@@ -16,6 +18,7 @@ from ..runtime.bindings.real_numbers import as_bytes
 from ..runtime.results.state_columns import states_of
 from ..runtime.results.trajectory import Trajectory
 from .array_layout import (
+    StoredField,
     array_of,
     consolidate,
     create,
@@ -30,6 +33,9 @@ from .event_store import EventStore
 from .identity import FORMAT, versions
 from .staging import created_atomically
 from .validation import COMPLETE
+
+if TYPE_CHECKING:
+    import zarr
 
 __all__ = ["save_store"]
 
@@ -52,23 +58,30 @@ def save_store(run: Trajectory, path: Path) -> Path:
         create(fresh, fields, len(run), checkpoint_bytes=1, attributes=_attributes(run),
                events=fields_of_events(run.manifest, _event_attributes(run)))
         group = open_group(fresh, write=True)
-        block = array_of(group, "time").chunks[0]
-        for field in fields:  # block by block; numbers wider than a double also as their bytes
-            array = arrays[field.name]
-            stored_arrays = {field.name: array.astype(field.dtype)}
-            if field.wide:
-                stored_arrays[wide_name(field.name)] = as_bytes(array)
-            for name, stored_array in stored_arrays.items():
-                inner_position = (0,) * (stored_array.ndim - 1)
-                write_chunks([
-                    Chunk(array_of(group, name), (i, *inner_position),
-                          stored_array[begin : begin + block])
-                    for i, begin in enumerate(range(0, len(run), block))])
+        _write_fields(group, fields, arrays, len(run))
         events = EventStore(group, run.manifest, _event_attributes(run))
         grown = events.grow({name: len(x) for name, x in run.events.items()})
         write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events | run.impacts))
         consolidate(fresh, grown)
     return path
+
+
+def _write_fields(
+    group: zarr.Group, fields: Sequence[StoredField], arrays: Mapping[str, Array], count: int
+) -> None:
+    """Write ``count`` states block by block; numbers wider than a double also as their bytes."""
+    block = array_of(group, "time").chunks[0]
+    for field in fields:
+        array = arrays[field.name]
+        stored_arrays = {field.name: array.astype(field.dtype)}
+        if field.wide:
+            stored_arrays[wide_name(field.name)] = as_bytes(array)
+        for name, stored_array in stored_arrays.items():
+            inner_position = (0,) * (stored_array.ndim - 1)
+            write_chunks([
+                Chunk(array_of(group, name), (i, *inner_position),
+                      stored_array[begin : begin + block])
+                for i, begin in enumerate(range(0, count, block))])
 
 
 def _attributes(run: Trajectory) -> dict[str, Any]:

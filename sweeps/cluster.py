@@ -45,9 +45,8 @@ def connect(where: Any) -> Iterator[Client | None]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise MissingDependencyError(
-            f"A cluster needs dask.distributed; {install('cluster')} brings it."
-        ) from error
+        raise MissingDependencyError(f"A cluster needs dask.distributed; {install('cluster')} "
+                                     "brings it.") from error
     if isinstance(where, Client):
         yield where
         return

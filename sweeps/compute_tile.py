@@ -73,23 +73,30 @@ def _run(
             q0, p0 = _in_scaled_time(study, stepper, structs, q0, p0)  # e of the projected start
         outcome = (run_with_events(study, stepper, steps, cells, group, q0, p0) if study.events else
                    _run_without_events(study, stepper, steps, structs, dt, q0, p0))
-        q, p, reports, status = outcome.q, outcome.p, outcome.reports, outcome.status
+        reports, status = outcome.reports, outcome.status
         unusable = ~_consistent(study, stepper, equal_constraints, structs, q0, p0, dt)
         unusable |= ~np.isfinite(reports["energy_start"])
         status[unusable], reports["steps"][unusable] = BAD_START, 0
         results = _report_results(reports) | {STATUS: status}
-        results |= _quantities(study, stepper, structs, reports, dt, q, p) | outcome.event_results
-    # without samples the second dict is empty
-    states = {"q": q, "p": p} | dict(zip(("q_samples", "p_samples"), outcome.samples, strict=False))
-    for name, array in states.items():
-        results[name] = array[..., : stepper.n]
-        if stepper.binding.clocked and name.startswith("q"):  # the last coordinate is t
-            results[name.replace("q", "t", 1)] = array[..., -1]
+        results |= _quantities(study, stepper, structs, reports, dt, outcome.q, outcome.p)
+    results |= outcome.event_results | _states(stepper, outcome)
     failed = status != 0
     for name, array in results.items():
         if array.dtype.kind == "f" and failed.any():
             results[name] = array.copy()
             results[name][failed] = np.nan
+    return results
+
+
+def _states(stepper: Stepper, outcome: CellEnds) -> dict[str, Array]:
+    """Return q, p and their samples, if there are any; in scaled time also the times t."""
+    results: dict[str, Array] = {}
+    # ``samples`` may be empty
+    for name, array in zip(("q", "p", "q_samples", "p_samples"),
+                           (outcome.q, outcome.p, *outcome.samples), strict=False):
+        results[name] = array[..., : stepper.n]
+        if stepper.binding.clocked and name.startswith("q"):  # the last coordinate is t
+            results[name.replace("q", "t", 1)] = array[..., -1]
     return results
 
 

@@ -56,9 +56,6 @@ def result_of(
     ``outcome.last`` has the end of the run and the report of all its steps, ``outcome.trajectory``
     the states that are kept. Of a stored run ``last`` is one state, which has no events.
     """
-    from ...core.real_types import REALS
-    from ...runtime.results.rotation_rate import fastest_rotation
-
     trajectory = outcome.last
     report = trajectory.report
     clocked = step.binding.clocked
@@ -66,7 +63,7 @@ def result_of(
     # a run to t_end, one of scaled time, or one that impacts end, does not end at a multiple of dt
     if outcome.between_steps or clocked or report.impacts:
         end = float(trajectory.t[-1])
-    result: dict[str, Any] = {
+    result = {
         "problem": start.name,
         "stepper": step.name,
         "order": step.order,
@@ -79,18 +76,27 @@ def result_of(
         "q": list(report.q),
         "p": list(report.p),
         **{name: getattr(report, name) for name in _REPORTED},
-        **({"energy_waits": report.energy_waits} if step.manifest.scheme.exact_energy
-           else {}),
+        **({"energy_waits": report.energy_waits} if step.manifest.scheme.exact_energy else {}),
         # of this call: a resumed run has further steps from earlier ones
         "seconds": outcome.seconds,
         "ns_per_step": outcome.seconds / outcome.steps * 1e9 if outcome.steps else None,
     }
+    return (result | _of_some_steppers(step, outcome) | _events(outcome.trajectory)
+            | _start_move(outcome.trajectory, start) | _ending(outcome))
+
+
+def _of_some_steppers(step: Stepper, outcome: RunOutcome) -> dict[str, Any]:
+    """Return the numbers of a run that only some steppers have, such as the work of forces."""
+    from ...core.real_types import REALS
+    from ...runtime.results.rotation_rate import fastest_rotation
+
+    trajectory, result = outcome.last, dict[str, Any]()
     if trajectory.has_motion_energy:
         result |= _motion_energy(outcome.trajectory, step)
     if REALS[step.manifest.real].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
-        result["work"] = report.work
+        result["work"] = trajectory.report.work
     rotation = fastest_rotation(outcome.trajectory)
     if rotation is not None:
         result["radians_per_step"] = rotation.radians
@@ -98,8 +104,7 @@ def result_of(
     if trajectory.quantities:
         result["quantities"] = {name: float(trajectory.quantity(name)[-1])
                                 for name in trajectory.quantities}
-    return result | _events(outcome.trajectory) | _start_move(outcome.trajectory, start) | _ending(
-        outcome)
+    return result
 
 
 def _motion_energy(trajectory: Trajectory, step: Stepper) -> dict[str, Any]:

@@ -105,11 +105,9 @@ class CPrinter:
             return self._call(e.c_name, *e.args, suffix=False), _ATOM
         if isinstance(e, sp.sign):
             return self._call("sign", *e.args, suffix=False), _ATOM
-        raise InputError(
-            f"No C is known for {e.func.__name__!r} in {e}; write it with + - * /, powers, sqrt, "
-            f"{', '.join(f.__name__ for f in _FUNCTIONS)}, sign, Heaviside, Min, Max, Piecewise, "
-            "ceiling, Mod."
-        )
+        raise InputError(f"No C is known for {e.func.__name__!r} in {e}; write it with + - * /, "
+                         f"powers, sqrt, {', '.join(f.__name__ for f in _FUNCTIONS)}, sign, "
+                         "Heaviside, Min, Max, Piecewise, ceiling, Mod.")
 
     def _phase(self, e: Phase) -> str:
         """Return phase(c_high, c_low, …), the call of a phase with the number c = c_high + c_low.

@@ -277,12 +277,8 @@ def _is_exact_polynomial(e: sp.Expr) -> bool:
 
 
 def _emit_compensated(
-    kernel: Kernel,
-    outputs: list[tuple[str, sp.Expr]],
-    constants: Constants,
-    real: Real,
-    names: dict[sp.Symbol, str],
-    target: Target,
+    kernel: Kernel, outputs: list[tuple[str, sp.Expr]], constants: Constants, real: Real,
+    names: dict[sp.Symbol, str], target: Target
 ) -> EmittedKernel:
     """Return a kernel of polynomials Σ a Π x_iⁿⁱ, with each product and sum as a double word.
 

@@ -195,10 +195,8 @@ class _Formulas:
             if e.is_Rational and e.q <= 2:
                 return numbers.power(base, rational(e))
             if not _number(base) > 0:
-                raise RefusedError(
-                    f"{shorten(str(base.exact))} has no power {shorten(str(e))}; write a "
-                    "base above 0, or an integer exponent"
-                )
+                raise RefusedError(f"{shorten(str(base.exact))} has no power {shorten(str(e))}; "
+                                   "write a base above 0, or an integer exponent")
             if exponent.is_number:
                 return self.constant_value(sp.Pow, mp.power, [base, exponent])
         # bounds of the expansion, a product of ``size`` bases
@@ -217,14 +215,11 @@ class _Formulas:
         if not exponent.is_number:
             strange = sorted(map(str, e.free_symbols - self.exponents))
             if strange:
-                raise RefusedError(
-                    f"The exponent depends on {strange[0]}; write numbers and parameters alone "
-                    "there, or use exp and log"
-                )
+                raise RefusedError(f"The exponent depends on {strange[0]}; write numbers and "
+                                   "parameters alone there, or use exp and log")
         elif abs(_number(exponent)) > MAX_EXPONENT:
-            raise RefusedError(
-                f"The exponent {shorten(str(e), 20)} is not within ±{MAX_EXPONENT}; lower it"
-            )
+            raise RefusedError(f"The exponent {shorten(str(e), 20)} is not within ±{MAX_EXPONENT}; "
+                               "lower it")
 
     def call(self, function: str, arguments: Sequence[Value]) -> Value:
         """Return the value of a function: a formula where an argument is no number.
@@ -296,10 +291,9 @@ class _Formulas:
         """
         argument_values = [_number(a) for a in arguments]
         if any(abs(x) > MAX_ARGUMENT for x in argument_values):
-            raise RefusedError(
-                f"A function of {mp.nstr(max(argument_values, key=abs), 5)} is asked for, which is "
-                f"not within ±{MAX_ARGUMENT}; work the number out"
-            )
+            raise RefusedError(f"A function of {mp.nstr(max(argument_values, key=abs), 5)} is "
+                               f"asked for, which is not within ±{MAX_ARGUMENT}; work the number "
+                               "out")
         with mp.workdps(100):
             try:
                 result = number(*argument_values)
@@ -307,10 +301,9 @@ class _Formulas:
                 result = mp.nan
             is_real = not isinstance(result, mp.mpc) and mp.isfinite(result)
             if not is_real or abs(result) > mp.mpf(10)**50:
-                raise RefusedError(
-                    f"This function of {', '.join(mp.nstr(x, 5) for x in argument_values)} is no "
-                    "real number of moderate size; write another argument"
-                )
+                raise RefusedError("This function of "
+                                   f"{', '.join(mp.nstr(x, 5) for x in argument_values)} is no "
+                                   "real number of moderate size; write another argument")
         bits = sum(a.bits for a in arguments) + 1
         level = max(a.level for a in arguments) + 1
         if level > numbers.MAX_LEVEL or bits > MAX_BITS:
@@ -344,30 +337,23 @@ def _formula(
     bits = sum(a.bits + 1 for a in arguments)
     level = max((a.level for a in arguments if not a.is_number), default=0) + levels
     if level > MAX_LEVEL:
-        raise RefusedError(
-            f"More than {MAX_LEVEL} quotients, roots and functions lie inside one another here; "
-            "simplify the formula"
-        )
+        raise RefusedError(f"More than {MAX_LEVEL} quotients, roots and functions lie inside one "
+                           "another here; simplify the formula")
     if bits > MAX_BITS:
-        raise RefusedError(
-            f"The coefficients of this formula may need {bits} bits and at most {MAX_BITS} are "
-            "allowed; lower its powers or round its numbers"
-        )
+        raise RefusedError(f"The coefficients of this formula may need {bits} bits and at most "
+                           f"{MAX_BITS} are allowed; lower its powers or round its numbers")
     if terms > MAX_TERMS:
-        raise RefusedError(
-            f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} terms and at most "
-            f"{MAX_TERMS} are allowed; lower its powers"
-        )
+        raise RefusedError(f"Multiplied out, this has {terms if terms < 10**9 else 'over 10^9'} "
+                           f"terms and at most {MAX_TERMS} are allowed; lower its powers")
     expression = operation(*(a.exact for a in arguments))
     _refuse_unreal_or_unknown(expression)
     # powers of equal bases have been added: their sum is bounded, too
     for factor in sp.Mul.make_args(expression):
         e = factor.exp if factor.is_Pow else sp.Integer(1)
         if e.is_number and abs(e) > MAX_EXPONENT:
-            raise RefusedError(
-                f"This is the power {shorten(str(e), 20)} of {shorten(str(factor.base), 30)}, "
-                f"which is not within ±{MAX_EXPONENT}; lower it"
-            )
+            raise RefusedError(f"This is the power {shorten(str(e), 20)} of "
+                               f"{shorten(str(factor.base), 30)}, which is not within "
+                               f"±{MAX_EXPONENT}; lower it")
     if expression.is_number:
         return numbers.value_of(expression)
     return Value(expression, enclosure=None, bits=bits, level=level, terms=terms)
@@ -390,11 +376,9 @@ def _refuse_long_root(base: sp.Expr, exponent: sp.Expr) -> None:
         bits = sum(max(int(x.p).bit_length(), int(x.q).bit_length()) for x in rationals)
         limit = MAX_SMOOTH_ROOT_BITS if all(map(_is_smooth, rationals)) else MAX_ROOT_BITS
         if bits * exponent.q * math.prod(roots) > limit:
-            raise RefusedError(
-                f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
-                f"{shorten(str(factor), 30)} has too many digits; work the number out, or round "
-                "the exponent"
-            )
+            raise RefusedError(f"The exponent {shorten(str(sp.N(exponent, 10)), 20)} of the number "
+                               f"{shorten(str(factor), 30)} has too many digits; work the number "
+                               "out, or round the exponent")
 
 
 def _is_smooth(x: sp.Rational) -> bool:

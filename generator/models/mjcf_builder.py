@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -365,16 +366,23 @@ class MjcfBuilder(RobotBuilder):
                                    offset=c0 + at_reference[0] - c1 * at_reference[1])
                 return
         links = [self.coordinates[joint] for terms in sums for joint, _ in terms]
+        self.builder.law(
+            name, links, partial(_deviation_from_law, coefficients, sums, at_reference))
 
-        def law(*coordinates: Any) -> Any:
-            """Return y₁ − y₁(0) − Σ c_k (y₂ − y₂(0))^k, which the constraint holds at 0."""
-            # one coordinate for each term of the sums, in the order of ``links``
-            remaining = iter(coordinates)
-            dependent, *independent = (
-                sum(factor * next(remaining) for _, factor in terms) - y_at_reference
-                for terms, y_at_reference in zip(sums, at_reference, strict=True))
-            polynomial = sum(c * (independent[0] if independent else 0) ** k
-                             for k, c in enumerate(coefficients) if c)
-            return dependent - polynomial
 
-        self.builder.law(name, links, law)
+def _deviation_from_law(
+    coefficients: Sequence[float], sums: Sequence[Sequence[tuple[str, float]]],
+    at_reference: Sequence[float], *coordinates: Any,
+) -> Any:
+    """Return y₁ − y₁(0) − Σ c_k (y₂ − y₂(0))^k, which a constraint holds at 0.
+
+    ``sums`` has the terms (joint, factor) of y₁ and of y₂, which may be missing;
+    ``at_reference`` has y(0), ``coordinates`` are one for each term, in their order.
+    """
+    remaining = iter(coordinates)
+    dependent, *independent = (
+        sum(factor * next(remaining) for _, factor in terms) - y_at_reference
+        for terms, y_at_reference in zip(sums, at_reference, strict=True))
+    polynomial = sum(c * (independent[0] if independent else 0) ** k
+                     for k, c in enumerate(coefficients) if c)
+    return dependent - polynomial

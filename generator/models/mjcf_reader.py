@@ -425,12 +425,13 @@ class _Reader:
             self._member(f"mjt{law.title()}", getattr(m, f"actuator_{law}type")[k])
             for law in ("gain", "bias"))
         gain, bias = m.actuator_gainprm[k], m.actuator_biasprm[k]
-        # gain[1] makes the gain depend on the length, gain[2] on the rate, which is ``drag``
-        is_extra = (m.actuator_dyntype[k] or gain_law not in ("fixed", "affine")
-                    or bias_law not in ("none", "affine") or (gain_law == "affine" and gain[1])
-                    or m.actuator_plugin[k] >= 0 or m.actuator_delay[k]
-                    or m.actuator_history[k].any() or has_inertia_or_damper
-                    or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1))
+        is_extra = (
+            m.actuator_dyntype[k] or m.actuator_plugin[k] >= 0 or m.actuator_delay[k]
+            or m.actuator_history[k].any() or has_inertia_or_damper
+            or (m.actuator_ctrlnum[k], m.actuator_outnum[k]) != (1, 1)
+            # gain[1] makes the gain depend on the length, gain[2] on the rate, which is ``drag``
+            or gain_law not in ("fixed", "affine") or (gain_law == "affine" and gain[1])
+            or bias_law not in ("none", "affine"))
         if is_extra or not joints:
             robot.extras["actuator"] += 1
             return

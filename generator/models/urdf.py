@@ -108,22 +108,7 @@ def _read(
     ``ignore`` are the parts to leave out, ``base`` is the pose of the root link in space; with
     ``floats`` it has a free joint. Raises InputError, without the file's name.
     """
-    # [1:-1] takes off the quotes of ``shown``
-    if top.name != "robot":
-        raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
-                         "not <robot>; give a URDF file.")
-    macros = next((e for e in _descendants(top) if e.name.startswith("xacro:")), None)
-    if macros is not None:
-        raise InputError(f"line {macros.line}: <{macros.name}> is a macro; expand the file with "
-                         "xacro first.")
-    extras = count_extras(top, URDF)
-    version = choose("version of URDF", top.attributes.get("version", "1.0"), VERSIONS)
-    if version == "1.0":
-        for element in _descendants(top):
-            if element.name.endswith("origin") and "quat_xyzw" in element.attributes:
-                raise InputError(f"line {element.line}: <{element.name}> has quat_xyzw=, which "
-                                 "URDF has from version 1.1 on; write version=\"1.1\" in <robot>, "
-                                 "or rpy=.")
+    version, extras = _version_of(top), count_extras(top, URDF)
     links = _read_all(top, "link", _link)
     # reading the joints adds each <mimic> to the robot's followers
     robot = Robot(top.attributes.get("name", "robot"), "a URDF", "link", limits=limits)
@@ -142,6 +127,25 @@ def _read(
     check_followers(robot)
     robot.loops = [*_read_all(top, "constraint", partial(_loop, links)).values()]
     return robot
+
+
+def _version_of(top: Element) -> str:
+    """Return the version of a URDF file; refuse other files, macros, and keys of later versions."""
+    # [1:-1] takes off the quotes of ``shown``
+    if top.name != "robot":
+        raise InputError(f"line {top.line}: its outermost element is <{shown(top.name)[1:-1]}>, "
+                         "not <robot>; give a URDF file.")
+    macros = next((e for e in _descendants(top) if e.name.startswith("xacro:")), None)
+    if macros is not None:
+        raise InputError(f"line {macros.line}: <{macros.name}> is a macro; expand the file with "
+                         "xacro first.")
+    version = choose("version of URDF", top.attributes.get("version", "1.0"), VERSIONS)
+    for element in _descendants(top) if version == "1.0" else ():
+        if element.name.endswith("origin") and "quat_xyzw" in element.attributes:
+            raise InputError(f"line {element.line}: <{element.name}> has quat_xyzw=, which "
+                             "URDF has from version 1.1 on; write version=\"1.1\" in <robot>, "
+                             "or rpy=.")
+    return version
 
 
 def _descendants(element: Element) -> Iterator[Element]:

@@ -330,18 +330,11 @@ class Assembly:
         q = tuple(x for body in components.bodies for x in body.coordinates)
         p = tuple(x for body in components.bodies for x in body.momenta)
         formulas = self._formulas(p)
-        clash = next((x for x in (*q, *p) if str(x) in store), None)
-        if clash is not None:
-            raise InputError(f"{str(clash)!r} in Multibody {components.name!r} is both a "
-                             "coordinate of a body and a parameter; rename one of the two.")
+        self._refuse_parameters_named(*q, *p)
         constraints = tuple(equation.expression for equation in equations)
         velocity_constraints = tuple(equation.expression for equation in velocity_equations)
         velocities = self._velocities if velocity_constraints else ()
-        restitutions = {components.symbols[impact.restitution] for impact in components.impacts
-                        if isinstance(impact.restitution, str)}
-        symbols: set[sp.Symbol] = restitutions.union(*(e.free_symbols for e in (
-            formulas.H, *constraints, *velocity_constraints, *formulas.forces,
-            *formulas.quantities.values(), *formulas.time_scales)))
+        symbols = self._symbols(formulas, (*constraints, *velocity_constraints))
         # in the order in which the model was described, which names do not change
         parameters = tuple(sorted(symbols - {*q, *p, *velocities, TIME}, key=_by_first_use(store)))
         self._refuse_unused(parameters, symbols)
@@ -362,6 +355,22 @@ class Assembly:
                          if body.q),
             joints=self._joint_layouts({*equations}, {*parameters}, values,
                                        formulas.counted_joints))
+
+    def _symbols(self, formulas: _Formulas, constraints: Sequence[sp.Expr]) -> set[sp.Symbol]:
+        """Return the symbols of a system's expressions, and of restitutions of impacts."""
+        components = self.components
+        restitutions = {components.symbols[impact.restitution] for impact in components.impacts
+                        if isinstance(impact.restitution, str)}
+        return restitutions.union(*(e.free_symbols for e in (
+            formulas.H, *constraints, *formulas.forces, *formulas.quantities.values(),
+            *formulas.time_scales)))
+
+    def _refuse_parameters_named(self, *states: sp.Symbol) -> None:
+        """Refuse a parameter with the name of a coordinate or momentum."""
+        clash = next((x for x in states if str(x) in self.store), None)
+        if clash is not None:
+            raise InputError(f"{str(clash)!r} in Multibody {self.components.name!r} is both a "
+                             "coordinate of a body and a parameter; rename one of the two.")
 
     def _formulas(self, p: Sequence[sp.Symbol]) -> _Formulas:
         """Return H, forces on the momenta p, quantities and the time scale.

@@ -207,10 +207,9 @@ class Model:
         names = {str(symbol) for symbol in self.system.parameters}
         for name in (*self.parameters, *self.bodies):
             if name not in names:
-                raise InputError(
-                    f"Model {self.name!r} has a value for {name!r}, which is no parameter of its "
-                    f"system; the parameters are {', '.join(sorted(names)) or 'none'}."
-                )
+                raise InputError(f"Model {self.name!r} has a value for {name!r}, which is no "
+                                 "parameter of its system; the parameters are "
+                                 f"{', '.join(sorted(names)) or 'none'}.")
         unset = sorted(names - {*self.parameters, *self.bodies})
         if unset:
             raise InputError(f"Model {self.name!r} has no value for its parameter {unset[0]!r}; "

@@ -1249,14 +1249,10 @@ class Multibody(FixedAttributes):
             raise InputError(f"{name!r} has {'a gap and a body' if a else 'neither bodies nor gap'}"
                              "; give gap=, or the bodies that touch.")
         if a is None:
-            keys_of_bodies = [key for key, is_given in (
-                ("b", b is not GROUND), ("on_a", on_a is not _ORIGIN),
-                ("on_b", on_b is not _ORIGIN), ("normal", normal is not None),
-                ("radius", not (is_number(radius) and radius == 0)),
-                ("box", box is not None)) if is_given]
-            if keys_of_bodies:
-                raise InputError(f"{name!r} has a gap and {few(keys_of_bodies)}, which belong to "
-                                 "bodies that touch; leave one of them out.")
+            _refuse_shapes_beside_gap(name, b=b is not GROUND, on_a=on_a is not _ORIGIN,
+                                      on_b=on_b is not _ORIGIN, normal=normal is not None,
+                                      radius=not (is_number(radius) and radius == 0),
+                                      box=box is not None)
             is_list = isinstance(gap, Sequence) and not isinstance(gap, str)
             return self._contact(
                 name, [as_expression(e) for e in (gap if is_list else [gap])], restitution)
@@ -1685,6 +1681,14 @@ def _begin_at(assembly: Assembly, start: HasStart) -> float:
     assembly.store.update((name, float(finite(name, value, shape=())))
                           for name, value in state.parameters.items() if name in assembly.store)
     return float(state.t)
+
+
+def _refuse_shapes_beside_gap(name: str, **is_given: bool) -> None:
+    """Refuse arguments of bodies that touch, where an expression is the gap of a contact."""
+    keys_of_bodies = [key for key, given in is_given.items() if given]
+    if keys_of_bodies:
+        raise InputError(f"{name!r} has a gap and {few(keys_of_bodies)}, which belong to "
+                         "bodies that touch; leave one of them out.")
 
 
 def _segment_state(

@@ -91,11 +91,8 @@ def double_momentum(x: Sequence[sp.Expr], y: Sequence[sp.Expr]) -> list[sp.Expr]
 
 
 def kinetic_energy(
-    rep: Rep,
-    x: Sequence[sp.Expr] = q,
-    y: Sequence[sp.Expr] = p,
-    inertia: Sequence[sp.Expr] = moments,
-    weight: sp.Expr | None = None,
+    rep: Rep, x: Sequence[sp.Expr] = q, y: Sequence[sp.Expr] = p,
+    inertia: Sequence[sp.Expr] = moments, weight: sp.Expr | None = None
 ) -> sp.Expr:
     """Return T(q, p) for q = x and p = y: original (20), α-type (22) or γ-type (26), w = L(q)p.
 
@@ -174,15 +171,9 @@ def body_force(torque: Sequence[sp.Expr]) -> list[sp.Expr]:
 
 
 def body_system(
-    name: str,
-    rep: Rep,
-    potential: sp.Expr,
-    parameters: Sequence[sp.Symbol] = (),
-    *,
-    torque: Sequence[sp.Expr] = (),
-    quantities: Mapping[str, sp.Expr] = MappingProxyType({}),
-    tensor: bool = False,
-    time_scale: sp.Expr | None = None,
+    name: str, rep: Rep, potential: sp.Expr, parameters: Sequence[sp.Symbol] = (), *,
+    torque: Sequence[sp.Expr] = (), quantities: Mapping[str, sp.Expr] = MappingProxyType({}),
+    tensor: bool = False, time_scale: sp.Expr | None = None
 ) -> System:
     """Return a rigid body with a fixed point in a potential V(q): H = T(q, p) + V, qᵀq = 1 (2).
 

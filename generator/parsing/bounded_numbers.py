@@ -85,9 +85,8 @@ def rational(number: sp.Rational) -> Value:
     """Return a rational as a value; raises ``RefusedError`` if it has too many bits."""
     bits = max(int(number.p).bit_length(), int(number.q).bit_length())
     if bits > MAX_BITS:
-        raise RefusedError(
-            f"The number has {bits} bits and at most {MAX_BITS} are allowed; write a shorter one"
-        )
+        raise RefusedError(f"The number has {bits} bits and at most {MAX_BITS} are allowed; write "
+                           "a shorter one")
     return Value(number, enclosure=None, bits=bits)
 
 
@@ -102,15 +101,12 @@ def _irrational(
     if interval is not None:
         bits = max(bits, _binary_magnitude(interval))
     if bits > MAX_IRRATIONAL_BITS:
-        raise RefusedError(
-            f"The integers of this expression may need {bits} bits and at most "
-            f"{MAX_IRRATIONAL_BITS} are allowed; lower its powers or write it in decimals"
-        )
+        raise RefusedError(f"The integers of this expression may need {bits} bits and at most "
+                           f"{MAX_IRRATIONAL_BITS} are allowed; lower its powers or write it in "
+                           "decimals")
     if level > MAX_LEVEL:
-        raise RefusedError(
-            f"More than {MAX_LEVEL} irrational sums, products and powers lie inside one another; "
-            "multiply out or write the number in decimals"
-        )
+        raise RefusedError(f"More than {MAX_LEVEL} irrational sums, products and powers lie inside "
+                           "one another; multiply out or write the number in decimals")
     exact = operation(*arguments)
     return rational(exact) if exact.is_Rational else Value(exact, interval, bits, level)
 
@@ -143,10 +139,8 @@ def multiply(values: Sequence[Value]) -> Value:
     bits = sum(factor.bits for factor in factors[1:] if not factor.exact.is_Add)
     # ``product`` and one irrational factor stay apart: there is nothing to multiply out
     if bits > MAX_PRODUCT_BITS and len(factors) > 2:
-        raise RefusedError(
-            f"The integers of this product may need {bits} bits and at most {MAX_PRODUCT_BITS} "
-            "are allowed; write it shorter or in decimals"
-        )
+        raise RefusedError(f"The integers of this product may need {bits} bits and at most "
+                           f"{MAX_PRODUCT_BITS} are allowed; write it shorter or in decimals")
     return _combine(factors, sp.Mul, lambda a, b: a * b) if len(factors) > 1 else product
 
 
@@ -174,9 +168,8 @@ def _refuse_zero(value: Value) -> None:
     if value.exact == 0:
         raise RefusedError("This divides by zero; write a denominator other than 0")
     if value.enclosure is not None and 0 in value.enclosure:
-        raise RefusedError(
-            "This divides by a number that cannot be told from zero to 90 digits; simplify it"
-        )
+        raise RefusedError("This divides by a number that cannot be told from zero to 90 digits; "
+                           "simplify it")
 
 
 def reciprocal(value: Value) -> Value:
@@ -191,10 +184,9 @@ def power(base: Value, exponent: Value) -> Value:
     """Return base**exponent for an integer or half-integer exponent."""
     e = exponent.exact
     if not e.is_Rational or e.q > 2 or abs(e) > MAX_EXPONENT:
-        raise RefusedError(
-            f"An exponent is an integer or a half-integer from -{MAX_EXPONENT} to {MAX_EXPONENT}, "
-            f"not {shorten(str(e))}; multiply factors out or take sqrt of sqrt"
-        )
+        raise RefusedError(f"An exponent is an integer or a half-integer from -{MAX_EXPONENT} to "
+                           f"{MAX_EXPONENT}, not {shorten(str(e))}; multiply factors out or take "
+                           "sqrt of sqrt")
     if e < 0:
         _refuse_zero(base)
     if e.q == 2:
@@ -203,10 +195,8 @@ def power(base: Value, exponent: Value) -> Value:
         # exact arithmetic would carry out any power; a number of b bits is at least 2^(b − 1), so
         # that its power n has more than (b − 1) n
         if base.bits * abs(e) > MAX_BITS + abs(e):
-            raise RefusedError(
-                f"This power has about {base.bits * abs(e)} bits and at most {MAX_BITS} are "
-                "allowed; lower the exponent"
-            )
+            raise RefusedError(f"This power has about {base.bits * abs(e)} bits and at most "
+                               f"{MAX_BITS} are allowed; lower the exponent")
         return rational(base.exact**e)
     return _irrational_power(base, e)
 
@@ -239,15 +229,11 @@ def _refuse_root(value: Value) -> None:
     if interval is not None and interval.b < 0:
         raise RefusedError("This is the square root of a negative number; write one that is not")
     if not value.is_rational and interval is not None and 0 in interval:
-        raise RefusedError(
-            "This is the square root of a number that cannot be told from zero to 90 digits; "
-            "simplify it"
-        )
+        raise RefusedError("This is the square root of a number that cannot be told from zero to "
+                           "90 digits; simplify it")
     if value.bits > MAX_RADICAND_BITS:
-        raise RefusedError(
-            f"The number under a root may need {value.bits} bits and at most {MAX_RADICAND_BITS} "
-            "are allowed; write it shorter"
-        )
+        raise RefusedError(f"The number under a root may need {value.bits} bits and at most "
+                           f"{MAX_RADICAND_BITS} are allowed; write it shorter")
 
 
 def _square_root(value: Value) -> Value:

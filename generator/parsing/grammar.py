@@ -272,10 +272,8 @@ class _Parser(Generic[V]):
         integer_part, fraction, exponent = decimal_parts(text)
         digits = integer_part + fraction
         if len(digits) > MAX_DIGITS:
-            raise RefusedError(
-                f"The number has {len(digits)} digits and at most {MAX_DIGITS} are allowed; "
-                "round it"
-            )
+            raise RefusedError(f"The number has {len(digits)} digits and at most {MAX_DIGITS} are "
+                               "allowed; round it")
         return self.arithmetic.literal(int(digits), exponent - len(fraction))
 
     def call(self, name: Token) -> V:

@@ -44,10 +44,8 @@ def read_text(path: Path, max_bytes: int) -> str:
     except FileNotFoundError:
         raise UnusableFileError(f"there is no such file; {_cure_of_path(path)}.") from None
     except (OSError, ValueError) as error:  # ValueError: a NUL in the path
-        raise UnusableFileError(
-            f"it cannot be read ({getattr(error, 'strerror', None) or error}); check its path and "
-            "its permissions."
-        ) from None
+        raise UnusableFileError(f"it cannot be read ({getattr(error, 'strerror', None) or error}); "
+                                "check its path and its permissions.") from None
     if len(content) > max_bytes:  # the file has grown, or has the size 0, as in /proc
         raise UnusableFileError(f"it has more than {max_bytes} bytes; write shorter entries.")
     return _decode(content)

@@ -88,10 +88,8 @@ __all__ = ["DiscreteDifference", "differentiate", "discrete_gradient"]
 
 
 def discrete_gradient(
-    expression: sp.Expr,
-    symbols: Sequence[sp.Symbol],
-    means: Sequence[sp.Symbol],
-    differences: Sequence[sp.Symbol],
+    expression: sp.Expr, symbols: Sequence[sp.Symbol], means: Sequence[sp.Symbol],
+    differences: Sequence[sp.Symbol]
 ) -> list[sp.Expr]:
     """Return D_i of the expression for each symbol, in terms of means and differences.
 
@@ -227,12 +225,11 @@ def _refuse_unknown(e: sp.Expr) -> None:
     """Refuse a function without a rule for its exact difference."""
     if e.is_Add or e.is_Mul or e.is_Pow or e.func in FUNCTIONS or e.func in _MULTIVARIATE:
         return
-    raise InputError(
-        f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete gradient takes "
-        "sums, products, quotients, powers, sqrt, atan2, Abs, Max, Min, Piecewise in one variable "
-        f"and {', '.join(sorted(f.__name__ for f in FUNCTIONS if f is not sp.Abs))}: write H with "
-        "these, or choose IMS or a SPARK method."
-    )
+    raise InputError(f"No exact difference is known for {e.func.__name__!r} in {e}; the discrete "
+                     "gradient takes sums, products, quotients, powers, sqrt, atan2, Abs, Max, "
+                     "Min, Piecewise in one variable and "
+                     f"{', '.join(sorted(f.__name__ for f in FUNCTIONS if f is not sp.Abs))}: "
+                     "write H with these, or choose IMS or a SPARK method.")
 
 
 def _not_piecewise(e: sp.Expr, reason: NotPiecewiseError) -> InputError:

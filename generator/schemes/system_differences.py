@@ -71,10 +71,8 @@ def discrete_slopes(
 
 
 def mean_gradient_of(
-    system: System,
-    means: tuple[list[sp.Symbol], list[sp.Symbol]],
-    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
-    discrete: bool,
+    system: System, means: tuple[list[sp.Symbol], list[sp.Symbol]],
+    differences: tuple[list[sp.Symbol], list[sp.Symbol]], discrete: bool
 ) -> tuple[list[sp.Expr], list[sp.Expr]]:
     """Return D_qH and D_pH in terms of means and differences; see ``mean_slopes_of``."""
     D = mean_slopes_of(system, means, differences, discrete)
@@ -83,10 +81,8 @@ def mean_gradient_of(
 
 
 def mean_slopes_of(
-    system: System,
-    means: tuple[list[sp.Symbol], list[sp.Symbol]],
-    differences: tuple[list[sp.Symbol], list[sp.Symbol]],
-    discrete: bool,
+    system: System, means: tuple[list[sp.Symbol], list[sp.Symbol]],
+    differences: tuple[list[sp.Symbol], list[sp.Symbol]], discrete: bool
 ) -> list[sp.Expr]:
     """Return D_qH, D_pH and, if H or g depends on time, D_tH, in one list.
 

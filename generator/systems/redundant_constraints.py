@@ -113,27 +113,21 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
     if not _is_finite(G):
         G = as_dense(G)
         infinite = [i for i, row in enumerate(G) if not np.isfinite(row).all()]
-        raise InputError(
-            f"The constraints {_names_of(names, infinite)} of {owner!r} have no finite gradient at "
-            "the start; start elsewhere, or in other units."
-        )
+        raise InputError(f"The constraints {_names_of(names, infinite)} of {owner!r} have no "
+                         "finite gradient at the start; start elsewhere, or in other units.")
     involved, left_out = dependent_rows(G)
     if not involved:
         return Redundancy(owner, tuple(names))
     if point is None or _are_contradictory(constraints, point, left_out):
-        raise InputError(
-            f"The constraints {_names_of(names, involved)} of {owner!r} contradict each other near "
-            "the start: no state near it meets them all. Check their points, axes and lengths, "
-            "turn parts that lie in a line a little, or leave out "
-            f"{_names_of(names, left_out)}."
-        )
+        raise InputError(f"The constraints {_names_of(names, involved)} of {owner!r} contradict "
+                         "each other near the start: no state near it meets them all. Check their "
+                         "points, axes and lengths, turn parts that lie in a line a little, or "
+                         f"leave out {_names_of(names, left_out)}.")
     # dependent here and independent nearby: a dead centre, not a superfluous constraint
     if _is_singular(constraints, point, len(left_out)):
-        raise InputError(
-            f"{owner!r} starts in a singular position, where its constraints "
-            f"{_names_of(names, involved)} depend on each other although they do not elsewhere; "
-            "start in another position."
-        )
+        raise InputError(f"{owner!r} starts in a singular position, where its constraints "
+                         f"{_names_of(names, involved)} depend on each other although they do not "
+                         "elsewhere; start in another position.")
     return Redundancy.of(owner, names, involved, left_out)
 
 

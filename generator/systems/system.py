@@ -187,15 +187,12 @@ class System:
         These are the counts of momenta, velocities, constraints, constraint names and forces.
         """
         if not self.name.isidentifier() or not self.name.isascii():
-            raise InputError(
-                f"System name {self.name!r} is not a C identifier; use letters, digits and '_'."
-            )
+            raise InputError(f"System name {self.name!r} is not a C identifier; use letters, "
+                             "digits and '_'.")
         if len(self.q) != len(self.p) or not self.q:
-            raise InputError(
-                f"System {self.name!r} has {count_text(len(self.q), 'coordinate')} and "
-                f"{len(self.p)} momenta; "
-                "give one momentum for each of at least one coordinate."
-            )
+            raise InputError(f"System {self.name!r} has {count_text(len(self.q), 'coordinate')} "
+                             f"and {len(self.p)} momenta; give one momentum for each of at least "
+                             "one coordinate.")
         # velocities may be missing only where no velocity constraint needs them
         allowed_counts = (self.n,) if self.velocity_count else (0, self.n)
         if len(self.velocities) not in allowed_counts:
@@ -209,23 +206,20 @@ class System:
             from .redundant_constraints import refuse_redundant_anywhere  # imports this module
 
             refuse_redundant_anywhere(self)
-            raise InputError(
-                f"System {self.name!r} has {total} constraints on {len(self.q)} "
-                "coordinates; fewer constraints than coordinates must remain. If drives determine "
-                "the whole motion, add a body that moves freely, such as build.point_mass(...); if "
-                "a closed loop takes the last freedom, leave out one of its joints."
-            )
+            raise InputError(f"System {self.name!r} has {total} constraints on {len(self.q)} "
+                             "coordinates; fewer constraints than coordinates must remain. If "
+                             "drives determine the whole motion, add a body that moves freely, "
+                             "such as build.point_mass(...); if a closed loop takes the last "
+                             "freedom, leave out one of its joints.")
         for key, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
             if len(names := getattr(self, f"{key}_names")) != count:
                 raise InputError(
                     f"System {self.name!r} has {count} {key}s and {len(names)} {key}_names; "
                     "give one name for each constraint, or none.")
         if len(self.forces) not in (0, self.n):
-            raise InputError(
-                f"System {self.name!r} has {count_text(len(self.forces), 'force')} on {self.n} "
-                "coordinates; give "
-                "one for each coordinate (0 where none acts), or none at all."
-            )
+            raise InputError(f"System {self.name!r} has {count_text(len(self.forces), 'force')} on "
+                             f"{self.n} coordinates; give one for each coordinate (0 where none "
+                             "acts), or none at all.")
 
     def _whole_body(self) -> BodyLayout:
         """Return the layout of the body whose quaternion is all of q; refuse any other q."""
@@ -270,26 +264,20 @@ class System:
         names = [str(s) for s in (*self.q, *self.p, *self.velocities, *self.parameters, *time)]
         for name in names:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
-                raise InputError(
-                    f"System {self.name!r} has a symbol named {name!r}; names are letters, digits "
-                    f"and '_' and begin with a letter{_latin_proposal(name)}."
-                )
+                raise InputError(f"System {self.name!r} has a symbol named {name!r}; names are "
+                                 "letters, digits and '_' and begin with a "
+                                 f"letter{_latin_proposal(name)}.")
             if is_taken(name) or self._is_guard(name):
-                raise InputError(
-                    f"System {self.name!r} has a symbol named {name!r}, which is a keyword or a "
-                    "macro of the generated C; choose another name."
-                )
+                raise InputError(f"System {self.name!r} has a symbol named {name!r}, which is a "
+                                 "keyword or a macro of the generated C; choose another name.")
         repeated = sorted(name for name, count in Counter(names).items() if count > 1)
         if repeated:
-            raise InputError(
-                f"System {self.name!r} uses the name {repeated[0]!r} twice; names must differ."
-            )
+            raise InputError(f"System {self.name!r} uses the name {repeated[0]!r} twice; names "
+                             "must differ.")
         for name in self.quantities:
             if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
-                raise InputError(
-                    f"System {self.name!r} has a quantity named {name!r}; names are letters, "
-                    "digits and '_' and begin with a letter."
-                )
+                raise InputError(f"System {self.name!r} has a quantity named {name!r}; names are "
+                                 "letters, digits and '_' and begin with a letter.")
 
     def _refuse_undeclared_symbols(self) -> None:
         """Refuse symbols of H, constraints, forces and quantities that are not declared.

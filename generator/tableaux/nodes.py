@@ -76,18 +76,16 @@ def enclose_roots(polynomial: sp.Poly, bits: int = BITS) -> tuple[Enclosure, ...
     try:
         numerators = _rounded_roots(integer, sorted(_approximate_roots(integer)), bits)
     except ArithmeticError:
-        raise TableauError(
-            f"The roots of {polynomial.as_expr()} are not simple and real."
-        ) from None
+        raise TableauError(f"The roots of {polynomial.as_expr()} are not simple and "
+                           "real.") from None
     step = Fraction(1, 2**bits)
     enclosures = []
     for numerator in numerators:
         # in whole numbers: the signs of f on both sides of the rounded root are exact
         low, middle, high = (_scaled_polynomial(integer, numerator + i, bits) for i in (-1, 0, 1))
         if middle != 0 and (low < 0) == (high < 0):
-            raise TableauError(
-                f"No sign change of {polynomial.as_expr()} near {float(numerator * step)}."
-            )
+            raise TableauError(f"No sign change of {polynomial.as_expr()} near "
+                               f"{float(numerator * step)}.")
         # f = 0 at the rounded root: it is exact
         enclosures.append(Enclosure(numerator * step, step if middle else Fraction(0)))
     # enclosures of radius 1 in these units would overlap

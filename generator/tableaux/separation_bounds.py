@@ -115,10 +115,9 @@ def _separation_bits(expression: sp.Expr) -> int:
     degree = prod(k for _, k in bound.roots)
     bits = (degree - 1) * bound.u.bit_length() + (bound.m * bound.λ).bit_length() + 1
     if bits > MAX_BITS:
-        raise TableauError(
-            f"Whether {str(expression)[:60]}… is zero would take {bits} bits to prove and at most "
-            f"{MAX_BITS} are allowed; write the tableau with fewer radicals or in decimals."
-        )
+        raise TableauError(f"Whether {str(expression)[:60]}… is zero would take {bits} bits to "
+                           f"prove and at most {MAX_BITS} are allowed; write the tableau with "
+                           "fewer radicals or in decimals.")
     return bits
 
 

@@ -253,9 +253,8 @@ def checked_digits(digits: Any) -> int:
     """Return a number of digits; raises ``InputError`` unless it is an integer from 1 to 1000."""
     is_integer = isinstance(digits, numbers.Integral) and not isinstance(digits, bool)
     if not is_integer or not 1 <= digits <= MAX_DIGITS:
-        raise InputError(
-            f"digits = {digits!r} is not usable; give a whole number from 1 to {MAX_DIGITS}."
-        )
+        raise InputError(f"digits = {digits!r} is not usable; give a whole number from 1 to "
+                         f"{MAX_DIGITS}.")
     return int(digits)
 
 

@@ -158,14 +158,11 @@ class _Reader:
         except json.JSONDecodeError as error:
             raise self.error(f"it is not JSON ({error}); compare it with the example.") from None
         except RecursionError:
-            raise self.error(
-                "its lists are nested too deeply; a matrix is a list of rows."
-            ) from None
+            raise self.error("its lists are nested too deeply; a matrix is a list of "
+                             "rows.") from None
         if not isinstance(content, dict):
-            raise self.error(
-                f"it holds {_describe(content)}; write one JSON object with the keys "
-                f"{', '.join(REQUIRED)}."
-            )
+            raise self.error(f"it holds {_describe(content)}; write one JSON object with the keys "
+                             f"{', '.join(REQUIRED)}.")
         return content
 
     def text(self, path: Path) -> str:
@@ -234,9 +231,8 @@ class _Reader:
             order = content["order"]
             is_whole = isinstance(order, _Number) and re.fullmatch("[1-9][0-9]{0,2}", order)
             if not is_whole or int(order) > MAX_ORDER:
-                raise self.error(
-                    f"order is {_describe(order)}; write an integer from 1 to {MAX_ORDER}."
-                )
+                raise self.error(f"order is {_describe(order)}; write an integer from 1 to "
+                                 f"{MAX_ORDER}.")
             claims["order"] = int(order)
         for key in CLAIMS[1:]:
             if key in content:
@@ -249,10 +245,9 @@ class _Reader:
         """Return the tableau's name; refuse a name that is no identifier in C."""
         is_text = isinstance(name, str) and not isinstance(name, _Number)
         if not is_text or not NAME.fullmatch(name) or name in KEYWORDS:
-            raise self.error(
-                f"name is {_describe(name)}; write a C identifier of at most 40 lower case "
-                "letters, digits and _, with a letter first, that is no keyword of C."
-            )
+            raise self.error(f"name is {_describe(name)}; write a C identifier of at most 40 lower "
+                             "case letters, digits and _, with a letter first, that is no keyword "
+                             "of C.")
         return str(name)
 
     # ------------------------------------------------------------ shapes
@@ -275,10 +270,8 @@ class _Reader:
         if not isinstance(entries, list):
             raise self.error(f"{key} is {_describe(entries)}; write a list of numbers.")
         if not low <= len(entries) <= high:
-            raise self.error(
-                f"{key} has {len(entries)} entries, which is {meaning}; allowed are {low} to "
-                f"{high}."
-            )
+            raise self.error(f"{key} has {len(entries)} entries, which is {meaning}; allowed are "
+                             f"{low} to {high}.")
         return len(entries)
 
     def check_shape(self, key: str, entries: Any, shape: list[int], row: str = "") -> None:
@@ -289,14 +282,11 @@ class _Reader:
         name = f"{key}{row}"
         elements = "rows" if len(shape) == 2 else "entries"
         if not isinstance(entries, list):
-            raise self.error(
-                f"{name} is {_describe(entries)}; write a list of {shape[0]} {elements}."
-            )
+            raise self.error(f"{name} is {_describe(entries)}; write a list of {shape[0]} "
+                             f"{elements}.")
         if len(entries) != shape[0]:
-            raise self.error(
-                f"{name} has {len(entries)} {elements}; write {shape[0]}, which the lengths of b "
-                "and b_tilde ask for."
-            )
+            raise self.error(f"{name} has {len(entries)} {elements}; write {shape[0]}, which the "
+                             "lengths of b and b_tilde ask for.")
         if len(shape) == 2:
             for row_number, row_entries in enumerate(entries, 1):
                 self.check_shape(key, row_entries, shape[1:], f", row {row_number},")
@@ -328,10 +318,9 @@ class _Reader:
         if not PLAIN_NUMBER.fullmatch(text):
             self.characters += len(text)
         if self.characters > MAX_EXPRESSION_CHARACTERS:
-            raise self.error(
-                f"up to {where}, its expressions have {self.characters} characters and at most "
-                f"{MAX_EXPRESSION_CHARACTERS} are allowed; write decimals."
-            )
+            raise self.error(f"up to {where}, its expressions have {self.characters} characters "
+                             f"and at most {MAX_EXPRESSION_CHARACTERS} are allowed; write "
+                             "decimals.")
         try:
             coefficient = parse_expression(text, radicals=self.radicals)
             digits = decimal_digits(text, EXACT_DIGITS)
@@ -346,10 +335,8 @@ class _Reader:
         # an irrational expression of 0 has a round-off of about 1e-30
         size = abs(weight) if weight.is_Rational else abs(sp.N(weight, 30))
         if size == 0 or (not weight.is_Rational and size < sp.Float("1e-25")):
-            raise self.error(
-                "the last b_tilde is 0, and the step divides by it; give the last constraint "
-                "node a weight."
-            )
+            raise self.error("the last b_tilde is 0, and the step divides by it; give the last "
+                             "constraint node a weight.")
 
 
 def _describe(value: Any) -> str:

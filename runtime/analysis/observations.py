@@ -10,7 +10,7 @@ An angular velocity is Ω = J⁻¹ ½ L(q) p (19) in body axes, which depends on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -246,13 +246,7 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
         if not isinstance(name, str):
             raise InputError(f"observe has {shown(name)}, which is no name; write text.")
         if name not in measurable:
-            if name in ("attitude", "angular_velocity"):  # the first is the default
-                raise InputError(f"observe = {shown(name)} needs a body, and {step.name} has none; "
-                                 f"choose {join_or(measurable)}, or give a function of (q, p) that "
-                                 "returns values and derivatives by q and by p.")
-            raise unknown("quantity to observe", name, measurable,
-                          "; for a quantity, such as a joint's angle, give a function of (q, p) "
-                          "that returns values and derivatives by q and by p")
+            raise _unmeasurable(step, name, measurable)
         for label, part in measurable[name]:
             parts.append(part)
             if isinstance(part, list):
@@ -264,6 +258,17 @@ def observation_of(step: Stepper, observe: str | Sequence[str] | Observe) -> Obs
     if not names:
         raise InputError("observe names nothing; give for example observe=\"attitude\".")
     return Observation(step.n, parts, function=None, names=labels)
+
+
+def _unmeasurable(step: Stepper, name: str, measurable: Iterable[str]) -> InputError:
+    """Return the error for a name that no measured quantity of the system has."""
+    if name in ("attitude", "angular_velocity"):  # the first is the default
+        return InputError(f"observe = {shown(name)} needs a body, and {step.name} has none; "
+                          f"choose {join_or(measurable)}, or give a function of (q, p) that "
+                          "returns values and derivatives by q and by p.")
+    return unknown("quantity to observe", name, measurable,
+                   "; for a quantity, such as a joint's angle, give a function of (q, p) "
+                   "that returns values and derivatives by q and by p")
 
 
 def _measurable_parts(step: Stepper) -> dict[str, list[tuple[str, Part]]]:

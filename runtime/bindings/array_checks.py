@@ -100,9 +100,8 @@ def as_numbers(name: str, value: Any) -> NDArray[Any]:
     elif array.dtype == object:
         strange = [type(x).__name__ for x in array.flat if exact(x) is None]
     if strange:
-        raise InputError(
-            f"{name} has entries of type {strange[0]}; give real numbers (float64 is best)."
-        )
+        raise InputError(f"{name} has entries of type {strange[0]}; give real numbers (float64 is "
+                         "best).")
     return array
 
 

@@ -141,10 +141,8 @@ class Rows:
                        binding.new(*shape, binding.multipliers), np.zeros(shape, dtype=np.intc),
                        binding.new(*shape))
         except (MemoryError, ValueError) as error:  # ValueError: more than can be addressed
-            raise InputError(
-                f"There is no memory for {shape[-1]} states; take fewer steps, or keep fewer of "
-                "their states with a larger every."
-            ) from error
+            raise InputError(f"There is no memory for {shape[-1]} states; take fewer steps, or "
+                             "keep fewer of their states with a larger every.") from error
 
     def __getitem__(self, rows: Any) -> Self:
         """Return some of the rows, as NumPy indexes each of the arrays."""

@@ -201,10 +201,9 @@ def build_folder() -> Iterator[Path]:
             (Path(private) / _MARK).write_text(_MARKED, encoding="ascii")
             yield Path(private)
     except OSError as error:
-        raise CacheError(
-            f"The cache folder {str(folder)!r} cannot be used: {error.strerror or error}. Free "
-            "some space, or set GYROSPARK_CACHE to a folder that can be written."
-        ) from error
+        raise CacheError(f"The cache folder {str(folder)!r} cannot be used: "
+                         f"{error.strerror or error}. Free some space, or set GYROSPARK_CACHE to a "
+                         "folder that can be written.") from error
 
 
 def _remove_stale(folder: Path, seconds: float) -> None:

@@ -14,7 +14,7 @@ for y, λ and μ, by which it is differentiated. (docs/theory/impacts.md)
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
@@ -100,6 +100,12 @@ def hits_of(
                 crossings.p_before[i], crossings.p[i],
                 # in the type of q, which products with arrays then keep
                 crossings.q.dtype.type(crossings.impulse[i])))
+    _sort_in_steps(hits)
+    return hits
+
+
+def _sort_in_steps(hits: Mapping[int, list[Hit]]) -> None:
+    """Sort the impacts of each step by their times; refuse two at one time."""
     for step, hits_of_step in hits.items():
         # |since|: Δt < 0 in a run backwards in time
         hits_of_step.sort(key=lambda hit: abs(hit.since))
@@ -109,7 +115,6 @@ def hits_of(
                     f"Impacts of {earlier.impact.name!r} and {later.impact.name!r} are at once in "
                     f"step {step}: which comes first changes with the start, and there are no "
                     "derivatives; start elsewhere.")
-    return hits
 
 
 def impact_step(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +25,17 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["Objective"]
+
+
+def _refuse_unusable_names(wrt: tuple[str, ...]) -> None:
+    """Refuse "q" and "p", in whose place x has coordinates of the start, and repeated names."""
+    if {"q", "p"} & {*wrt}:
+        raise InputError("x has coordinates of the tangent space for the start: ask for "
+                         "\"start\" in place of \"q\" and \"p\".")
+    for name in wrt:
+        if wrt.count(name) > 1:
+            raise InputError(f"wrt has {name!r} {wrt.count(name)} times, and x would have as "
+                             "many values of it; name it once.")
 
 
 class _VariedArguments(NamedTuple):
@@ -52,13 +63,7 @@ class Objective:
         ``span`` is {"t_end": ...} or {"steps": ...}, ``options`` are further arguments of
         ``integrate``; other arguments as for ``value_and_gradient``.
         """
-        if {"q", "p"} & {*wrt}:
-            raise InputError("x has coordinates of the tangent space for the start: ask for "
-                             "\"start\" in place of \"q\" and \"p\".")
-        for name in wrt:
-            if wrt.count(name) > 1:
-                raise InputError(f"wrt has {name!r} {wrt.count(name)} times, and x would have as "
-                                 "many values of it; name it once.")
+        _refuse_unusable_names(wrt)
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._inputs = inputs
         self._span, self._memory, self._options = span, memory, options
@@ -73,17 +78,11 @@ class Objective:
             dt=dt, steps=0))
         self._state = run_of_start.q, run_of_start.p
         binding = stepper._derivative_binding()
-        # γ, α and rates of a frame by a rule, which may be text or left out, keep their numbers at
-        # the start: a mean that followed the moments in x would have a derivative that a run does
-        # not know
-        self._start = replace(start, parameters={**start.parameters, **{
-            name: number for name, number in run_of_start.parameters.items()
-            if name not in stepper.binding.input_names
-            and isinstance(start.parameters.get(name, ""), (Rule, str))}})
+        self._start = replace(start, parameters={
+            **start.parameters, **self._numbers_of_rules(start, run_of_start.parameters)})
         self._basis = TangentSpace(
             binding, binding.module.parameters(run_of_start.parameters, run_of_start.t0),
-            run_of_start.q, run_of_start.p,
-            stepper.constraint_names).basis()
+            run_of_start.q, run_of_start.p, stepper.constraint_names).basis()
         inputs_array = real_array(input_values)
         if "inputs" in wrt and inputs_array is None:
             raise InputError(f"inputs = {shown(input_values)} are no rows of numbers, by which "
@@ -91,6 +90,18 @@ class Objective:
         self._input_shape = (0, 0) if inputs_array is None else inputs_array.shape
         self._sizes = dict.fromkeys(wrt, 1) | {
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
+
+    def _numbers_of_rules(
+        self, start: StartNumbers, numbers: Mapping[str, Any]
+    ) -> dict[str, Any]:
+        """Return the numbers at the start of γ, α and rates of a frame that follow from a rule.
+
+        They stay: a mean that followed the moments in x would have a derivative that a run does not
+        know. A rule may be text, or left out.
+        """
+        return {name: number for name, number in numbers.items()
+                if name not in self._stepper.binding.input_names
+                and isinstance(start.parameters.get(name, ""), (Rule, str))}
 
     def __call__(self, x: ArrayLike) -> tuple[float, Array]:
         """Return the value and its gradient at x, shape (k,), in doubles."""

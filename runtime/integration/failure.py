@@ -74,21 +74,28 @@ def diagnose(
             detail=f"{diagnosis.detail}, where the constraints {dependent} depend on each other",
             cure="That is a change point of the mechanism, from which no step is determined: start "
                  "beside it, or pass it with another time step")
-    # has a smaller step from the same state a solution? Then the cure names its Δt
+    cure, dt = _cure_of_step(binding, run, status, q, p, t)
+    return replace(diagnosis, cure=cure, dt=dt)
+
+
+def _cure_of_step(
+    binding: Binding, run: Any, status: int, q: Array, p: Array, t: Any
+) -> tuple[str, Any]:
+    """Return the cure of a failed step, and its Δt or Δτ if the cure is a smaller step."""
+    # has a smaller step from the same state a solution?
     dt, smallest = _smaller_step(binding, run, q, p, t)
-    largest = max(run.parameters, key=lambda name: abs(float(run.parameters[name])), default=None)
-    if dt is None and status == _NOT_FINITE and largest is not None and (
-            abs(float(run.parameters[largest])) > _LARGE):
-        return replace(diagnosis,
-                       cure=f"{largest} = {float(run.parameters[largest]):.6g} leads out of the "
-                            "range of floating-point numbers; take other units")
     name = "dtau" if binding.clocked else "dt"
     if dt is not None:
-        return replace(diagnosis, dt=dt, cure=f"From there a step of {name} = {dt:.9g} does")
+        return f"From there a step of {name} = {dt:.9g} does", dt
+    largest = max(run.parameters, key=lambda name: abs(float(run.parameters[name])), default=None)
+    if status == _NOT_FINITE and largest is not None and (
+            abs(float(run.parameters[largest])) > _LARGE):
+        return (f"{largest} = {float(run.parameters[largest]):.6g} leads out of the range of "
+                "floating-point numbers; take other units"), None
     if status == _TIME_STOPPED:
-        return replace(diagnosis, cure="Steps must go forwards in time: take a time_scale that is "
-                       "positive wherever the motion comes")
-    return replace(diagnosis, cure=f"From there no step down to {name} = {smallest:.3g} does")
+        return ("Steps must go forwards in time: take a time_scale that is positive wherever the "
+                "motion comes"), None
+    return f"From there no step down to {name} = {smallest:.3g} does", None
 
 
 def _detail(status: int, increment: float | None, iterations: int) -> str:

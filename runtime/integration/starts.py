@@ -245,15 +245,7 @@ def merged_starts(
         if not impacts:
             _refuse_impacts(start)
         return _rows_of_start(stepper, start, parameter_sets)
-    # an array, or a list of rows, is q, and its p is missing
-    if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
-                                          and isinstance(starts[0], (Sequence, np.ndarray))):
-        raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
-                         "of starts.")
-    if not isinstance(starts, Sequence) or not starts or not all(
-            has_start(start) for start in starts):
-        raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
-                         "with columns of parameters, or q and p, a row for each trajectory.")
+    _refuse_without_starts(starts)
     if isinstance(parameter_sets, Mapping):
         parameter_sets = [_parameters_of(parameter_sets, i, len(starts))
                           for i in range(len(starts))]
@@ -268,6 +260,19 @@ def merged_starts(
     return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
                         [row.parameters for row in rows], np.array([row.t for row in rows]),
                         np.array([row.excess for row in rows]), rows[0].impacts)
+
+
+def _refuse_without_starts(starts: Any) -> None:
+    """Refuse an argument that is no list of starts: q without p, an empty list, another object."""
+    # an array, or a list of rows, is q, and its p is missing
+    if isinstance(starts, np.ndarray) or (isinstance(starts, Sequence) and len(starts)
+                                          and isinstance(starts[0], (Sequence, np.ndarray))):
+        raise InputError("p is not given beside q; give both, a row for each trajectory, or a list "
+                         "of starts.")
+    if not isinstance(starts, Sequence) or not starts or not all(
+            has_start(start) for start in starts):
+        raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
+                         "with columns of parameters, or q and p, a row for each trajectory.")
 
 
 def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> StartNumbers:

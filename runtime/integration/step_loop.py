@@ -83,13 +83,9 @@ class ChunkSize:
 
 
 def integrate(
-    binding: Binding,
-    manifest: Manifest,
-    run: RunArguments,
-    progress: Callable[[int], None] | None = None,
-    observer: Observer | None = None,
-    constants: RunConstants | None = None,
-    pace: ChunkSize | None = None,
+    binding: Binding, manifest: Manifest, run: RunArguments,
+    progress: Callable[[int], None] | None = None, observer: Observer | None = None,
+    constants: RunConstants | None = None, pace: ChunkSize | None = None
 ) -> Trajectory:
     """Return the trajectory of a run, up to the terminal event that its observer finds.
 

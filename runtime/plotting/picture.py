@@ -200,20 +200,8 @@ class SceneDrawing:
         """
         self.scene, self.files, self.size, self.background = scene, files, _size(size), background
         self.paths = _paths(scene)
-        # the azimuth: as asked for, by the plane of the motion, across a leaning top, or the one
-        # from which most is seen
-        facing, tilt = _direction(scene, self.paths)
-        if azimuth is not None:
-            facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
-        if elevation is not None:
-            tilt = np.radians(_number("elevation", elevation, -90, 90,
-                                      "degrees from -90 to 90"))
         self._meshes = {frame: list(_meshes(scene, frame, files)) for frame in frames}
         solid = _triangles([mesh for meshes in self._meshes.values() for mesh in meshes])
-        if facing is None:
-            facing = _across_a_top(scene, frames)
-        if facing is None:
-            facing = _best_azimuth(solid.corners, scene.up, tilt)
         self.traced = _traced_bodies(scene, self.paths) if traces else []
         lines = self._lines(max(frames))
         #: Height of the floor, where there is gravity, and supports of the bodies on it.
@@ -228,9 +216,30 @@ class SceneDrawing:
         #: The centre of all points, and half the diagonal of their box.
         self.centre = (low + high) / 2
         self.reach = max(float(np.linalg.norm(high - low)) / 2, 1e-12)
-        axes = _sight(scene.up, facing, tilt)
+        axes = _sight(scene.up, *self._camera_direction(
+            frames, solid.corners, azimuth, elevation))
         eye = self.centre + _AWAY * self.reach * axes[2]
         self.camera = _camera(framed, eye, axes, *self.size)
+
+    def _camera_direction(
+        self, frames: Sequence[int], corners: Array, azimuth: float | None,
+        elevation: float | None,
+    ) -> tuple[float, float]:
+        """Return azimuth and elevation in radians.
+
+        The azimuth is the argument, or by the plane of the motion, or across a leaning top, or the
+        one from which most of the triangles, ``corners``, is seen.
+        """
+        facing, tilt = _direction(self.scene, self.paths)
+        if azimuth is not None:
+            facing = np.radians(_number("azimuth", azimuth, -1e9, 1e9, "an angle in degrees"))
+        if elevation is not None:
+            tilt = np.radians(_number("elevation", elevation, -90, 90, "degrees from -90 to 90"))
+        if facing is None:
+            facing = _across_a_top(self.scene, frames)
+        if facing is None:
+            facing = _best_azimuth(corners, self.scene.up, tilt)
+        return facing, tilt
 
     def pixels(self, frame: int) -> NDArray[np.uint8]:
         """Return a frame, shape (height, width, 3)."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import field, replace
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -272,13 +272,9 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
     rim = None
     if mass is None and not columns.x and not columns.centre:
-        w = _weight_times_centre(trajectory, moments, axes)
-        if w is not None and np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
-            k = int(np.argmax(np.abs(w)))  # the weight is on a principal axis
-            order = [(k + 1) % 3, (k + 2) % 3, k]
-            # the third axis leads from the point up, against the weight
-            axes = axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1]))
-            rim = rim_of(moments[order], float(np.linalg.norm(w)))
+        top = _top_of(trajectory, moments, axes)
+        if top is not None:
+            axes, order, rim = top
             largest = np.sqrt(_second_moments(moments).max() / rim.mass)
             sizes = {kind: largest * sizes_of_kind[order] / np.sqrt(_FACTORS[kind])
                      for kind, sizes_of_kind in sizes.items()}
@@ -291,6 +287,25 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
             tip = -1.35 * sizes["box"][k] * axes[:, k]
     return ScenePart(name, trajectory.q[state_indices][:, columns.q].astype(float), x, centre,
                      axes, sizes, tip, to_scale=bool(mass) or rim is not None, rim=rim)
+
+
+class _Top(NamedTuple):
+    """A body on a fixed point whose weight is on a principal axis, drawn about its third axis."""
+
+    axes: Array  # principal axes in columns, the third one from the point up, against the weight
+    order: list[int]  # of the moments along these axes
+    rim: Rim
+
+
+def _top_of(trajectory: Trajectory, moments: Array, axes: Array) -> _Top | None:
+    """Return the top with these moments about the principal axes; None for another body."""
+    w = _weight_times_centre(trajectory, moments, axes)
+    if w is None or not np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
+        return None
+    k = int(np.argmax(np.abs(w)))
+    order = [(k + 1) % 3, (k + 2) % 3, k]
+    return _Top(axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1])), order,
+                rim_of(moments[order], float(np.linalg.norm(w))))
 
 
 def _principal_moments(inertia: Array, mass: float | None, centre: Array) -> tuple[Array, Array]:

@@ -125,9 +125,8 @@ def figure_class() -> Any:
     try:
         from .figure import Picture
     except ImportError as error:
-        raise MissingDependencyError(
-            f"Pictures need matplotlib; {install('plot')} brings it."
-        ) from error
+        raise MissingDependencyError(f"Pictures need matplotlib; {install('plot')} brings "
+                                     "it.") from error
     return Picture
 
 

@@ -10,6 +10,7 @@ import json
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import field
+from functools import partial
 from importlib import import_module
 from itertools import chain
 from pathlib import Path
@@ -171,22 +172,22 @@ def table_of_run(
         titles[name] = [f"{body}_{column}" for body in run.bodies for column in array.columns]
     if bodies:
         labels["body"] = list(run.bodies), "name of the body"
-
-    def read() -> Iterator[Block]:
-        """Yield the arrays of the run and of its bodies in blocks of states."""
-        for rows, block in run._blocks():
-            arrays = states_of(block)
-            for name, array in bodies.items():
-                arrays[name] = np.stack([array.of_body(block.body(body)) for body in run.bodies],
-                                        axis=1)
-            # a block of a store has the row before it too, where its first step begins
-            yield (rows,), {name: x[len(x) - (rows.stop - rows.start):]
-                            for name, x in arrays.items()}
-
-    return Table({"time": len(run)}, inner_dimensions, descriptions, read, manifest,
+    return Table({"time": len(run)}, inner_dimensions, descriptions,
+                 partial(_blocks_of_run, run, bodies), manifest,
                  attributes=run._attributes(), labels=labels, titles=titles,
                  parts=[_table_of_event(manifest, name, [crossings])
                         for name, crossings in (run.events | run.impacts).items()])
+
+
+def _blocks_of_run(run: Trajectory, bodies: Mapping[str, _BodyArray]) -> Iterator[Block]:
+    """Yield the arrays of a run and of its bodies in blocks of states."""
+    for rows, block in run._blocks():
+        arrays = states_of(block)
+        for name, array in bodies.items():
+            arrays[name] = np.stack([array.of_body(block.body(body)) for body in run.bodies],
+                                    axis=1)
+        # a block of a store has the row before it too, where its first step begins
+        yield (rows,), {name: x[len(x) - (rows.stop - rows.start):] for name, x in arrays.items()}
 
 
 def _output_dimensions(

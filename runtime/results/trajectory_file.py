@@ -6,6 +6,7 @@ import contextlib
 import json
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,7 +21,7 @@ from ...core.exact_numbers import digits_of
 from ...core.file_formats import result_file
 from ...core.json_records import UnfitError
 from ...core.manifest import Manifest
-from ...core.real_types import REALS
+from ...core.real_types import REALS, Real
 from ...core.records import replace_fields
 from ..bindings.real_numbers import from_bytes, from_text, without_padding
 from ..compilation.manifest import parse_manifest
@@ -163,6 +164,14 @@ def load_npz(path: Path) -> Trajectory:
             "_laws": impacts_of_json(about.get("impacts", {}))})
 
 
+def _netcdf_array(file: Any, real: Real, name: str) -> Array:
+    """Return a variable of a NetCDF file, from its bytes if it has wide numbers."""
+    if f"{name}_bytes" not in file.variables:
+        return np.asarray(file.variables[name][...])
+    stored_bytes = np.asarray(file.variables[f"{name}_bytes"][...])
+    return stored_bytes if real.in_mpmath else from_bytes(stored_bytes, real.dtype)
+
+
 def load_netcdf(path: Path) -> Trajectory:
     """Return the run in a NetCDF file, with all its digits; raises as ``load_npz``."""
     import h5netcdf
@@ -174,14 +183,7 @@ def load_netcdf(path: Path) -> Trajectory:
         about = {"dt": run["dt"], "every": run["every"], "parameters": run["parameters"],
                  "report": report, "manifest": manifest}
         real = REALS[manifest.real]
-
-        def read(name: str) -> Array:
-            """Return a variable, from its bytes if it has wide numbers."""
-            if f"{name}_bytes" not in file.variables:
-                return np.asarray(file.variables[name][...])
-            stored_bytes = np.asarray(file.variables[f"{name}_bytes"][...])
-            return stored_bytes if real.in_mpmath else from_bytes(stored_bytes, real.dtype)
-
+        read = partial(_netcdf_array, file, real)
         state_count = len(file.dimensions["time"])
         arrays = {}
         for output in OUTPUTS:

@@ -181,10 +181,8 @@ class FreeRotation(_PreciseMotion):
     """
 
     def __init__(
-        self,
-        inertia: Sequence[float],
-        angular_velocity: Sequence[float],
-        attitude: Sequence[float],
+        self, inertia: Sequence[float], angular_velocity: Sequence[float],
+        attitude: Sequence[float]
     ) -> None:
         """Compute the axes i, j, k, the parameter m, the amplitudes B and rate κ, and the start.
 

@@ -258,14 +258,8 @@ def free_body(
 
 
 def _heavy_top(
-    name: str,
-    *,
-    inertia: tuple[float, float, float],
-    mgl: float,
-    q0: Array,
-    omega: list[float],
-    exact: ExactMotion | None,
-    description: str,
+    name: str, *, inertia: tuple[float, float, float], mgl: float, q0: Array, omega: list[float],
+    exact: ExactMotion | None, description: str
 ) -> Problem:
     """Return a heavy top that starts at the attitude q0, (4,), with Ω = ``omega``, (3,), in rad/s.
 

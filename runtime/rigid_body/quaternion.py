@@ -167,11 +167,9 @@ def attitude_quaternion(attitude: Rotation | ArrayLike) -> Floats:
     if array is not None and array.shape[-1:] == (4,) and array.ndim <= 2:
         return unit_quaternions(attitude, "attitude")
     if array is None or array.shape[-2:] != (3, 3) or array.ndim not in (2, 3):
-        raise InputError(
-            f"The attitude {shown(attitude)} is neither a quaternion of 4 numbers, scalar first, "
-            "nor a scipy.spatial.transform.Rotation nor a 3 × 3 matrix of a rotation; make one "
-            "with Rotation.from_euler or from_quat."
-        )
+        raise InputError(f"The attitude {shown(attitude)} is neither a quaternion of 4 numbers, "
+                         "scalar first, nor a scipy.spatial.transform.Rotation nor a 3 × 3 matrix "
+                         "of a rotation; make one with Rotation.from_euler or from_quat.")
     if array.ndim == 2:
         return quaternion_of_matrix(array)
     return np.array([quaternion_of_matrix(R) for R in array]).reshape(-1, 4)
@@ -195,9 +193,8 @@ def _vectors(components: ArrayLike, length: int, name: str) -> Floats:
     if vectors is None:
         raise InputError(f"The {name} {shown(components)} is no array of real numbers.")
     if vectors.ndim == 0 or vectors.shape[-1] != length:
-        raise InputError(
-            f"The {name} has shape {vectors.shape}; its last axis must have length {length}."
-        )
+        raise InputError(f"The {name} has shape {vectors.shape}; its last axis must have length "
+                         f"{length}.")
     return vectors
 
 

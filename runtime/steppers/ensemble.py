@@ -242,17 +242,10 @@ _STEPS_OF_A_CHECK = 10_000
 
 
 def integrate_members(
-    stepper: Stepper,
-    starts: StartNumbers,
-    dt: Number | ArrayLike,
-    workers: int | None,
-    events: Any,
-    inputs: Any = None,
-    tangents: Tangents | None = None,
-    device: DeviceName | None = None,
-    progress: Progress = None,
-    end: EnsembleEnd = _NO_END,
-    **options: Any,
+    stepper: Stepper, starts: StartNumbers, dt: Number | ArrayLike, workers: int | None,
+    events: Any, inputs: Any = None, tangents: Tangents | None = None,
+    device: DeviceName | None = None, progress: Progress = None, end: EnsembleEnd = _NO_END,
+    **options: Any
 ) -> Ensemble:
     """Integrate each row of starts; see ``Stepper.integrate_ensemble``.
 

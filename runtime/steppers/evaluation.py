@@ -293,9 +293,8 @@ class Evaluation(FixedAttributes):
         if not status:
             return q_near, p_near
         if self.binding.dtype is not np.float64 or self.binding.rows:
-            raise GyrosparkError(
-                f"The state {q}, {p} cannot be projected: {REASONS[status]}; give a nearer one."
-            )
+            raise GyrosparkError(f"The state {q}, {p} cannot be projected: {REASONS[status]}; give "
+                                 "a nearer one.")
         with np.errstate(all="ignore"):
             constraints = CompiledConstraints(self.binding, self.manifest, parameters, q[-1])
             projection = project(constraints, q[: self.n], p[: self.n])

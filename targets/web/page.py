@@ -166,18 +166,11 @@ def check(built: Built) -> str:
 
 
 def playground(
-    system: str | Path | System | Model | Problem,
-    *,
-    scheme: str | Sequence[str] = ("3-G-L", "IMS", "EMS"),
-    stages: int | None = None,
-    rep: RepName | None = None,
-    order: int | None = None,
-    composition: str | None = None,
-    real: RealName | None = None,
-    dt: float | None = None,
-    start: tuple[Any, Any] | None = None,
-    parameters: Mapping[str, Number] | None = None,
-    progress: Progress = None,
+    system: str | Path | System | Model | Problem, *,
+    scheme: str | Sequence[str] = ("3-G-L", "IMS", "EMS"), stages: int | None = None,
+    rep: RepName | None = None, order: int | None = None, composition: str | None = None,
+    real: RealName | None = None, dt: float | None = None, start: tuple[Any, Any] | None = None,
+    parameters: Mapping[str, Number] | None = None, progress: Progress = None
 ) -> View:
     """Return a page in which a model moves, integrated while it is looked at.
 
