@@ -220,7 +220,8 @@ def test_meshes_of_files_are_drawn(tmp_path):
     tops = motion_of("double_top")
     with pytest.MonkeyPatch.context() as patch:
         for shape in (Shape("mesh", size, file=str(tmp_path / "cube.obj")), Shape("box", size)):
-            patch.setattr(tops._stepper, "visuals", {name: [shape] for name in tops.bodies})
+            for name in tops.bodies:
+                patch.setitem(tops._stepper.visuals, name, [shape])
             pictures.append(draw_picture(tops, traces=False, **SMALL).pixels.astype(int))
     differ = np.abs(pictures[0] - pictures[1]).max(axis=2) > 40
     assert 0 < differ.sum() < 0.05 * differ.size
