@@ -150,8 +150,15 @@ def impacts_as_json(
 ) -> dict[str, dict[str, Any]]:
     """Return the impacts of a run as JSON values by name, for ``impacts_of_json``."""
     return {impact.name: {"quantity": impact.quantity, "terminal": impact.terminal,
-                          "restitution": str(exact(impact.restitution))}
-            for impact in with_restitutions(impacts, parameters)}
+                          "restitution": str(exact(number.restitution)),
+                          **parameter_of_restitution(impact)}
+            for impact, number in zip(impacts, with_restitutions(impacts, parameters),
+                                      strict=True)}
+
+
+def parameter_of_restitution(impact: Impact) -> dict[str, str]:
+    """Return the name of the parameter that is a restitution as an entry of a file, if one is."""
+    return {"parameter": impact.restitution} if isinstance(impact.restitution, str) else {}
 
 
 def impacts_of_json(records: Mapping[str, Mapping[str, Any]]) -> tuple[Impact, ...]:
@@ -159,7 +166,8 @@ def impacts_of_json(records: Mapping[str, Mapping[str, Any]]) -> tuple[Impact, .
 
     Raises ValueError, KeyError, TypeError, ArithmeticError or InputError for unusable records.
     """
-    return tuple(Impact(record["quantity"], Fraction(record["restitution"]), name,
+    return tuple(Impact(record["quantity"],
+                        record.get("parameter", Fraction(record["restitution"])), name,
                         record["terminal"])
                  for name, record in records.items() if record.get("restitution") is not None)
 

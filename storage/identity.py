@@ -14,7 +14,7 @@ import zarr
 
 from .._version import __version__
 from ..core.errors import InputError
-from ..core.event import Event
+from ..core.event import Event, parameter_of_restitution, with_restitutions
 from ..core.exact_numbers import digits_of, exact
 
 if TYPE_CHECKING:
@@ -36,7 +36,7 @@ def identity_of(
     Numbers have all their digits: as text where a double does not hold them. A run without events
     has no entry for them, as in earlier versions.
     """
-    return _event_identity(events) | {
+    return _event_identity(events, run.parameters) | {
         "format": FORMAT,
         "gyrospark": __version__,
         "stepper": stepper.name,
@@ -56,7 +56,9 @@ def identity_of(
     }
 
 
-def _event_identity(events: tuple[Event | Impact, ...]) -> dict[str, Any]:
+def _event_identity(
+    events: tuple[Event | Impact, ...], parameters: Mapping[str, Any]
+) -> dict[str, Any]:
     """Return the quantities, levels and restitutions of events, alike in a resumed run."""
     events_json: dict[str, dict[str, Any]] = {}
     for event in events:
@@ -64,7 +66,9 @@ def _event_identity(events: tuple[Event | Impact, ...]) -> dict[str, Any]:
         if isinstance(event, Event):
             own_fields = {"level": _level(event.level), "direction": event.direction}
         else:
-            own_fields = {"restitution": _level(event.restitution)}
+            (impact,) = with_restitutions([event], parameters)
+            own_fields = {"restitution": _level(impact.restitution),
+                          **parameter_of_restitution(event)}
         events_json[event.name] = {"quantity": event.quantity, **own_fields,
                                    "terminal": event.terminal}
     return {"events": events_json} if events_json else {}

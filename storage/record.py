@@ -18,7 +18,7 @@ import zarr
 
 from ..core.arguments import count_text
 from ..core.errors import InputError
-from ..core.event import Event, Impact, refuse_unusable_names, with_restitutions
+from ..core.event import Event, Impact, refuse_unusable_names
 from ..core.exact_numbers import Number
 from ..core.progress import Progress, as_progress, log_progress
 from ..core.records import replace_fields
@@ -81,7 +81,6 @@ def record(
     as_progress(progress)
     if impacts := tuple(event for event in events if isinstance(event, Impact)):
         refuse_unusable(stepper, run, impacts)
-        events = with_restitutions(impacts, run.parameters)
     refuse_unusable_names(events, "arrays of a store")
     warned = stepper._warn(run)
     with writer_lock(path):

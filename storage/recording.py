@@ -401,16 +401,10 @@ def source_of(stepper: Stepper, impacts: bool = False) -> bytes:
 
 def events_in(run: Mapping[str, Any]) -> tuple[Event | Impact, ...]:
     """Return the events or impacts of a run from its attributes."""
-    events: list[Event | Impact] = []
-    for name, attributes in run.get("events", {}).items():
-        quantity, terminal = attributes["quantity"], attributes["terminal"]
-        if "restitution" in attributes:
-            restitution = Fraction(attributes["restitution"])
-            events.append(Impact(quantity, restitution, name, terminal))
-        else:
-            events.append(Event(quantity, Fraction(attributes["level"]), attributes["direction"],
-                                terminal=terminal, name=name))
-    return tuple(events)
+    records = run.get("events", {})
+    return impacts_of_json(records) or tuple(
+        Event(record["quantity"], Fraction(record["level"]), record["direction"],
+              terminal=record["terminal"], name=name) for name, record in records.items())
 
 
 def group_of(path: Path, *, write: bool = False) -> zarr.Group:

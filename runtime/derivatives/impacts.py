@@ -33,7 +33,7 @@ from .points import Point, rate_of
 from .tangent_space import solve
 
 if TYPE_CHECKING:
-    from ..results.trajectory import Trajectory
+    from ..results.crossings import Impacts
     from ..steppers.stepper import Stepper
 
 __all__ = ["hits_of", "impact_step"]
@@ -70,9 +70,10 @@ class Hit:
 
 
 def hits_of(
-    stepper: Stepper, run: RunArguments, trajectory: Trajectory, impacts: Sequence[Impact]
+    stepper: Stepper, run: RunArguments, impacts_by_name: Mapping[str, Impacts],
+    impacts: Sequence[Impact],
 ) -> dict[int, list[Hit]]:
-    """Return the impacts of a trajectory, index of a step → its impacts in the order of the run.
+    """Return the impacts of a run, index of a step → its impacts in the order of the run.
 
     Raises InputError for impacts that have no derivatives: at the start of the run, at the end of
     a step, in a last step shorter than Δt, and several at one time.
@@ -84,7 +85,7 @@ def hits_of(
         if isinstance(event.restitution, str):
             parameter = 2 * stepper.binding.n + stepper.binding.parameter_names.index(
                 event.restitution)
-        crossings = trajectory.impacts[impact.name]
+        crossings = impacts_by_name[impact.name]
         # less the times at which the steps begin, counted from t0 as ``elapsed`` is
         times_in_step = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
         for i, step in enumerate(crossings.steps.tolist()):

@@ -14,7 +14,7 @@ In scaled time τ and Δτ stand for t and Δt here, and t is a coordinate: a fi
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -22,23 +22,25 @@ import numpy as np
 
 from ...core.arrays import Array
 from ...core.errors import InputError
-from ...core.event import Event
+from ...core.event import Event, Impact
 from ...core.records import dataclass
 from ...core.registry import function_of
 from ..events.location import first_terminal_event
 from ..integration.dense_output import places_of
 from ..integration.run_arguments import Origin, RunArguments
-from ..results.crossings import Crossings
+from ..results.crossings import Crossings, Impacts
 from .kept_steps import SingleStep
 
 if TYPE_CHECKING:
     from ..results.trajectory import Trajectory
     from ..steppers.stepper import Stepper
 
-__all__ = ["Point", "RunRows", "cotangent_at", "rate_of", "rows_of", "tangent_at"]
+__all__ = ["SAME_STEP", "Point", "RunRows", "cotangent_at", "rate_of", "rows_of", "tangent_at"]
 
 #: A value that changes more slowly than this share of |c_z| |v| only touches its level.
 _GRAZING = 1e-6
+#: Share of a step to which the times of a file are those of ends of steps.
+SAME_STEP = 1e-6
 
 
 @dataclass(frozen=True)
@@ -112,10 +114,14 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     """
     origin: Origin | None = trajectory._origin
     if origin is None:
-        _refuse_other_times(stepper, trajectory, run)
-        return RunRows(run, refused=dict.fromkeys(
-            trajectory.events, "A trajectory that was stored does not know which quantities its "
-            "events are of; integrate again for derivatives of events."))
+        rest = _rest_of(stepper, trajectory, run)
+        if trajectory._laws:
+            impacts = _from_first_row(stepper, trajectory, run)
+            run = replace(run, hits=_hits_of(stepper, run, impacts, trajectory._laws))
+        reason = ("A trajectory that was stored does not know which quantities its events are of; "
+                  "integrate again for derivatives of events.")
+        return RunRows(run, points=[Point(run.steps, rest)] if rest else [],
+                       refused=dict.fromkeys(trajectory.events, reason))
     # a terminal event ends a run before the steps that were asked for
     step_count = int(trajectory.report.steps)
     run = replace(run.until(step_count), stored_steps=None)
@@ -169,8 +175,15 @@ def _hits(
     if run.steps < origin.run.steps:
         raise InputError("This run has no derivatives, for an impact ends it, at t = "
                          f"{float(trajectory.t[-1]):.9g} s: end it before that time.")
+    return _hits_of(stepper, run, trajectory.impacts, origin.impacts)
+
+
+def _hits_of(
+    stepper: Stepper, run: RunArguments, crossings: Mapping[str, Impacts], laws: Sequence[Impact]
+) -> Mapping[int, Any]:
+    """Return the impacts of a run, index of a step → list of ``impacts.Hit``."""
     hits: Mapping[int, Any] = function_of("runtime.derivatives.impacts", "hits_of")(
-        stepper, run, trajectory, origin.impacts)
+        stepper, run, crossings, laws)
     return hits
 
 
@@ -255,15 +268,53 @@ def _normal(
     return normal
 
 
-def _refuse_other_times(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> None:
-    """Refuse a trajectory whose rows are not the ends of the steps of ``run``, to 1e-6 of one."""
-    step_ends = stepper.binding.times(run.t0, run.dt, run.steps_of_rows(run.steps))
-    row_times = trajectory.tau if stepper.binding.clocked else trajectory.t
+def _rest_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> Any:
+    """Return the part of a step from the last whole step of ``run`` to t_end, 0 if there is none.
+
+    Raises InputError for a trajectory whose other rows are not ends of steps, and for one that an
+    event ends: the time of its last row is no t_end.
+    """
+    binding, steps = stepper.binding, run.steps_of_rows(run.steps)
+    rest = trajectory.elapsed[-1] - binding.times(0 * run.t0, run.dt, steps[-1:])[0]
+    row_times = trajectory.tau if binding.clocked else trajectory.t
+    if abs(rest) <= SAME_STEP * abs(run.dt):
+        rest = 0 * rest
+    else:  # the last whole step has a row if its number is a multiple of ``every``
+        ends_at_event = any(len(crossings) and crossings.t[-1] == row_times[-1]
+                            for crossings in trajectory.events.values())
+        row_times = row_times[:0] if binding.clocked or ends_at_event else row_times[:-1]
+        steps = steps[: len(steps) - (run.steps % run.every > 0)]
+    step_ends = binding.times(run.t0, run.dt, steps)
     if len(step_ends) != len(row_times) or not all(
-            abs(x - y) <= 1e-6 * abs(run.dt) for x, y in zip(step_ends, row_times, strict=True)):
+            abs(x - y) <= SAME_STEP * abs(run.dt)
+            for x, y in zip(step_ends, row_times, strict=True)):
         raise InputError("Rows of this trajectory are not ends of its steps, and it does not know "
                          "the run that they are of, for it was stored or belongs to a simulation; "
                          "integrate again for derivatives.")
+    return rest
+
+
+def _from_first_row(
+    stepper: Stepper, trajectory: Trajectory, run: RunArguments
+) -> Mapping[str, Impacts]:
+    """Return the impacts of a trajectory that may be a slice, with steps from its first row on.
+
+    Raises InputError for one that begins within a step of the run that it is a part of.
+    """
+    def shifted(crossings: Impacts) -> Impacts:
+        """Return the impacts of a gap after the first row."""
+        if not len(crossings):
+            return crossings
+        skipped = float((crossings.elapsed[0] - (crossings.t[0] - trajectory.t[0])) / run.dt)
+        count = round(skipped)
+        if abs(skipped - count) > SAME_STEP:
+            raise InputError("This part of a run with impacts begins within a step; integrate "
+                             "again for derivatives.")
+        elapsed = stepper.binding.times(0 * run.t0, run.dt, np.array([count]))
+        return replace(crossings, steps=crossings.steps - count,
+                       elapsed=crossings.elapsed - elapsed)
+
+    return {name: shifted(crossings) for name, crossings in trajectory.impacts.items()}
 
 
 def single_step(

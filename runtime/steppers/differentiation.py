@@ -485,21 +485,21 @@ class Differentiation(Evaluation):
         A trajectory that was read from a file has no arguments: they are its first row and its
         number of steps.
         """
-        from ..derivatives.points import rows_of
+        from ..derivatives.points import SAME_STEP, rows_of
         from ..integration.dense_output import refuse_forgotten, refuse_of_another
 
         choose("solver", solver, ["auto", "newton", "fixed-point"])
         if not isinstance(run, Trajectory):
             raise InputError(f"run = {shown(run)} is no trajectory; give what integrate returned.")
         refuse_of_another(self, run)  # type: ignore[arg-type]
-        if run.report.impacts and (run._origin is None or not run._origin.impacts):
-            raise InputError("The impacts of this trajectory are not known, for it was stored; "
-                             "integrate again for derivatives.")
         origin: Origin | None = run._origin
+        if run.report.impacts and not (run._laws if origin is None else origin.impacts):
+            raise InputError("The laws of this trajectory's impacts are not in its file, which an "
+                             "earlier version wrote; integrate again for derivatives.")
         if origin is None:
             refuse_forgotten(self, run)  # type: ignore[arg-type]
-            # a file has times, and no number of steps
-            steps = int(np.rint(float(run.elapsed[-1] / run.dt)))
+            # a file has times, and no number of whole steps; a part of one may follow them
+            steps = int(float(run.elapsed[-1] / run.dt) + SAME_STEP)
             arguments = self._run_of(
                 StartNumbers(run.q[0], run.p[0], dict(run.parameters), run.t[0], run[0]._excess),
                 dt=run.dt, steps=steps, every=run.every, inputs=run._inputs, solver=solver,

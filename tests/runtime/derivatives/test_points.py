@@ -309,6 +309,21 @@ def test_stored_runs_have_the_gradients_of_the_run(tmp_path):
                                                                                   rel=1e-12)
 
 
+@pytest.mark.parametrize("every", [1, 7])
+def test_stored_runs_to_a_time_between_two_steps_have_its_gradients(every, tmp_path):
+    """In memory they are those of the run, of which tangents are differences."""
+    step, z, wrt = stepper(), start(), ["start", "l", "dt", "t0"]
+    plan = {"dt": DT, "t_end": T0 + 0.567, "every": every, "parameters": VALUES}
+    run = step.integrate(gs.Start(z[:2], z[2:], t=T0), **plan)
+    weights = {"q": np.sin(run.q), "multipliers": FORCE * np.cos(run.multipliers)}
+    expected = run.gradient(weights, wrt=wrt).vector()
+    stored = step.integrate(gs.Start(z[:2], z[2:], t=T0), **plan, out=tmp_path / "run.zarr")
+    for trajectory in (stored, gs.load(tmp_path / "run.zarr"), run[:],
+                       *(gs.load(run.save(tmp_path / f"run{end}")) for end in (".npz", ".nc"))):
+        gradient = step.gradient(trajectory, weights, wrt=wrt).vector()
+        assert np.abs(gradient - expected).max() <= 1e-13 * np.abs(expected).max()
+
+
 @pytest.mark.parametrize("options", [
     {"t_eval": [0.317, 0.47]}, {"events": gs.Event("x", terminal=True)},
     {"inputs": np.linspace(0, 1, 60)[:, None]}], ids=lambda options: next(iter(options)))
