@@ -470,10 +470,12 @@ def _write_netcdf(table: Table, path: Path) -> None:
     import h5netcdf
     import h5py
 
+    variables = {name for part_table in table.parts for name in part_table.descriptions}
     for along in (next(iter(part_table.along)) for part_table in table.parts):
-        if "/" in along or "\0" in along:
-            raise InputError(f"The event {along.removeprefix('event_')!r} names variables of a "
-                             "NetCDF file, where '/' parts groups; give it another name, as in "
+        if "/" in along or "\0" in along or along in variables:
+            raise InputError(f"The event {along.removeprefix('event_')!r} names a dimension of a "
+                             "NetCDF file, where '/' parts groups and a variable of another event "
+                             "may have the same name; give it another name, as in "
                              'gs.Event(..., name="landing"), or save .npz or .csv.')
     try:
         with h5netcdf.File(path, "w") as file:

@@ -249,8 +249,8 @@ def test_an_event_that_ends_a_forced_run_keeps_its_work(tmp_path, monkeypatch):
 
 
 def test_names_that_netcdf_has_not_are_refused(tmp_path):
-    for name in ("a/b", "/", "nul\0"):
-        step, run = arguments(steps=20, events=[gs.Event("angle", name=name)])
+    for name in ("angle_t", "a/b", "/", "nul\0"):
+        step, run = arguments(steps=20, events=[gs.Event("angle"), gs.Event("angle", name=name)])
         computed = integrate(step, **run)
         with pytest.raises(gs.InputError, match="NetCDF"):
             computed.save(tmp_path / "run.nc")
