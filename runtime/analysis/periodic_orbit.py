@@ -5,7 +5,9 @@ period is fixed, and a parameter if one is free:
 
     Bᵀ (Φ_h^N(z) − z) = 0,   v·B y = 0,   c(z) = c(z_0)
 
-with v the rate of change along the orbit, and c the fixed quantities, such as the energy. Orbits of
+with v the rate of change along the orbit, and c the fixed quantities, such as the energy. Lengths
+are those of q/max|q| and p/max|p|, so that results do not depend on units; B is orthonormal in
+these. Orbits of
 a Hamiltonian system form families, whose members differ in energy and period; conservation of
 energy makes one of these equations follow from the others. Symmetries add families. So each step is
 the least squares solution of least norm, without singular values that are round-off of the
@@ -55,6 +57,8 @@ __all__ = ["PeriodicOrbit", "periodic_orbit"]
 
 #: Singular values below this multiple of the relative residual, within bounds, are none.
 _RESIDUAL_SHARE, _LEAST, _MOST = 10.0, 1e-12, 1e-3
+#: Steps whose states are looked at for the sizes of q and p.
+_SAMPLES = 64
 #: An orbit is closed if its gap is below this many ε|z|; from this many ε|z|√steps on an iteration
 #: may stagnate.
 _CLOSED, _STAGNATED = 8, 64
@@ -90,11 +94,12 @@ class PeriodicOrbit:
     basis : array, shape (2 n, 2 (n − m))
         Orthonormal basis of the tangent space at (q, p), rows q and p.
     symplectic_defect : float
-        |MᵀωM − ω| in parts of |M|², with ω = BᵀΩB.
+        |MᵀωM − ω| in parts of |M|², with ω = BᵀΩB, where B is orthonormal in parts of the orbit.
     iterations : int
         Newton iterations.
     residuals : tuple of float
-        |Φ_h^N(z) − z| at the start and after each of them.
+        |Φ_h^N(z) − z| at the start and after each of them, of q in parts of the largest |q| of the
+        orbit, of p in parts of the largest |p|.
     """
 
     q: Array
@@ -195,22 +200,34 @@ def periodic_orbit(
 
 @dataclass(frozen=True)
 class Guess:
-    """A state z = (q, p), time step and parameters, with Φ_h^N(z) − z and tangents."""
+    """A state z = (q, p), time step and parameters, with Φ_h^N(z) − z and tangents.
+
+    ``units`` are the sizes of q and p in the orbit, an entry for each of z.
+    """
 
     z: Array
     dt: Any
     parameters: dict[str, Any]
     gap: Array
     tangents: TangentRows
+    units: Array
 
     @property
     def size(self) -> float:
-        """|Φ_h^N(z) − z|."""
-        return float(np.linalg.norm(self.gap.astype(float)))
+        """|Φ_h^N(z) − z| in ``units``."""
+        return float(np.linalg.norm(self.gap.astype(float) / self.units))
+
+    @property
+    def scale(self) -> float:
+        """|z| in ``units``, of which gaps are parts; the least positive number where z = 0."""
+        return max(float(np.linalg.norm(self.z.astype(float) / self.units)), 1e-300)
 
 
 class _PeriodTangents(NamedTuple):
-    """Derivatives of z(T) = Φ^N(z); B is a basis of the tangent space of the constraints at z."""
+    """Derivatives of z(T) = Φ^N(z) in the units of a guess.
+
+    B is an orthonormal basis, in these units, of the tangent space of the constraints at z.
+    """
 
     end: Array  # Φ'B, shape (2 n, 2 (n − m))
     start: Array  # B, of the same shape
@@ -240,6 +257,10 @@ class OrbitSearch:
         self.fixed_values = {name: self._value(name, z, run.parameters) for name in self.fixed
                              if name != "period"}
         self.epsilon = float(stepper.binding.epsilon)
+        #: Of the first guess: sizes of q and p, and by name the changes of fixed quantities that
+        #: count as large.
+        self.units: Array | None = None
+        self.fixed_scales: dict[str, float] = {}
 
     def orbit(
         self, iteration_limit: int, report: Callable[..., Any] | None = None
@@ -251,12 +272,16 @@ class OrbitSearch:
         """
         start = self.start
         guess = self._evaluate(start.q, start.p, start.dt, dict(start.parameters))
+        B = self._tangents(guess).start
+        for name, fixed_value in self.fixed_values.items():
+            slope = float(np.linalg.norm(self._slope(name, guess, B)))
+            self.fixed_scales[name] = max(abs(float(fixed_value)), slope * guess.scale) or 1.0
         gaps = [guess.size]
         while not self._is_closed(guess, gaps):
             if report is not None:
                 report(len(gaps) - 1)
             next_guess = self._newton_step(guess) if len(gaps) <= iteration_limit else None
-            is_close = self.phase_fixed and guess.size < _NEAR * self._scale(guess)
+            is_close = self.phase_fixed and guess.size < _NEAR * guess.scale
             if next_guess is None and not is_close:
                 raise self._failure(guess, gaps)
             stagnates = next_guess is None or next_guess.size > max(
@@ -270,7 +295,7 @@ class OrbitSearch:
             report(len(gaps) - 1)
         # |∂Φ^N/∂h h| = |v| T: an equilibrium closes after any period
         path_length = float(np.linalg.norm(self._tangents(guess).by_step) * abs(float(guess.dt)))
-        if not self.time_dependent and path_length <= _STILL * self._scale(guess):
+        if not self.time_dependent and path_length <= _STILL * guess.scale:
             raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
                                  "the energy or a coordinate, or begin farther from it.")
         return self._result(guess, gaps)
@@ -289,7 +314,7 @@ class OrbitSearch:
         The residual is the gap Φ(z) − z with the changes of fixed quantities. ``gaps`` are the
         sizes of the gap before each iteration so far.
         """
-        if self._residual(guess) <= _CLOSED * self.epsilon * self._scale(guess):
+        if self._residual(guess) <= _CLOSED * self.epsilon * guess.scale:
             return True
         stagnant = len(gaps) > 1 and gaps[-1] >= gaps[-2] / 2
         return stagnant and guess.size <= self._stagnation_level(guess)
@@ -297,7 +322,7 @@ class OrbitSearch:
     def _stagnation_level(self, guess: Guess) -> float:
         """Return the gap below which an iteration may stagnate."""
         round_off = _STAGNATED * self.epsilon * math.sqrt(self.steps)
-        return self._scale(guess) * (max(_SMALL, round_off) if self.phase_fixed else round_off)
+        return guess.scale * (max(_SMALL, round_off) if self.phase_fixed else round_off)
 
     def _newton_step(self, guess: Guess) -> Guess | None:
         """Return the guess after a Newton increment, halved while the residual grows.
@@ -309,18 +334,18 @@ class OrbitSearch:
         for _ in range(_HALVINGS + 1):
             trial = self._moved_guess(guess, B, increment * damping)
             if trial is not None and self._residual(trial) < max(
-                    residual, _SMALL * self._scale(guess)):
+                    residual, _SMALL * guess.scale):
                 return trial
             damping /= 2
         return None
 
     def _increment(self, guess: Guess) -> tuple[Array, Array]:
-        """Return the Newton increment (dy, dh, dθ), and the basis B of the tangent space.
+        """Return the Newton increment (dy, dh, dθ), and the basis B, in the units of the guess.
 
             (Bᵀ Φ' B − 1) dy + Bᵀ ∂Φ^N/∂h dh + Bᵀ (∂Φ^N/∂θ − ∂z/∂θ) dθ = −Bᵀ (Φ^N(z) − z)
             v·B dy = 0  (if the phase is fixed),   dc = c(z_0) − c(z)  for each fixed quantity c
 
-        by least squares of least norm, with columns of length 1.
+        by least squares of least norm, with columns of length 1, and slopes of length 1 by y.
         """
         Phi, B, by_step, by_parameter = self._tangents(guess)
         dim = B.shape[1]
@@ -333,18 +358,21 @@ class OrbitSearch:
             columns.append((B.T @ (by_parameter[1] - by_parameter[0]))[:, None])
             start_derivatives.append(by_parameter[0][:, None])
         A, D = np.hstack(columns), np.hstack(start_derivatives)
-        right_side = [*(-B.T @ guess.gap.astype(float))]
+        right_side = [*(-B.T @ (guess.gap.astype(float) / guess.units))]
+        rows: list[tuple[Array, float]] = []  # slope by the unknowns, and its right side
         if self.phase_fixed:  # ∂Φ^N/∂h = N v on the orbit
-            A = np.vstack([A, np.pad(by_step @ B / self.steps, (0, A.shape[1] - dim))])
-            right_side.append(0.0)
+            rows.append((np.pad(by_step @ B, (0, A.shape[1] - dim)), 0.0))
         for name in self.fixed_values:
             change = self._value(name, guess.z, guess.parameters) - self.fixed_values[name]
-            A = np.vstack([A, self._slope(name, guess, D)])
-            right_side.append(-float(change))
+            rows.append((self._slope(name, guess, D), -float(change)))
+        for slope, value in rows:
+            size = float(np.linalg.norm(slope[:dim])) or 1.0
+            A = np.vstack([A, slope / size])
+            right_side.append(value / size)
         norms = np.linalg.norm(A, axis=0)
         norms[norms == 0] = 1.0
         # far from the orbit, small singular values are no more than the size of the residual
-        share = _RESIDUAL_SHARE * guess.size / self._scale(guess)
+        share = _RESIDUAL_SHARE * guess.size / guess.scale
         cutoff = min(max(share, _LEAST), _MOST) if self.phase_fixed else _LEAST
         return np.linalg.lstsq(A / norms, np.array(right_side), rcond=cutoff)[0] / norms, B
 
@@ -352,8 +380,8 @@ class OrbitSearch:
         """Return the guess after an increment; None if dt changes sign or the run fails.
 
         The increment is (dy, dh, dθ), without dh where the period is fixed, without dθ where no
-        parameter is free. The state moves by B dy, ``B`` a basis of its tangent space, and is
-        projected onto the constraints.
+        parameter is free. The state moves by B dy in the units of the guess, ``B`` a basis of its
+        tangent space, and is projected onto the constraints.
         """
         binding, dim = self.stepper.binding, B.shape[1]
         # behind dy come dh, unless the period is fixed, and dθ, if a parameter is free
@@ -366,7 +394,7 @@ class OrbitSearch:
             parameters[self.free] += binding.number(Fraction(further_increments.pop(0)))
         if not float(dt) * float(guess.dt) > 0:
             return None
-        z = guess.z + binding.to_real(B @ increment[:dim])
+        z = guess.z + binding.to_real(guess.units * (B @ increment[:dim]))
         n = self.stepper.n
         try:
             q, p = self.stepper.project(z[:n], z[n:], parameters=parameters, t=self.t0)
@@ -380,12 +408,15 @@ class OrbitSearch:
         z is (q, p), shape (2 n,), T = ``steps`` · dt.
         """
         run = self.stepper.integrate(
-            Start(q, p, parameters, self.t0), dt=dt, steps=self.steps, every=self.steps,
-            tangents=Tangents(start="all", dt=True,
-                              parameters=() if self.free is None else (self.free,)))
+            Start(q, p, parameters, self.t0), dt=dt, steps=self.steps,
+            every=max(self.steps // _SAMPLES, 1), tangents=Tangents(
+                start="all", dt=True, parameters=() if self.free is None else (self.free,)))
         assert run.tangents is not None
+        if self.units is None:
+            sizes = [np.linalg.norm(x.astype(float), axis=1).max() or 1.0 for x in (run.q, run.p)]
+            self.units = np.repeat(sizes, self.stepper.n)
         start, end = np.concatenate([run.q[0], run.p[0]]), np.concatenate(self._projected_end(run))
-        return Guess(start, dt, parameters, end - start, run.tangents)
+        return Guess(start, dt, parameters, end - start, run.tangents, self.units)
 
     def _projected_end(self, run: Trajectory) -> tuple[Array, Array]:
         """Return the last (q, p), projected onto f = 0 where the scheme keeps g = 0 alone."""
@@ -394,7 +425,7 @@ class OrbitSearch:
         return self.stepper.project(run.q[-1], run.p[-1], parameters=run.parameters, t=run.t[-1])
 
     def _tangents(self, guess: Guess) -> _PeriodTangents:
-        """Return the derivatives of z(T) = Φ^N(z) of a guess, in doubles."""
+        """Return the derivatives of z(T) = Φ^N(z) of a guess, in doubles and its units."""
         names, start = guess.tangents.names, guess.tangents.start.astype(float)
         end = np.concatenate([guess.tangents.q[-1], guess.tangents.p[-1]]).astype(float)
         dim = 2 * (self.stepper.n - self.stepper.m)
@@ -405,8 +436,10 @@ class OrbitSearch:
             z = guess.z + guess.gap
             end = tangent_projection(binding, binding.module.parameters(guess.parameters, self.t0),
                                      z[:n].copy(), z[n:].copy())[1] @ end
-        return _PeriodTangents(end[:, :dim], start[:, :dim], end[:, names.index("dt")],
-                               np.array([start[:, k], end[:, k]]))
+        start, end = start / guess.units[:, None], end / guess.units[:, None]
+        B, R = np.linalg.qr(start[:, :dim])
+        return _PeriodTangents(np.linalg.solve(R.T, end[:, :dim].T).T, B,
+                               end[:, names.index("dt")], np.array([start[:, k], end[:, k]]))
 
     def _value(self, name: str, z: Array, parameters: Mapping[str, Any]) -> Any:
         """Return the energy, or a coordinate or momentum by its name, of a state z."""
@@ -418,24 +451,26 @@ class OrbitSearch:
     def _slope(self, name: str, guess: Guess, D: Array) -> Array:
         """Return the derivatives of a fixed quantity by the unknowns; of the energy by differences.
 
-        ``D`` has the derivatives of (q, p) at the start by the unknowns, a column for each.
+        ``D`` has the derivatives of (q, p) at the start by the unknowns, a column for each, in the
+        units of the guess.
         """
         if name != "energy":
-            slope: Array = D[self._names().index(name)]
+            entry = self._names().index(name)
+            slope: Array = guess.units[entry] * D[entry]
             return slope
-        n, scale = self.stepper.n, 1e-5 * self._scale(guess)
+        n, scale = self.stepper.n, 1e-5 * guess.scale
         # central differences: each unknown moves the state by the same length
         norms = np.linalg.norm(D, axis=0)
         sizes = scale / np.maximum(norms, 1e-300)
         sizes[norms == 0] = 0
-        z = self.stepper.binding.to_real((D * sizes).T)
+        z = self.stepper.binding.to_real((D * sizes).T * guess.units)
         states = np.concatenate([guess.z + z, guess.z - z])
         H = self.stepper.energy(states[:, :n], states[:, n:], parameters=guess.parameters,
                                 t=self.t0)
         k = D.shape[1]
         difference = (H[:k] - H[k:]).astype(float)
         slopes: Array = np.divide(difference, 2 * sizes, out=np.zeros(k), where=sizes > 0)
-        if self.free is not None:
+        if self.free is not None and k > 2 * (n - self.stepper.m):
             slopes[-1] += self._energy_by_parameter(guess)
         return slopes
 
@@ -453,21 +488,15 @@ class OrbitSearch:
         system = self.stepper.manifest.system
         return [*system.coordinates, *system.momenta]
 
-    def _scale(self, guess: Guess) -> float:
-        """Return |z|, the unit of gaps, or the least positive number where z = 0."""
-        return max(float(np.linalg.norm(guess.z.astype(float))), 1e-300)
-
     def _fixed_residual(self, guess: Guess) -> float:
-        """Return the largest |c − c₀|/max(|c₀|, s) of a fixed quantity c, s the scale of states."""
-        largest = 0.0
-        for name, fixed_value in self.fixed_values.items():
-            change = float(self._value(name, guess.z, guess.parameters) - fixed_value)
-            largest = max(largest, abs(change) / max(abs(float(fixed_value)), self._scale(guess)))
-        return largest
+        """Return the largest change of a fixed quantity in parts of its scale."""
+        return max((abs(float(self._value(name, guess.z, guess.parameters) - fixed_value))
+                    / self.fixed_scales[name]
+                    for name, fixed_value in self.fixed_values.items()), default=0.0)
 
     def _residual(self, guess: Guess) -> float:
         """Return the norm of the gap and of the change of fixed quantities, in units of z."""
-        return math.hypot(guess.size, self._fixed_residual(guess) * self._scale(guess))
+        return math.hypot(guess.size, self._fixed_residual(guess) * guess.scale)
 
     def _result(self, guess: Guess, gaps: list[float]) -> PeriodicOrbit:
         """Return the orbit with its multipliers, the eigenvalues of M = Bᵀ Φ B, the largest first.
@@ -475,6 +504,9 @@ class OrbitSearch:
         tangents = self._tangents(guess)
         Phi, B = tangents.end, tangents.start
         M = B.T @ Phi
+        # the basis of the result is orthonormal without units: its columns are those of units · B R
+        basis = guess.tangents.start.astype(float)[:, : len(M)]
+        R = B.T @ (basis / guess.units[:, None])
         omega = B.T @ canonical_form(self.stepper.n) @ B
         defect = float(np.abs(M.T @ omega @ M - omega).max() / max(np.abs(M).max(), 1.0) ** 2)
         multipliers = np.linalg.eigvals(M).astype(complex)
@@ -484,7 +516,8 @@ class OrbitSearch:
         return PeriodicOrbit(
             guess.z[: self.stepper.n], guess.z[self.stepper.n :], guess.dt, self.steps,
             guess.parameters,
-            self.t0, multipliers[order], M, B, defect, len(gaps) - 1, tuple(gaps), self.stepper)
+            self.t0, multipliers[order], np.linalg.solve(R, M @ R), basis, defect, len(gaps) - 1,
+            tuple(gaps), self.stepper)
 
 
 def _names_of_fixed(

@@ -37,6 +37,7 @@ from .kept_steps import (
     linearisation_error,
     multiplier_shape,
     number_bytes,
+    part_sizes,
     pieces,
     refuse_run,
     split,
@@ -218,11 +219,13 @@ class Cotangents:
     parameters: Mapping[str, Any]
 
     @property
-    def size(self) -> float:
-        """Euclidean norm of the cotangents of states and multipliers."""
-        parts = [self.rows.ravel(), self.multipliers.ravel(), *(w for _, w, *_ in self.points),
-                 *(forces for *_, forces in self.points if forces is not None)]
-        return float(np.linalg.norm(np.concatenate(parts).astype(float)))
+    def sizes(self) -> Array:
+        """Euclidean norms of the cotangents of q and of p, or of multipliers where these are 0."""
+        states = np.concatenate([self.rows, *(w[None] for _, w, *_ in self.points)])
+        forces = [self.multipliers.ravel(), *(w for *_, w in self.points if w is not None)]
+        size = np.linalg.norm(np.concatenate(forces).astype(float))
+        return np.array([np.linalg.norm(half.astype(float)) or size
+                         for half in np.split(states, 2, axis=1)])
 
 
 def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any]) -> Cotangents:
@@ -362,9 +365,8 @@ def gradient_of(
         _refuse_reversed(stepper, run)  # before derivatives are compiled
     adjoint = _AdjointRun(stepper, run, cotangents)
     w = adjoint.advance(memory_bytes, end)
-    if cotangents.size > 0:
-        warn_of_growth(stepper, "On its way to the start the cotangent has",
-                       float(np.linalg.norm(w.astype(float))) / cotangents.size)
+    warn_of_growth(stepper, "On its way to the start the cotangent has", cotangents.sizes,
+                   part_sizes(w))
     space = TangentSpace(adjoint.binding, adjoint.parameters, run.q, run.p,
                          stepper.constraint_names)
     warn_of_jumps(stepper, adjoint.switched)

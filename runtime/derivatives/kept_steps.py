@@ -22,7 +22,8 @@ if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
 __all__ = ["PIECE", "SingleStep", "linearisation_error", "multiplier_shape", "number_bytes",
-           "pieces", "refuse_run", "split", "step_bytes", "warn_of_growth", "warn_of_jumps"]
+           "part_sizes", "pieces", "refuse_run", "split", "step_bytes", "warn_of_growth",
+           "warn_of_jumps"]
 
 #: Steps that are kept at a time.
 PIECE = 512
@@ -105,12 +106,21 @@ def linearisation_error(step: int, status: int) -> GyrosparkError:
                           "derivatives; take a smaller dt.")
 
 
-def warn_of_growth(stepper: Stepper, subject: str, growth: float) -> None:
+def part_sizes(z: Array) -> Array:
+    """Return the Euclidean norms of the rows of q and of p, (2,) or (2, k), of (2 n,) or (2 n, k).
+    """
+    return np.array([np.linalg.norm(half.astype(float), axis=0) for half in np.split(z, 2)])
+
+
+def warn_of_growth(stepper: Stepper, subject: str, before: Array, after: Array) -> None:
     """Warn where derivatives have grown by so much that few of their digits are left.
 
-    ``growth`` is the ratio of their norms at the end and at the start, ``subject`` the beginning of
-    the sentence. Round-off grows with them, to growth · ε.
+    ``before`` and ``after`` are ``part_sizes`` of them, ``subject`` the beginning of the sentence.
+    Round-off grows with them, to growth · ε. The two parts have units of their own: the one that
+    grows less counts.
     """
+    ratios = np.divide(after, before, out=np.full(after.shape, np.inf), where=before > 0).min(0)
+    growth = float(ratios[np.isfinite(ratios)].max(initial=0))
     lost = growth * float(stepper.binding.epsilon)
     if lost > _LOST:
         warn(f"{subject} grown {growth:.1e} times: of these derivatives at most "

@@ -19,6 +19,7 @@ from .frame import FrameMotion
 from .kept_steps import (
     linearisation_error,
     multiplier_shape,
+    part_sizes,
     pieces,
     refuse_run,
     split,
@@ -271,8 +272,10 @@ class _TangentRun:
     def rows(self) -> TangentRows:
         """Return the tangents of the stored states, after a warning of growth and of jumps."""
         binding, n, dz, places = self.module, self.n, self.dz, self.space.places
-        warn_of_growth(self.stepper, "Directions of the start have",
-                       _growth(self.names, dz[places], self.stored[-1][places]))
+        # directions of parameters have other units, and their growth has no meaning
+        columns = [k for k, name in enumerate(self.names) if name.startswith("start[")]
+        warn_of_growth(self.stepper, "Directions of the start have", *(
+            part_sizes(x[places][:, columns]) for x in (dz, self.stored[-1])))
         # t = t0 + k Δt: its tangent is dt0 + k dΔt, with k = 0 in row 0
         of_times = (self.stored[:, n - 1].copy() if binding.clocked else
                     dz[-1] + np.outer(self.run.steps_of_rows(self.run.steps), dz[-2]))
@@ -293,15 +296,3 @@ def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> 
     """
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
     return frame.in_space(k, z, dz, row)[1]
-
-
-def _growth(names: list[str], start: Array, end: Array) -> float:
-    """Return the largest growth |dz_end| / |dz_start| of the columns that are named "start[k]".
-
-    ``start`` and ``end`` have the shape (2 n, k); 0 without such columns. Directions of parameters
-    have other units, and their growth has no meaning.
-    """
-    start_columns = [k for k, name in enumerate(names) if name.startswith("start[")]
-    before, after = (np.linalg.norm(x[:, start_columns].astype(float), axis=0)
-                     for x in (start, end))
-    return float((after / np.where(before > 0, before, 1)).max(initial=0))

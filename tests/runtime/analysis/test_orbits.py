@@ -244,6 +244,22 @@ def test_energy():
     assert np.abs(points @ [1, 1j] - cycle.multipliers).max() < 1e-15
 
 
+@pytest.mark.parametrize(("fix", "T"), [("energy", 2.0**30), ("x1", 2.0**-30)])
+def test_orbits_do_not_depend_on_units(fix, T):
+    """T seconds are another unit of time, in which momenta have 2^±30 of their size."""
+    cycle, (q, p) = orbit(fix=fix), released(1.0, 1.4142 * 0.95)
+    again = gs.periodic_orbit(pendulum(), q, p / T, dt=DT * T, steps=160,
+                              parameters=PARAMETERS | {"g": PARAMETERS["g"] / T**2}, fix=fix)
+    assert np.abs(np.r_[again.q - cycle.q, again.p * T - cycle.p]).max() < 1e-12  # round-off of B
+    assert again.dt / T == pytest.approx(cycle.dt, rel=1e-12)
+    assert again.iterations == cycle.iterations
+    assert np.abs(again.multipliers - cycle.multipliers)[:2].max() < 1e-11
+    end = again.run(every=again.steps)
+    assert np.abs(end.p[1] - end.p[0]).max() * T < 1e-13
+    assert np.abs(again.basis.T @ again.basis - np.eye(4)).max() < 1e-13
+    assert np.trace(again.monodromy) == pytest.approx(np.trace(cycle.monodromy), abs=1e-6)
+
+
 @pytest.mark.parametrize("fix", ["period", "x1"])
 def test_others_of_the_family(fix):
     cycle, (q, _) = orbit(fix=fix), released(1.0, 1.4142 * 0.95)
@@ -317,7 +333,7 @@ def test_driven_oscillator():
 
 def test_no_orbit():
     """The message has the number of iterations, or names the equilibrium that was reached."""
-    with pytest.raises(gs.GyrosparkError, match="1 iterations"):
+    with pytest.raises(gs.GyrosparkError, match="1 iteration"):
         orbit(max_iterations=1)
     with pytest.raises(gs.GyrosparkError, match="equilibrium"):
         gs.periodic_orbit(pendulum(), *released(0.01, 0.01), dt=0.01, steps=100,

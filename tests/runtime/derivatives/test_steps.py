@@ -331,3 +331,17 @@ def test_switches_of_the_time_are_counted(dry, t0, count):
         warnings.simplefilter("always")
         assert run.gradient({"q": [1.0]}).switched_steps == count
     assert len(caught) == count
+
+
+@pytest.mark.parametrize("m", [2.0**-80, 1.0, 2.0**100])
+def test_growth_is_warned_of_whatever_the_units(m):
+    """Beside a pendulum on its head directions grow by e^t, beside a hanging one by t."""
+    step, arguments = systems.differentiable("pendulum"), {
+        "dt": 0.1, "parameters": {"m": m, "g": 1.0, "l": 1.0}, "tangents": gs.Tangents()}
+    hanging = step.integrate([0.0, -1.0], [m, 0.0], steps=320, **arguments)
+    loss = {"q": hanging.q[-1], "p": hanging.p[-1] / m**2}
+    hanging.gradient(loss)
+    with pytest.warns(gs.errors.InputWarning, match="float128"):
+        standing = step.integrate([0.0, 1.0], [0.0, 0.0], steps=320, **arguments)
+    with pytest.warns(gs.errors.InputWarning, match="float128"):
+        standing.gradient(loss)
