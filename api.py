@@ -129,7 +129,7 @@ def stepper(
     """
     if frame is None:
         frame = getattr(system, "frame", None) or None  # of a Model
-    visuals = getattr(system, "visuals", {})
+    visuals, events = getattr(system, "visuals", {}), getattr(system, "events", ())
     if getattr(system, "system_digest", None) is None:  # else of a Model whose system can wait
         system = getattr(system, "system", system)
     as_flag("allow_invalid", allow_invalid)
@@ -154,6 +154,7 @@ def stepper(
         end_stage()
     if visuals:
         compiled.__dict__["visuals"] = visuals
+    compiled._model_events = events or compiled._model_events
     return compiled
 
 
@@ -438,6 +439,7 @@ class Derivation:
                            Derive(self.further_files, portable=not self.subject))
         if record.start is not None:  # cached without the folder of the file
             compiled.__dict__["visuals"] = locate_all(record.start.visuals, self.spec.model or "")
+            compiled._model_events = record.start.events
         return compiled, record.start
 
     def further_files(self, *, second: bool = False, control: bool = False) -> dict[str, str]:

@@ -10,6 +10,8 @@ import numpy as np
 
 from ..core.arguments import choose
 from ..core.errors import InputError
+from ..core.event import Impact
+from ..core.warnings import warn
 from ..runtime.bindings.array_checks import as_numbers, converted_to
 from ..runtime.steppers.stepper import Stepper
 from .discrete_flow import DiscreteFlow
@@ -23,7 +25,8 @@ _SECOND_ORDER = ("exact", "differences", "refuse")
 class FlowFunction(ABC):
     """N steps of a stepper as a function of a library: (q, p, parameters) → (q, p).
 
-    The steps have no impacts: contacts and stops of a model are left out, as in runs from q and p.
+    The steps have no impacts: contacts and stops of a model are left out, as in runs from q and p,
+    with a warning.
 
     Parameters
     ----------
@@ -60,6 +63,11 @@ class FlowFunction(ABC):
     def __init__(self, stepper: Stepper, steps: int, dt: Any, second_order: str) -> None:
         self._has_second = choose("second_order", second_order, _SECOND_ORDER) != "refuse"
         self._flow = DiscreteFlow(stepper, steps, exact=second_order == "exact")
+        impacts = [event.name for event in stepper._model_events if isinstance(event, Impact)]
+        if impacts:
+            warn(f"The model of {stepper.name} has the impacts {', '.join(impacts)}, and steps in "
+                 "another library have none: bodies pass through. Take step.integrate(model) and "
+                 "its gradients for runs with impacts.")
         self._dt = dt
         self.names, self.failures = self._flow.names, self._flow.failures
 

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ...core.arguments import as_flag
 from ...core.arrays import Array
 from ...core.errors import GyrosparkError, InputError
+from ...core.event import Event, Impact
 from ...core.exact_numbers import Number
 from ...core.frozen_dict import NO_PARAMETERS
 from ...core.incompatibilities import refuse_together
@@ -69,6 +70,8 @@ class Evaluation(FixedAttributes):
         self.check_parameters = ParameterCheck(self.parameter_domains, self.binding.number,
                                                self.symmetries, self._inertias)
         self.visuals = {}
+        #: Events and impacts of the runs of its model, which steps from q and p leave out.
+        self._model_events: Sequence[Event | Impact] = ()
 
     @property
     def _binding_of_many(self) -> Binding:

@@ -14,6 +14,7 @@ import systems
 from flows import CASES, close, directions, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import CompilerError, InputError
 from gyrospark.interop.discrete_flow import DiscreteFlow
+from gyrospark.interop.flow_function import FlowFunction
 from rolling_systems import SLEIGH, sleigh_end, sleigh_state
 
 
@@ -243,3 +244,30 @@ def test_a_library_is_imported_when_its_module_is_asked_for(monkeypatch):
     monkeypatch.setitem(sys.modules, module.__name__, module)
     monkeypatch.delitem(vars(gs.interop), "casadi", raising=False)
     assert gs.interop.casadi is module
+
+
+class Numbers(FlowFunction):
+    """Steps as a function of NumPy's arrays."""
+
+    _arrays, _stack = (), "numpy.stack"
+
+    def _evaluate(self, parts):
+        return self._flow.value(np.concatenate([np.ravel(part) for part, _ in parts])[None])[0]
+
+
+def test_impacts_of_a_model_are_left_out_with_a_warning(tmp_path):
+    """A ball passes through the floor on which the runs of its model bounce."""
+    path = tmp_path / "bounce.toml"
+    path.write_text(
+        'name = "bounce"\ngravity = [0, 0, -9.81]\n[[point_masses]]\nname = "ball"\nmass = 1\n'
+        'position = [0, 0, 1]\n[[contacts]]\nname = "floor"\nbodies = ["ball"]\n', encoding="utf-8")
+    model = gs.load_model(path)
+    for system in (model, path):
+        step = gs.stepper("G-L", 2, system=system)
+        with pytest.warns(gs.errors.InputWarning, match=r"floor.*integrate"):
+            flow = Numbers(step, 10, 0.1, "refuse")
+        q, _ = flow(model.q0, model.p0, dict(model.parameters))
+        assert q[2] == pytest.approx(1 - 9.81 / 2, abs=1e-13)
+    free = gs.stepper("G-L", 2, system=model.system)  # a system has no impacts
+    assert np.array_equal(Numbers(free, 10, 0.1, "refuse")(
+        model.q0, model.p0, dict(model.parameters))[0], q)
