@@ -222,10 +222,10 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
     """
     system, arguments = template.system, local_inputs(template)
     # in a co-moving frame, H̃ of the motion comes first, and the energy H last
-    kernels = [(Kernel("energy", f"H of {_short_text(system.H)}", arguments,
-                       {"H": template.expressions[-1]}), BOTH)]
+    energy, in_frame = template.expressions[-1], " in the frame" * (len(template.expressions) > 1)
+    kernels = [(Kernel("energy", f"H of {_short_text(energy)}", arguments, {"H": energy}), BOTH)]
     if not between:
-        kernels.append((Kernel("gradient", "derivatives of H", arguments,
+        kernels.append((Kernel("gradient", f"derivatives of H{in_frame}", arguments,
                                {"H_p": system.H_p, "H_q": system.H_q}), BOTH))
     if constrained or not between:
         kernels.append((Kernel("velocity", "H_p", arguments, {"H_p": system.H_p}),
@@ -236,7 +236,7 @@ def term_kernels(template: ElementTemplate, *, between: bool, constrained: bool)
     if template.time is not None and not between:
         kernels.append((Kernel("energy_rate", "H_t", arguments, {"H_t": system.H_t}), BOTH))
     if not between:
-        kernels.append((Kernel("hessian", "second derivatives of H", arguments, {
+        kernels.append((Kernel("hessian", f"second derivatives of H{in_frame}", arguments, {
             "H_qq": system.H_qq, "H_pq": system.H_pq, "H_pp": system.H_pp}), NUMBERS))
     return nonempty(kernels)
 

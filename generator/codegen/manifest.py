@@ -230,7 +230,7 @@ def _hamiltonian(system: System, elements: Elements | None) -> str:
         return system.texts()[0]
     if elements is None:
         return text_of(energy_of(system))
-    return " + ".join(f"{form['count']} x [{form['text'][0]}]" for form in elements.energies)
+    return " + ".join(f"{form['count']} x [{form['text'][-1]}]" for form in elements.energies)
 
 
 def _lagrangian(system: System) -> dict[str, Any]:
