@@ -547,7 +547,9 @@ class SplittingGuarantees:
     def energy(self) -> Guarantee:
         """Return whether H is exact: only if it has one part; the flow of a part keeps this part,
         not H."""
-        if not self.system.forces and self.splitting.is_exact and not self.splitting.templates:
+        V = self.splitting.V.xreplace(dict(self.numbers))
+        if not self.system.forces and self.splitting.is_exact and V.free_symbols.isdisjoint(
+                self.system.q):
             return make_guarantee("H has one part, whose flow is exact")
         return no_guarantee(f"an error of order {self.order} in Δt: parts do not keep H")
 
@@ -560,6 +562,6 @@ class SplittingGuarantees:
         """Return whether J is conserved: its bracket with each part of H must be 0."""
         if not J.everywhere:
             return _not_exact(J)
-        if not is_invariant(self.splitting, J.J):
+        if not is_invariant(self.splitting, J.J, {} if J.any_parameters else self.numbers):
             return no_guarantee(f"{{J, H}} = 0{_domain(J)}, but not with each part of H")
         return make_guarantee(f"{{J, ·}} = 0 with each part of H{_domain(J)}")

@@ -366,8 +366,10 @@ def _pairs_with_common_momentum(
         yield parts[i], parts[j]
 
 
-def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:
-    """Whether every part and every force is proved to leave J invariant.
+def is_invariant(
+    splitting: Splitting, J: sp.Expr, numbers: Mapping[sp.Symbol, sp.Expr] | None = None
+) -> bool:
+    """Whether every part and every force is proved to leave J invariant, at some parameters.
 
     J is a function of q and p of the system whose flow stays on the constraints. Drag is one of
     the forces; a composition then conserves J whatever its order and its step.
@@ -376,7 +378,8 @@ def is_invariant(splitting: Splitting, J: sp.Expr) -> bool:
     conditions = _solve_linear(splitting.conditions)
     power = sp.Add(*(derivative(J, y) * F for y, F in zip(system.p, system.forces, strict=False)))
     parts = [x.xreplace(conditions) for _, x in hamiltonians(splitting)]
-    return ring.vanishes(power) and all(ring.keeps(J, x) for x in (*system.constraints, *parts))
+    power, *kept = (e.xreplace(dict(numbers or {})) for e in (power, *system.constraints, *parts))
+    return ring.vanishes(power) and all(ring.keeps(J, x) for x in kept)
 
 
 def invariants(splitting: Splitting) -> tuple[tuple[str, sp.Expr], ...]:

@@ -123,6 +123,18 @@ def test_ems_in_a_frame_that_turns_with_the_top():
     assert certificate.line("energy in the frame").holds is True
 
 
+def test_a_composition_on_the_fast_top():
+    """Each line holds as measured; without V the step is one exact flow."""
+    for changes, further in (({}, {FIGURE}), ({"mgl": 0}, {
+            FIGURE, "angular momentum about e1", "angular momentum about e2", "energy H"})):
+        certificate = gs.certify(TOP, order=4, steps=20, parameters=changes)
+        assert certificate.holds
+        assert {line.quantity for line in certificate.lines if line.holds} >= {VERTICAL, *further}
+        assert (certificate.line("energy").holds is True) is ("energy H" in further)
+        for quantity in (LOOP, REVERSAL, G, F):
+            assert certificate.line(quantity).holds, quantity
+
+
 def test_own_parameters_of_any_type_and_steps():
     """The certificate names the doubles with which the run was computed."""
     moments = {"I1": Fraction(3, 2500), "I2": mp.mpf("0.0012"), "mgl": 1, "gamma": 0.002}

@@ -20,10 +20,14 @@ import sympy as sp
 import gyrospark as gs
 import systems
 from command_line import EXAMPLE
-from gyrospark.certificates.guarantees import MeanGuarantees, SparkGuarantees
+from gyrospark.certificates.guarantees import (
+    MeanGuarantees,
+    SparkGuarantees,
+    SplittingGuarantees,
+)
 from gyrospark.certificates.momentum_maps import momentum_maps
 from gyrospark.certificates.observed_order import observed_order
-from gyrospark.generator.multibody.rigid_body import body_system, mgl, rotation_matrix
+from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
 from gyrospark.generator.tableaux.conditions import check_tableau
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 
@@ -41,9 +45,13 @@ PLANE = gs.System((x, y), (px, py), (k, s, f, h, d),
 SPHERE = gs.System((x, y, z), (px, py, pz), (k, tilt, r),
                    (px**2 + py**2 + pz**2) / 2 + 9 * z + tilt * x,
                    (x**2 + k * y**2 + z**2 + r * x**4 - 1,), name="sphere")
+#: A top: free for mgl = 0, symmetric for I1 = I2.
+TOP = heavy_top("gamma")
 RIGHT = {"plane": {"k": 1.0, "s": 0.0, "f": 0.25, "h": 0.25, "d": 0.0},
-         "sphere": {"k": 1.0, "tilt": 0.0, "r": 0.0}}
-STARTS = {"plane": ([0.6, -0.3], [0.2, 0.5]), "sphere": ([0.0, 0.6, -0.8], [0.7, 0.4, 0.3])}
+         "sphere": {"k": 1.0, "tilt": 0.0, "r": 0.0},
+         TOP.name: {"I1": 1.5, "I2": 1.5, "I3": 0.75, "gamma": 1.0, "mgl": 0.0}}
+STARTS = {"plane": ([0.6, -0.3], [0.2, 0.5]), "sphere": ([0.0, 0.6, -0.8], [0.7, 0.4, 0.3]),
+          TOP.name: ([0.8, 0.6, 0.0, 0.0], [0.06, -0.08, 0.2, 0.3])}
 ROUND = RIGHT["plane"] | {"f": 0.0, "h": 0.0}
 
 
@@ -66,7 +74,7 @@ class Pair:
 
 
 LOOP, ENERGY, TURN, VERTICAL = "loop", "energy", "angular momentum", "angular momentum about e3"
-PUSHED, LEVEL = RIGHT["plane"], RIGHT["sphere"]
+PUSHED, LEVEL, FREE = RIGHT["plane"], RIGHT["sphere"], RIGHT[TOP.name]
 MODELS = {
     "a linear oscillator keeps its energy with IMS":
         Pair(PLANE, "IMS", ENERGY, ROUND, "s", (HOLDS, SHOWN)),
@@ -104,6 +112,14 @@ MODELS = {
         Pair(SPHERE, "G-L", LOOP, LEVEL, "r", (HOLDS, HOLDS)),
     "a constraint that is not round takes IMS's angular momentum":
         Pair(SPHERE, "IMS", VERTICAL, LEVEL, "r", (HOLDS, SHOWN)),
+    "flows and a kick that is a gradient are symplectic":
+        Pair(PLANE, "splitting", LOOP, PUSHED, "f", (HOLDS, SHOWN)),
+    "a free symmetric top is one exact flow":
+        Pair(TOP, "splitting", ENERGY, FREE, "mgl", (HOLDS, SHOWN)),
+    "a free asymmetric top is more than one exact flow":
+        Pair(TOP, "splitting", ENERGY, FREE, "I2", (HOLDS, SHOWN)),
+    "each flow of a free top keeps the angular momentum in space":
+        Pair(TOP, "splitting", TURN + " about e1", FREE, "I2", (HOLDS, HOLDS)),
 }
 
 
@@ -117,9 +133,11 @@ def promised(pair: Pair, values: dict[str, float]) -> Any:
     numbers = {s: sp.Rational(values[str(s)]) for s in pair.system.parameters}
     if pair.scheme == "G-L":
         promises: Any = SparkGuarantees(pair.system, numbers, gs.tableau("G-L", 2))
+    elif pair.scheme == "splitting":
+        promises = SplittingGuarantees(pair.system, numbers, 2)
     else:
         promises = MeanGuarantees(pair.system, numbers, pair.scheme, 2)
-    if pair.quantity in (TURN, VERTICAL):
+    if pair.quantity.startswith(TURN):
         J = next((J for J in momentum_maps(pair.system, values, *STARTS[pair.system.name])
                   if J.name.startswith(pair.quantity)), None)
         if J is None:
@@ -163,14 +181,17 @@ def test_starts_off_the_constraints_are_moved_there(variable: str) -> None:
         assert bool(caught) is (size == 1e-3)
 
 
-def test_nearly_symmetric_tops() -> None:
+@pytest.mark.parametrize(("method", "why"), [
+    ({"scheme": "G-L", "stages": 2}, "{J, H} = 0 (expanded)"),
+    ({"order": 4}, "{J, ·} = 0 with each part of H")], ids=["G-L", "splitting"])
+def test_nearly_symmetric_tops(method: Any, why: str) -> None:
     """I₂ = I₁ (1 + 1e-15) breaks the map about the figure axis, not the one about the vertical."""
     top = gs.problems.fast_top()
     moments = {"I2": top.parameters["I1"] * (1 + 1e-15)}
-    certificate = gs.certify(top, "G-L", 2, steps=50, parameters=moments)
+    certificate = gs.certify(top, **method, steps=50, parameters=moments)
     assert certificate.holds
     assert verdict(certificate, VERTICAL) is HOLDS
-    assert certificate.line(VERTICAL).why == "{J, H} = 0 (expanded)"
+    assert certificate.line(VERTICAL).why == why
     figure = next(line for line in certificate.lines if "body's axis 3" in line.quantity)
     assert figure.holds is SHOWN  # as far as it is near
     assert "a near symmetry" in figure.why
@@ -339,6 +360,11 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
     coarse = guarantees(read(decimals(12, size))).loop()
     assert bool(coarse.refuted) == (size > 1e-12)
     assert "12 digits" in coarse.why
+
+
+def test_the_order_of_decimals_is_measured_in_steps_whose_errors_exceed_their_rounding(
+        read: Callable[..., Any]) -> None:
+    assert observed_order(read(decimals(12))) == pytest.approx(4, abs=0.1)
 
 
 @pytest.mark.slow  # a stepper of one tableau

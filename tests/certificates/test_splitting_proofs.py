@@ -12,8 +12,10 @@ import sympy as sp
 import gyrospark as gs
 from gyrospark.certificates import splitting_proofs as proofs
 from gyrospark.certificates.guarantees import SplittingGuarantees
+from gyrospark.certificates.verification import verify_stepper
 from gyrospark.generator.multibody.body import Body
 from gyrospark.generator.multibody.rigid_body import heavy_top, p, q
+from gyrospark.generator.spec import Spec
 from gyrospark.generator.splitting.decomposition import split
 from gyrospark.generator.splitting.kicks import space_matrix, space_torque
 from gyrospark.generator.splitting.parts import Kick
@@ -131,6 +133,25 @@ def test_invariants():
         numbers = {x: sp.Integer(I2 if x.name == "I2" else 2) for x in top.system.parameters}
         parts = SplittingGuarantees(top.system, numbers, 2).splitting
         assert len(list(proofs.invariants(parts))) == count
+
+
+@pytest.mark.parametrize(("name", "symmetric"), [("gamma", True), ("drag", True),
+                                                 ("driven", False)])
+def test_forces_without_a_closed_flow_are_not_symmetric(name, symmetric):
+    """Isotropic drag has an exact flow, drag about one axis has none."""
+    system, _, _ = SYSTEMS[name]
+    promises = SplittingGuarantees(system, {x: sp.Integer(2) for x in system.parameters}, 2)
+    assert promises.symmetric is symmetric
+    assert promises.loop().guaranteed is (name == "gamma")
+    assert not promises.energy().guaranteed
+
+
+def test_parts_and_flows_are_conditions_of_a_stepper():
+    conditions = verify_stepper(Spec.from_arguments("splitting", order=2)).conditions
+    assert all(line.holds for line in conditions)
+    assert {line.name for line in conditions} >= {
+        line.name for line in (*proofs.prove_flows(), *proofs.prove_splitting(
+            split(heavy_top("gamma"), symmetric=True)))}
 
 
 def test_the_space_torque_is_the_rate_of_angular_momentum():
