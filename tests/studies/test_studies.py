@@ -205,6 +205,13 @@ def test_claims_hold(study, engine):
     assert [claim for claim in result.claims if not claim.holds] == []
 
 
+def test_the_energy_of_the_motion_is_conserved_where_h_and_the_momentum_constraint_are(engine):
+    """The 1.9e-9 J of EMS with γ_m are (qᵀp)²/(8γ), though the floor of H is 2e-9 J."""
+    conserved = {(cell.row, cell.column) for cell in invariants.table_3(engine).cells if cell.note}
+    assert {(row, column) for row, column in conserved if "Pp" in row} == {
+        (f"E[|ΔH(q, Pp)|], α = {value}", "EMS") for value in ("γ_m", "γ_h")}
+
+
 @pytest.mark.parametrize("sweep", parameter.FIGURE_15[:2], ids=lambda sweep: sweep.method)
 def test_lobatto_laws(sweep, engine):
     x, y = parameter.measure(engine, sweep)
