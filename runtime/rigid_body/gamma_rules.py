@@ -6,6 +6,7 @@ more digits than a double's (mpmath numbers, Decimal, Fraction) have means with 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from fractions import Fraction
 from functools import lru_cache
@@ -13,7 +14,7 @@ from typing import Any
 
 from ...core.arguments import choose
 from ...core.errors import InputError
-from ...core.exact_numbers import Rounded, exact
+from ...core.exact_numbers import Rounded, as_double, exact
 from ...core.inertia import (
     InertiaLike,
     Moments,
@@ -172,8 +173,11 @@ def _mean(
     exact_moments = [exact(moment) for moment in inertia]
     # the rows of a tensor are no numbers, and moments that are doubles lose nothing
     if None in exact_moments or exact_moments == [Fraction(moment) for moment in moments]:
-        mean_of_doubles: float = rule(sorted(moments)[-largest:] if largest < 3 else moments)
-        return mean_of_doubles
+        taken = sorted(moments)[-largest:] if largest < 3 else moments
+        mean_of_doubles: float = rule(taken)
+        # sums beyond the largest double, and of 1/I where I is below its reciprocal, are exact
+        return mean_of_doubles if 0 < mean_of_doubles < math.inf else as_double(
+            rule([Fraction(moment) for moment in taken]))
     mean: Any = rule(sorted(x for x in exact_moments if isinstance(x, Fraction))[-largest:])
     if all(isinstance(moment, (float, int)) for moment in inertia):
         return Rounded(mean)

@@ -6,6 +6,7 @@ import itertools
 import math
 import warnings
 
+import mpmath as mp
 import numpy as np
 import pytest
 from hypothesis import given
@@ -222,6 +223,20 @@ def test_means_lie_between_the_moments_and_harmonic_below_arithmetic(inertia):
     assert middle <= gs.gamma(inertia, "ht") * margin
     assert gs.gamma(inertia, "ht") <= gs.gamma(inertia, "mt") * margin
     assert gs.gamma(inertia, "h") <= gs.gamma(inertia, "ht") * margin
+
+
+@pytest.mark.parametrize("inertia", [
+    (3e-310, 2e-310, 1.5e-310), (1e-320, 1e-320, 1e-320), (1e-310, 1.0, 1.0),
+    (1.5e308, 1e308, 9e307)])
+@pytest.mark.parametrize("rule", ["m", "h", "mt", "ht"])
+def test_means_at_the_ends_of_doubles(inertia, rule):
+    """1/I and sums of I are no doubles there; mpmath has any exponent."""
+    with mp.workdps(40):
+        moments = sorted(map(mp.mpf, inertia))[-2 if rule.endswith("t") else -3:]
+        mean = (mp.fsum(moments) / len(moments) if rule[0] == "m"
+                else len(moments) / mp.fsum(1 / x for x in moments))
+    # half a unit of the smallest double, beside three roundings
+    assert abs(gs.gamma(inertia, rule) - mean) <= 3 * 2.0**-52 * mean + mp.mpf(2) ** -1074
 
 
 @given(triples)
