@@ -77,7 +77,7 @@ from ..multibody.beam import Beam, BeamEnd
 from ..multibody.body import Body, Frame, Particle
 from ..multibody.initial_poses import Attitude
 from ..multibody.model import Model
-from ..multibody.multibody import AXES, Multibody
+from ..multibody.multibody import AXES, CoordinateName, Multibody
 from ..multibody.multibody import JOINTS as KINDS
 from ..parsing.grammar import ANGLES, RATES
 from .common_tables import Formulas, run_length
@@ -104,7 +104,7 @@ FORCES = {
     "spring": ("stiffness", "length", "damping", *POINTS),
     "force": ("force", "on_body"),
     "torque": ("torque",),
-    "joint_spring": ("stiffness", "damping", "rest"),
+    "joint_spring": ("stiffness", "damping", "rest", "coordinate"),
     "motor": ("torque", "force"),
 }
 #: Types that act on so many joints.
@@ -421,12 +421,14 @@ def _add_spring(
     frames: Sequence[Frame | str] = (
         _joints(table, kind) if kind in ON_JOINTS else _frames(table, bodies, count=2))
     numbers: dict[str, Any] = {}
+    if kind == "joint_spring":
+        numbers["coordinate"] = _chosen_coordinate(table)
     for key in FORCES[kind]:
-        if key not in table or key in POINTS:
+        if key not in table or key in (*POINTS, "coordinate"):
             continue
         # an interval of rest has two numbers
-        units = (_units_of(builder, frames[0], f"Spring {table.text('name')!r}")
-                 if key == "rest" else {})
+        units = (_units_of(builder, frames[0], f"Spring {table.text('name')!r}",
+                           _chosen_coordinate(table)) if key == "rest" else {})
         has_interval = key == "rest" and isinstance(table.content[key], list)
         numbers[key] = (tuple(table.vector(key, 2, units)) if has_interval
                         else table.number(key, units))
@@ -468,19 +470,30 @@ def _add_contact(
 
 def _add_stop(builder: Multibody, table: TomlTable, formulas: Formulas) -> None:
     """Add an end of the range of a joint, or both."""
-    table.allow("name", "joint", "lower", "upper", "restitution")
+    table.allow("name", "joint", "lower", "upper", "restitution", "coordinate")
     table.require("name", "joint")
-    units = _units_of(builder, table.text("joint"), f"Stop {table.text('name')!r}")
-    bounds = {key: table.number(key, units) for key in ("lower", "upper") if key in table}
-    builder.stop(table.text("name"), table.text("joint"), **bounds, **_restitution(table, formulas))
+    units = _units_of(builder, table.text("joint"), f"Stop {table.text('name')!r}",
+                      _chosen_coordinate(table))
+    bounds: dict[str, Any] = {key: table.number(key, units) for key in ("lower", "upper")
+                              if key in table}
+    builder.stop(table.text("name"), table.text("joint"), **bounds, **_restitution(table, formulas),
+                 coordinate=_chosen_coordinate(table))
 
 
-def _units_of(builder: Multibody, joint: Any, label: str) -> Units:
+def _units_of(
+    builder: Multibody, joint: Any, label: str, coordinate: CoordinateName | None = None
+) -> Units:
     """Return the units of a joint's coordinate in a file: angles have some, travels none.
 
-    ``label`` begins the message for what is no joint.
+    ``label`` begins the message for what is no joint; ``coordinate`` is the one that is chosen.
     """
-    return {} if "travel" in builder._components.joint(joint, label).MEASURES else ANGLES
+    slides = "travel" in builder._components.joint(joint, label).MEASURES
+    return {} if (coordinate or ("travel" if slides else "angle")) == "travel" else ANGLES
+
+
+def _chosen_coordinate(table: TomlTable) -> CoordinateName | None:
+    """Return the choice of a joint's coordinate, None where there is none."""
+    return cast("CoordinateName", table.text("coordinate")) if "coordinate" in table else None
 
 
 def _restitution(table: TomlTable, formulas: Formulas) -> dict[str, Any]:

@@ -265,7 +265,7 @@ class RobotBuilder:
         Name of a joint → the connection whose angle or travel is the joint's coordinate.
     cylindrical : dict
         Name of a hinge with a slide along its axis → the cylindrical joint that has its angle, and
-        whose coordinate, for springs, ranges and couplings, is the travel.
+        whose coordinate, for couplings, is the travel.
     names, joint_names, parameter_names : Names
         Names of the model's bodies, joints and parameters, which must differ.
     joint_name : dict
@@ -597,15 +597,16 @@ class RobotBuilder:
         build, limits = self.builder, self.robot.limits
         # the range of a ball joint is counted among the parts that no model here has
         is_limited = None not in (limits, joint.range) and joint.kind != "ball"
-        if joint.name in self.coordinates:
+        if joint.name in self._measured:
+            link = self._measured[joint.name]
+            coordinate: Any = "angle" if joint.name in self.cylindrical else None
             if joint.stiffness or joint.damping:
                 build.joint_spring(
-                    self.joint_names.free(f"{joint.name}_spring"), self.coordinates[joint.name],
+                    self.joint_names.free(f"{joint.name}_spring"), link, coordinate=coordinate,
                     stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
             if is_limited:
                 # the range is not None here, which type checkers do not see
-                self._add_limits(joint.name, self.coordinates[joint.name],
-                                 joint.range or (0.0, 0.0))
+                self._add_limits(joint.name, link, joint.range or (0.0, 0.0), coordinate)
             return
         # Of joints without a coordinate, a ball may have a damper, and a ball or a free joint that
         # is the only one of its body an armature; anything else is refused.
@@ -633,16 +634,20 @@ class RobotBuilder:
             # the range is not None here, which type checkers do not see
             self._add_limits(connection.name, connection, loop.range or (0.0, 0.0))
 
-    def _add_limits(self, name: str, connection: Connection, bounds: tuple[float, float]) -> None:
+    def _add_limits(
+        self, name: str, connection: Connection, bounds: tuple[float, float],
+        coordinate: Any = None,
+    ) -> None:
         """Add the ends of the range of a coordinate, ``bounds``: stops, or springs beyond them."""
         build, limits, (lower, upper) = self.builder, self.robot.limits, bounds
         label = self.joint_names.free(f"{name}_limits")
         if limits == "stops":
-            build.stop(label, connection, restitution=self.restitution,
+            build.stop(label, connection, restitution=self.restitution, coordinate=coordinate,
                        lower=None if lower <= -UNLIMITED else lower,
                        upper=None if upper >= UNLIMITED else upper)
         else:
-            build.joint_spring(label, connection, stiffness=limits or 0.0, rest=bounds)
+            build.joint_spring(label, connection, stiffness=limits or 0.0, rest=bounds,
+                               coordinate=coordinate)
 
     @cached_property
     def restitution(self) -> sp.Symbol:

@@ -122,6 +122,9 @@ _ORIGIN = (0.0, 0.0, 0.0)
 #: An axis is the same in space and on a body if its components are to within this.
 _SAME_AXIS = 1e-9
 
+#: Coordinates of joints, of which a cylindrical joint and a screw have both.
+CoordinateName = Literal["angle", "travel"]
+
 JOINTS = ("ball", "fixed", "fixed_point", "revolute", "align", "rod", "prismatic", "cylindrical",
           "planar", "screw", "universal", "rolls")
 
@@ -1179,20 +1182,22 @@ class Multibody(FixedAttributes):
     def joint_spring(
         self, name: str, joint: Connection | str, *, stiffness: float | None = None,
         damping: float | None = None, rest: float | tuple[float, float] | None = None,
+        coordinate: CoordinateName | None = None,
     ) -> JointSpring:
         """Add V = ½ k (c − rest)² of a joint's coordinate c, and a damper.
 
-        c is the travel of a joint that slides, as cylindrical ones and screws do, and the angle of
-        others. One of ``stiffness`` k and ``damping`` ≥ 0 is given, or both, in N m/rad and N m
-        s/rad about an axis, N/m and N s/m along one; ``rest``, by default 0, goes with a stiffness.
-        Where it is an interval, (lower, upper), the spring is slack in it and pushes back from
-        beyond: elastic ends of the range of a joint. The force is continuous and its slope is not,
-        so that a step across an end has an error of O(Δt²), with any scheme.
+        c is the travel of a joint that slides, as cylindrical ones and screws do, unless
+        ``coordinate`` is "angle", and the angle of others. One of ``stiffness`` k and ``damping`` ≥
+        0 is given, or both, in N m/rad and N m s/rad about an axis, N/m and N s/m along one;
+        ``rest``, by default 0, goes with a stiffness. Where it is an interval, (lower, upper), the
+        spring is slack in it and pushes back from beyond: elastic ends of the range of a joint. The
+        force is continuous and its slope is not, so that a step across an end has an error of
+        O(Δt²), with any scheme.
         """
         if stiffness is None and (damping is None or rest is not None):
             raise InputError(f"Spring {name!r} has no stiffness; give one, or damping alone.")
         spring_joint = self._components.joint(joint, f"Spring {name!r}")
-        quantity = _coordinate(spring_joint)
+        quantity = _coordinate(spring_joint, coordinate)
         return self._join(JointSpring(
             name, spring_joint.a, spring_joint.b, joints=(spring_joint,), quantity=quantity,
             coordinate=self._measure(spring_joint, quantity),
@@ -1311,14 +1316,15 @@ class Multibody(FixedAttributes):
     def stop(
         self, name: str, joint: Connection | str, *, lower: float | None = None,
         upper: float | None = None, restitution: Any = 1.0,
+        coordinate: CoordinateName | None = None,
     ) -> tuple[Impact, ...]:
         """End the range of a joint, whose angle (rad) or travel (m) rebounds, as in ``contact``.
 
-        It is the travel if the joint slides, as a cylindrical one and a screw do. With both ends
-        the gaps are ``NAME_lower`` and ``NAME_upper``.
+        It is the travel if the joint slides, as a cylindrical one and a screw do, unless
+        ``coordinate`` is "angle". With both ends the gaps are ``NAME_lower`` and ``NAME_upper``.
         """
         link = self._components.joint(joint, f"Stop {name!r}")
-        coordinate = self._measure(link, _coordinate(link))
+        measured = self._measure(link, _coordinate(link, coordinate))
         bounds = {key: float(finite(f"{key} of {name!r}", end, shape=())) for key, end in (
             ("lower", lower), ("upper", upper)) if end is not None}
         if not bounds or (len(bounds) == 2 and bounds["lower"] >= bounds["upper"]):
@@ -1326,7 +1332,7 @@ class Multibody(FixedAttributes):
                              "them, or a lower end below the upper one.")
         # φ = c − lower ≥ 0 and φ = upper − c ≥ 0
         signs = {"lower": 1, "upper": -1}
-        gaps = [signs[key] * (coordinate - named_number(f"{name}_at_{key}", end,
+        gaps = [signs[key] * (measured - named_number(f"{name}_at_{key}", end,
                                                         self._components.values))
                 for key, end in bounds.items()]
         return self._contact(name, gaps, restitution, [*bounds])
@@ -1750,8 +1756,14 @@ def _agrees(number: float | None, law: float) -> bool:
     return number is None or math.isclose(number, law, rel_tol=1e-12, abs_tol=1e-12)
 
 
-def _coordinate(joint: Connection) -> str:
-    """Return the measure of a joint that is its coordinate: "travel" if it slides, or "angle"."""
-    if not joint.MEASURES:
+def _coordinate(joint: Connection, chosen: str | None = None) -> str:
+    """Return the measure of a joint that is its coordinate: "travel" if it slides, or "angle".
+
+    A cylindrical joint has both, of which one may be chosen.
+    """
+    coordinates = [measure for measure in ("travel", "angle") if measure in joint.MEASURES]
+    if not coordinates:
         raise InputError(f"Joint {joint.name!r} has no coordinate, neither an angle nor a travel.")
-    return "travel" if "travel" in joint.MEASURES else "angle"
+    if chosen is None:
+        return coordinates[0]
+    return choose(f"coordinate of {joint.name!r}", chosen, coordinates)

@@ -441,6 +441,30 @@ def test_a_slide_of_the_ground_with_a_hinge_along_it_is_a_cylindrical_joint(tmp_
     assert len(gs.load_model(path, ignore="contact").system.constraints) == 1 + 4
 
 
+def test_springs_and_ranges_of_a_hinge_with_a_slide_along_it(tmp_path):
+    """Angle and travel are two oscillators, or rebound, each for itself."""
+    def nut(hinge, slide, **options):
+        path = tmp_path / "nut.xml"
+        path.write_text(
+            '<mujoco><compiler angle="radian"/><option gravity="0 0 0"/><worldbody>'
+            f'<body name="nut"><joint name="h" axis="0 0 1" {hinge}/>'
+            f'<joint name="s" type="slide" axis="0 0 1" {slide}/>'
+            '<inertial pos="0 0 0" mass="2" diaginertia="1 1 .5"/></body></worldbody></mujoco>')
+        return gs.load_model(path, angles={"h": 0.9, "s": 0.5}, **options)
+
+    model = nut('stiffness="3" springref=".4" damping=".1"', 'stiffness="5" springref=".2"')
+    run = gs.stepper("G-L", 3, system=model).integrate(model, dt=0.01, t_end=2)
+    z, t = 0.1 / 0.5 / 2, run.t
+    w = np.sqrt(3 / 0.5 - z**2)
+    angle = 0.4 + 0.5 * np.exp(-z * t) * (np.cos(w * t) + z / w * np.sin(w * t))
+    assert np.abs(run.quantity("h_angle") - angle).max() < 1e-13
+    travel = 0.2 + 0.3 * np.cos(np.sqrt(5 / 2) * t)
+    assert np.abs(run.quantity("s_travel") - travel).max() < 1e-13
+    ranged = nut('range="-.5 1"', 'range="-1 1"', limits="stops", rates={"h": 1.0, "s": 0.3})
+    assert [event.name for event in ranged.events] == [
+        f"{name}_limits_{end}" for name in "hs" for end in ("lower", "upper")]
+
+
 TWO = hinged('<geom size=".1" pos="0 0 -.3"/><site name="tip" pos="0 0 -.5"/>',
              '<joint name="b" axis="0 1 0" ref="20" armature=".1"/>'
              '<joint name="slide" type="slide" axis="1 0 0" armature="1"/>',

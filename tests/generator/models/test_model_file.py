@@ -491,3 +491,30 @@ def test_keys_above_all_tables_are_set(tmp_path):
     path.write_text(path.read_text(encoding="utf-8") + "[parameters]\nname = 3\n"
                     '[quantities]\nh = "name*a_z"\n', encoding="utf-8")
     assert gs.load_model(path, set={"name": 4.0}).parameters["name"] == 4
+
+
+def test_springs_and_stops_of_a_cylindrical_joint_choose_its_coordinate(tmp_path):
+    """Angles of files may have units; by default the joint counts by its travel."""
+    path = tmp_path / "bolt.toml"
+
+    def bolt(choice, rest):
+        path.write_text(
+            'name = "bolt"\n[[bodies]]\nname = "nut"\nmass = 2\ninertia = [1, 1, 0.5]\n'
+            'position = [0, 0, 0]\n[[joints]]\nname = "axis"\ntype = "cylindrical"\n'
+            'bodies = ["ground", "nut"]\nat = [0, 0, 0]\naxis = [0, 0, 1]\n'
+            '[[forces]]\nname = "spring"\ntype = "joint_spring"\njoints = ["axis"]\n'
+            f'stiffness = 3\nrest = {rest}\n{choice}\n'
+            f'[[stops]]\nname = "end"\njoint = "axis"\nupper = {rest}\n{choice}\n',
+            encoding="utf-8")
+        return gs.load_model(path)
+
+    for choice in ("", 'coordinate = "travel"'):
+        model = bolt(choice, "0.5")
+        assert "nut_z" in str(model.system.quantities["end"])
+    model = bolt('coordinate = "angle"', '"30 deg"')
+    assert model.parameters["spring_rest"] == pytest.approx(np.pi / 6, rel=1e-15)
+    assert model.parameters["end_at_upper"] == pytest.approx(np.pi / 6, rel=1e-15)
+    assert "atan2" in str(model.system.quantities["end"])
+    for choice, rest, word in (("", '"30 deg"', "rest"), ('coordinate = "turn"', "0.5", "'turn'")):
+        with pytest.raises(gs.InputError, match=word):
+            bolt(choice, rest)
