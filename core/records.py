@@ -24,15 +24,24 @@ class FixedAttributes:
     #: Whether declared attributes may be assigned again.
     _REASSIGNED: ClassVar[bool] = False
 
+    #: Names of properties with a setter, and of declared attributes: computed for each class once.
+    _SETTERS: ClassVar[frozenset[str]] = frozenset()
+    _DECLARED: ClassVar[frozenset[str]] = frozenset()
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        members = {name: member for base in reversed(cls.__mro__)
+                   for name, member in vars(base).items()}
+        cls._SETTERS = frozenset(name for name, member in members.items()
+                                 if isinstance(member, property) and member.fset is not None)
+        cls._DECLARED = frozenset(name for base in cls.__mro__
+                                  for name in vars(base).get("__annotations__", ()))
+
     def __setattr__(self, name: str, value: Any) -> None:
-        cls = type(self)
-        if not name.startswith("_") and _is_ours(cls):
-            member = getattr(cls, name, None)
-            has_setter = isinstance(member, property) and member.fset is not None
-            declared = any(name in getattr(base, "__annotations__", ()) for base in cls.__mro__)
+        if not name.startswith("_") and name not in self._SETTERS:
             taken = name in self.__dict__ and not self._REASSIGNED
-            if not has_setter and (taken or not declared):
-                raise _unassignable(cls, name, self._CURE)
+            if (taken or name not in self._DECLARED) and _is_ours(type(self)):
+                raise _unassignable(type(self), name, self._CURE)
         object.__setattr__(self, name, value)
 
 
