@@ -52,9 +52,7 @@ def _times(matrix: Any, vector: list[Any]) -> list[Any]:
     return [mp.fdot(map(mp.mpf, row), vector) for row in matrix]
 
 
-def _step(
-    composition: Composition, q: list[Any], p: list[Any], h: Any, scale: Any
-) -> list[Any]:
+def _step(composition: Composition, q: list[Any], p: list[Any], h: Any, scale: Any) -> list[Any]:
     """Return (q, p) after one step of alternating drifts and kicks.
 
     q ← q + a h M p,  p ← p − b h V_q + c h³ G_q,  with G = V_qᵀ M V_q and V scaled by ``scale``.

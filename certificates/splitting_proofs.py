@@ -195,9 +195,7 @@ def prove_flows() -> tuple[Proof, ...]:
         for x, y in combinations(names, 2)))
 
 
-def bracket(
-    f: sp.Expr, g: sp.Expr, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol]
-) -> sp.Expr:
+def bracket(f: sp.Expr, g: sp.Expr, q: Sequence[sp.Symbol], p: Sequence[sp.Symbol]) -> sp.Expr:
     """Return the canonical bracket {f, g} = f_q·g_p − f_p·g_q.
 
     For functions of q and l it is the bracket on T*S³: they commute with |q|², so that the
@@ -320,9 +318,7 @@ def prove_splitting(splitting: Splitting) -> tuple[Proof, ...]:
             Proof("one exact flow", "{X, Y} = 0 for parts of T", commute))
 
 
-def _by_momenta(
-    terms: Sequence[sp.Expr], p: Sequence[sp.Symbol]
-) -> list[list[sp.Expr]]:
+def _by_momenta(terms: Sequence[sp.Expr], p: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
     """Return terms in groups without common momenta; the first is of terms without any."""
     index_of = {x: i for i, x in enumerate(p)}
     sets = [frozenset(index_of[x] for x in e.free_symbols if x in index_of) for e in terms]

@@ -23,9 +23,7 @@ __all__ = ["export"]
               help="Euler angles of every body as columns of a .csv or .parquet file: ZYX and the "
                    "like about the axes of the body, zyx about those of space.")
 @click.option("--degrees", is_flag=True, help="Write these angles in degrees.")
-def export(
-    store: Path, target: Path, columns: str | None, euler: str | None, degrees: bool
-) -> int:
+def export(store: Path, target: Path, columns: str | None, euler: str | None, degrees: bool) -> int:
     """Write the states of STORE (run --out NAME.zarr), finished or not, to FILE.
 
     \b

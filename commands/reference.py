@@ -39,11 +39,9 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
     gyrospark reference all --json
     gyrospark reference all --out references.md --plot references.png
     """
-    import json
-
     from ..references.problem_registry import names
     from ..references.problem_registry import reference as named
-    from ..references.results_page import page, reached
+    from ..references.results_page import reached
     from ..references.work_precision import measure
 
     if name == "list":
@@ -61,6 +59,22 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
     rounds = 1 if quick else 3  # the median of three leaves out a round that was interrupted
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
                 for problem in problems]
+    _write(measured, plot, out, as_json=as_json)
+    missed = [problem.name for problem, runs in measured if not reached(runs)]
+    if missed:
+        click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)
+    return 1 if missed else 0
+
+
+def _write(
+    measured: list[tuple[Reference, list[WorkPrecisionRun]]], plot: Path | None,
+    out: Path | None, *, as_json: bool,
+) -> None:
+    """Print the runs of problems, draw them and write their page."""
+    import json
+
+    from ..references.results_page import page
+
     if as_json:
         rows = [run.as_dict() for _, runs in measured for run in runs]
         click.echo(json.dumps(rows, ensure_ascii=False, indent=2))
@@ -75,10 +89,6 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
         # the page refers to the picture beside it
         picture = "" if plot is None else Path(os.path.relpath(plot, out.parent)).as_posix()
         write_files({out.name: page(measured, picture)}, out.parent)
-    missed = [problem.name for problem, runs in measured if not reached(runs)]
-    if missed:
-        click.echo(f"reference: no scheme has the digits of {', '.join(missed)}.", err=True)
-    return 1 if missed else 0
 
 
 def _list(problems: Sequence[Reference], as_json: bool) -> None:

@@ -255,9 +255,7 @@ def refuse_unusable_names(events: Sequence[Event | Impact], named: str) -> None:
                              'digits and "_", as in gs.Event(..., name="landing").')
 
 
-def event_of_text(
-    text: str, name: str = "", number: Callable[[str], Any] = decimal
-) -> Event:
+def event_of_text(text: str, name: str = "", number: Callable[[str], Any] = decimal) -> Event:
     """Return the event that ``"height=0 down stop"`` says.
 
     ``number`` returns the level in a text; it returns None or raises InputError if the text has

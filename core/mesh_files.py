@@ -101,9 +101,7 @@ def _obj(content: bytes) -> Floats:
         raise InputError("it is no OBJ; correct it.") from None
 
 
-def locate_all(
-    visuals: Mapping[str, Iterable[Shape]], model: str | Path
-) -> dict[str, list[Shape]]:
+def locate_all(visuals: Mapping[str, Iterable[Shape]], model: str | Path) -> dict[str, list[Shape]]:
     """Return the shapes of bodies with the paths of their meshes; see ``locate``."""
     return {body: [locate(shape, model) for shape in shapes] for body, shapes in visuals.items()}
 

@@ -202,9 +202,7 @@ def log_progress(
 
 
 @contextlib.contextmanager
-def _log_progress(
-    text: str, total: int, progress: Progress
-) -> Iterator[Callable[..., Any] | None]:
+def _log_progress(text: str, total: int, progress: Progress) -> Iterator[Callable[..., Any] | None]:
     """Yield the function of ``log_progress``: the caller's own, one that logs, or None."""
     as_progress(progress)
     if callable(progress) or progress is False:

@@ -212,9 +212,7 @@ def _without_velocity_constraints(spec: Spec, *, own_tableau: bool) -> str:
     return "" if scheme_named(spec.scheme).velocity_constraints else f"scheme {spec.scheme!r}"
 
 
-def _system_and_rep(
-    spec: Spec, system: System | None, model: Model | None
-) -> tuple[System, str]:
+def _system_and_rep(spec: Spec, system: System | None, model: Model | None) -> tuple[System, str]:
     """Return the system to generate for, and the representation that belongs into its name, or "".
     """
     if system is not None:

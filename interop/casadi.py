@@ -39,9 +39,7 @@ def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Fl
     return run(stepper, steps=1, dt=dt, second_order=second_order)
 
 
-def run(
-    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact"
-) -> Flow:
+def run(stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return a run of a stepper as a CasADi function: (q, p) after ``steps`` steps.
 
     Arguments are those of ``FlowFunction``. By default second derivatives are exact, as IPOPT

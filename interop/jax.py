@@ -38,9 +38,7 @@ except ImportError as error:
 __all__ = ["Flow", "run", "step"]
 
 
-def step(
-    stepper: Stepper, *, dt: Any = None, second_order: str = "exact"
-) -> Flow:
+def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return one step of a stepper as a JAX function: ``f(q, p, parameters)`` → (q1, p1).
 
     See ``run``, of which it is ``steps=1``.
@@ -48,9 +46,7 @@ def step(
     return run(stepper, steps=1, dt=dt, second_order=second_order)
 
 
-def run(
-    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact"
-) -> Flow:
+def run(stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return a run of a stepper as a JAX function of its start: (q, p) after ``steps`` steps.
 
     Arguments are those of ``FlowFunction``; second derivatives are those of ``jax.hessian``.

@@ -37,9 +37,7 @@ def step(stepper: Stepper, *, dt: Any = None, second_order: str = "exact") -> Fl
     return run(stepper, steps=1, dt=dt, second_order=second_order)
 
 
-def run(
-    stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact"
-) -> Flow:
+def run(stepper: Stepper, *, steps: int, dt: Any = None, second_order: str = "exact") -> Flow:
     """Return a run of a stepper as a PyTorch function: (q, p) after ``steps`` steps.
 
     Arguments as for ``FlowFunction``; ``second_order`` says how ``torch.func.hessian`` gets its

@@ -75,9 +75,7 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     return about
 
 
-def _complaints(
-    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
-) -> Iterator[str]:
+def _complaints(about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
     """Yield complaints until one makes further checks meaningless.
 
     ``about`` are all attributes of the store, ``run`` the arguments of the run among them.

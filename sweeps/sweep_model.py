@@ -57,9 +57,7 @@ def resolve(
     return [stepper for stepper, _ in steppers_and_starts], steppers_and_starts[0][1]
 
 
-def _look_up(
-    name: str, settings: Mapping[str, Any], rep: str | None
-) -> tuple[Any, str | None]:
+def _look_up(name: str, settings: Mapping[str, Any], rep: str | None) -> tuple[Any, str | None]:
     """Return the problem or model of a name with its settings, and ``rep`` for a problem."""
     entry = entry_named(name, "model")
     for key in settings:

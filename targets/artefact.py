@@ -229,9 +229,7 @@ def work_size(name: str, header: str) -> int:
     return size
 
 
-def refuse_names(
-    manifest: Manifest, reserved: Collection[str], language: str
-) -> None:
+def refuse_names(manifest: Manifest, reserved: Collection[str], language: str) -> None:
     """Refuse members of the parameters' struct that are reserved words of a language."""
     for field_ in parameter_fields(manifest):
         if field_ in reserved:

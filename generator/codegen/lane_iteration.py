@@ -18,9 +18,7 @@ from .program import Derived, Elements, LaneIteration, Table
 __all__ = ["called_functions", "lane_iteration"]
 
 
-def lane_iteration(
-    derived: Derived, elements: Elements | None
-) -> tuple[LaneIteration | None, str]:
+def lane_iteration(derived: Derived, elements: Elements | None) -> tuple[LaneIteration | None, str]:
     """Return the fixed-point iteration of a step on SIMD lanes, of stages or of trajectories.
 
     The second entry is "", or the reason why there is none: Newton's method takes every step then.

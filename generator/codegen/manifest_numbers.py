@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from typing import Any
 
 import sympy as sp
@@ -40,24 +39,17 @@ def numbers_of(derived: Derived, states: StateFunctions | None) -> list[NumberMa
         # components of Ω, or the rate of a coordinate x, with the unit of x per second
         units |= {name: "rad/s" if x is None else _unit_of_rate(units[str(x)])
                   for name, x in zip(velocities, states.own.rate_of, strict=True)}
-    manifest: list[NumberManifest] = []
-
-    def add(role: Any, names: Iterable[Any], domain: Domain = "real") -> None:
-        """Add numbers of a role."""
-        for name in map(str, names):
-            manifest.append(NumberManifest(name=name, role=role, domain=domain,
-                                           unit=units.get(name), start=start.get(name)))
-
-    # within a role names have the order of the members of the C structs
-    for x in system.parameters:
-        add("input" if x in system.inputs else "parameter", [x], domain_of(x))
+    # role, number and domain; within a role in the order of the members of the C structs
+    rows: list[tuple[Any, Any, Domain]] = [
+        ("input" if x in system.inputs else "parameter", x, domain_of(x))
+        for x in system.parameters]
     if system.is_nonautonomous:
-        add("time", [system.time])
-    add("q", system.q)
-    add("p", system.p)
-    add("velocity", velocities)
-    add("quantity", system.quantities)
-    return manifest
+        rows.append(("time", system.time, "real"))
+    rows += [(role, x, "real") for role, numbers in (
+        ("q", system.q), ("p", system.p), ("velocity", velocities),
+        ("quantity", system.quantities)) for x in numbers]
+    return [NumberManifest(name=str(x), role=role, domain=domain, unit=units.get(str(x)),
+                           start=start.get(str(x))) for role, x, domain in rows]
 
 
 def _unit_of_rate(unit: str | None) -> str | None:

@@ -117,9 +117,7 @@ def _momentum_index(scheme: SplittingScheme, i: int) -> int:
     return -1 if i < 0 else 3 * len(scheme.splitting.bodies) + scheme.free.index(i)
 
 
-def _members(
-    size: dict[str, int], *, drag: bool, spaces: int
-) -> list[tuple[str, list[int]]]:
+def _members(size: dict[str, int], *, drag: bool, spaces: int) -> list[tuple[str, list[int]]]:
     """Return the members of struct ``flows`` in order: names and shapes.
 
     ``size`` has the number of bodies, of stages and so on; ``drag`` and ``spaces`` say whether

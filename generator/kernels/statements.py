@@ -156,9 +156,7 @@ def _entries(outputs: Mapping[str, Any]) -> Iterator[tuple[str, sp.Expr]]:
                 yield f"{array}[{i}]", row
 
 
-def _replace_shared(
-    expressions: list[sp.Expr],
-) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
+def _replace_shared(expressions: list[sp.Expr]) -> tuple[dict[sp.Symbol, sp.Expr], list[sp.Expr]]:
     """Return the definitions of new symbols for ``Shared`` parts, and expressions in them.
 
     Parts with equal definitions have one symbol; an atom, a symbol or a number, needs none.

@@ -168,9 +168,7 @@ def _allow(element: Element, names: Iterable[str]) -> None:
                            f"{join_or([*names])}, and place it by a <frame>.")
 
 
-def _numbers(
-    element: Element, key: str, text: str, largest_count: float = math.inf
-) -> list[float]:
+def _numbers(element: Element, key: str, text: str, largest_count: float = math.inf) -> list[float]:
     """Return the finite numbers of the text of ``key``, ``largest_count`` at most, or refuse it."""
     words = text.split()
     if not all(map(NUMBER.fullmatch, words)) or len(words) > largest_count or not np.isfinite(

@@ -18,6 +18,7 @@ start is moved to a state in which the loops are closed.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -112,9 +113,7 @@ def load_robot(
     return builder
 
 
-def robot_model(
-    text: str, path: str | Path, rep: str | None, options: Mapping[str, Any]
-) -> Model:
+def robot_model(text: str, path: str | Path, rep: str | None, options: Mapping[str, Any]) -> Model:
     """Return the model of a robot's file; its meshes have the names of the file.
 
     Raises InputError with file and cure.
@@ -216,33 +215,9 @@ class Loops:
         mount_of = {"ground": Mount(GROUND, IDENTITY, IDENTITY), **links}
         frames = {name: mount.frame for name, mount in mount_of.items()}
 
-        def close_loop(table: TomlTable) -> Any:
-            """Add the joint of one [[joints]] table, which is written in the frames of its links.
-
-            A body may consist of several links with fixed joints between them. Joints of the
-            builder take points in body axes, as they are in every pose, and axes in space axes of
-            the initial pose.
-            """
-            names = table.strings("bodies")
-
-            def builder_arguments(values: dict[str, Any]) -> dict[str, Any]:
-                """Return the builder's arguments: points in body axes, directions in space axes."""
-                mounts = [mount_of[name] for name in names]
-                points = {key: mounts[i].inner.x + mounts[i].inner.R @ np.array(values[key], float)
-                          for key, i in _POINTS.items() if key in values}
-                axes = {key: mounts[i].space.R @ np.array(values[key], float)
-                        for key, i in _AXES.items() if key in values}
-                # the attitude of the second link in the axes of the first
-                turns = {"rotation": mounts[0].inner.R @ np.array(values["rotation"])
-                         @ mounts[1].inner.R.T} if "rotation" in values else {}
-                in_space = {"axis": "axis_in_space", "axis_on_body": "axis_in_space"}
-                return {in_space.get(key, key): argument
-                        for key, argument in (values | points | axes | turns).items()}
-
-            return join(builder, frames, table, builder_arguments)
-
         for table in self.content.tables("joints"):
-            build_from(table, close_loop)
+            build_from(table, lambda table: join(builder, frames, table, partial(
+                _builder_arguments, mount_of, table.strings("bodies"))))
 
     def model(self, builder: Multibody) -> Model:
         """Return the model, without the constraints that the file leaves out."""
@@ -252,6 +227,27 @@ class Loops:
             raise
         except InputError as error:
             raise self.content.file_error(str(error)) from None
+
+
+def _builder_arguments(
+    mount_of: Mapping[str, Mount], names: Sequence[str], values: dict[str, Any]
+) -> dict[str, Any]:
+    """Return the builder's arguments of a [[joints]] table, written in the frames of two links.
+
+    A body may consist of several links with fixed joints between them. Joints of the builder take
+    points in body axes, as they are in every pose, and axes in space axes of the initial pose.
+    """
+    mounts = [mount_of[name] for name in names]
+    points = {key: mounts[i].inner.x + mounts[i].inner.R @ np.array(values[key], float)
+              for key, i in _POINTS.items() if key in values}
+    axes = {key: mounts[i].space.R @ np.array(values[key], float)
+            for key, i in _AXES.items() if key in values}
+    # the attitude of the second link in the axes of the first
+    turns = {"rotation": mounts[0].inner.R @ np.array(values["rotation"])
+             @ mounts[1].inner.R.T} if "rotation" in values else {}
+    in_space = {"axis": "axis_in_space", "axis_on_body": "axis_in_space"}
+    return {in_space.get(key, key): argument
+            for key, argument in (values | points | axes | turns).items()}
 
 
 def read_loops(path: str | Path) -> Loops:

@@ -268,9 +268,7 @@ class _Scopes:
         return self.link(self.resolve(above, name), (*below, name))
 
 
-def _read(
-    scopes: _Scopes
-) -> tuple[dict[str, tuple[RobotLink, float]], list[PlacedJoint]]:
+def _read(scopes: _Scopes) -> tuple[dict[str, tuple[RobotLink, float]], list[PlacedJoint]]:
     """Return the links, name → (link, share of its weight that is compensated), and the joints.
 
     Raises InputError for a file without links, too many links, and joints of unknown links.

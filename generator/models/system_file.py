@@ -108,9 +108,7 @@ def _read_formulas(
                      next(iter(time.values())) if uses_time else None)
 
 
-def _coordinates_and_momenta(
-    table: TomlTable,
-) -> tuple[dict[str, sp.Symbol], dict[str, sp.Symbol]]:
+def _coordinates_and_momenta(table: TomlTable) -> tuple[dict[str, sp.Symbol], dict[str, sp.Symbol]]:
     """Return name → symbol of the coordinates and of the momenta, one for each coordinate."""
     q, p = (_symbols(table, key) for key in ("coordinates", "momenta"))
     if len(q) != len(p):

@@ -187,9 +187,7 @@ class TomlTable:
         """Return a finite number; it may be written as text, such as "40*pi"."""
         return self._number(key, self.content.get(key), units)
 
-    def vector(
-        self, key: str, count: int, units: Units = MappingProxyType({})
-    ) -> list[float]:
+    def vector(self, key: str, count: int, units: Units = MappingProxyType({})) -> list[float]:
         """Return ``count`` numbers; in text they may have one of the units of ``grammar``."""
         entries = self._list(key, count, f"{count} numbers")
         return [self._number(f"{key}, entry {i},", value, units)

@@ -100,9 +100,7 @@ def parse_urdf(
     return builder
 
 
-def _read(
-    top: Element, ignore: list[str], limits: Limits, base: Placement, floats: bool
-) -> Robot:
+def _read(top: Element, ignore: list[str], limits: Limits, base: Placement, floats: bool) -> Robot:
     """Return the robot of a URDF file's root element ``top``.
 
     ``ignore`` are the parts to leave out, ``base`` is the pose of the root link in space; with

@@ -140,9 +140,7 @@ def _extras(element: Element, above: str, owner: str, schema: Schema) -> Iterato
                 yield from _extras(part.child, element.name, owner, schema)
 
 
-def _ignored_names(
-    part: _Part, refusal: Refused, element: Element, owner: str
-) -> Iterator[str]:
+def _ignored_names(part: _Part, refusal: Refused, element: Element, owner: str) -> Iterator[str]:
     """Yield the name that ignores a part, none if it is at its default; refuse any other part."""
     # a value that means "nothing" may stand
     if refusal.default is not None and _is_same(part.text, refusal.default):

@@ -461,16 +461,8 @@ class Assembly:
             return joint_at(link, self.poses, kept_equations, parameters, values,
                             is_counted=is_counted)
 
-        def has_layout(link: Connection) -> bool:
-            """Whether force, angle and rate of a connection follow from bodies alone."""
-            holds_point_or_axis = isinstance(link, Joint | Align) and not isinstance(
-                link, BeamJoint | Planar)
-            unknown_frames = Particle if holds_point_or_axis else MovingPoint | Particle
-            return not isinstance(link, Slide) and not any(
-                isinstance(frame, unknown_frames) for frame in link.frames)
-
         layouts = [layout(link, is_counted=link.name in counted) for link in self.links
-                   if has_layout(link)]
+                   if _has_layout(link)]
         # an alias shares its joint's point and reaction, but has no angle of its own
         layouts += [replace(layout(self.connections[joint], is_counted=False), name=name,
                             axis_a=(), axis_b=())
@@ -596,6 +588,15 @@ def body_at(body: Body, parameters: set[sp.Symbol], values: Mapping[str, float])
     return BodyLayout(body.name, body.q, body.inverse or body.inertia, body.x, **origin,
                   centre=_entries(body.centre, parameters, values),
                   mass=_entry(body.mass, parameters, values))
+
+
+def _has_layout(link: Connection) -> bool:
+    """Whether force, angle and rate of a connection follow from bodies alone."""
+    holds_point_or_axis = isinstance(link, Joint | Align) and not isinstance(
+        link, BeamJoint | Planar)
+    unknown_frames = Particle if holds_point_or_axis else MovingPoint | Particle
+    return not isinstance(link, Slide) and not any(
+        isinstance(frame, unknown_frames) for frame in link.frames)
 
 
 def joint_at(

@@ -1019,9 +1019,7 @@ class Multibody(FixedAttributes):
             q=np.array([1.0, 0, 0, 0]), x=zero, v=zero, omega=np.zeros(3))
         return body
 
-    def law(
-        self, name: str, joints: Iterable[Connection | str], f: Callable[..., Any]
-    ) -> Law:
+    def law(self, name: str, joints: Iterable[Connection | str], f: Callable[..., Any]) -> Law:
         """Let f(c₁, c₂, …) of the coordinates of joints be 0: one constraint, ``name: law``.
 
         Coordinates are the angle of a joint that turns, in rad, within the range that ``angle``
@@ -1086,16 +1084,7 @@ class Multibody(FixedAttributes):
         begin, rate = self._components.initial_value_and_rate(f"angle of {name!r}", law)
         # at t = 0 the joint has the angle and the rate of the law
         hinge = hinge_of(hinge_joint)
-        if not _agrees(hinge.rate, rate):
-            raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
-                             f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
-                             "rate.")
-        # an angle 0 of the described pose is the default, and contradicts no law
-        if not (_agrees(hinge.start_angle, begin) and _agrees(hinge.angle or None, begin)):
-            value = "travel" if isinstance(hinge_joint, Screw) else "angle"
-            raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
-                             f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; "
-                             f"leave out the joint's {value}.")
+        _refuse_other_start(name, hinge_joint, begin, rate)
         hinge.rate = rate
         if hinge.start_angle is None:
             hinge.angle = begin
@@ -1689,9 +1678,24 @@ def _begin_at(assembly: Assembly, start: HasStart) -> float:
     return float(state.t)
 
 
+def _refuse_other_start(name: str, joint: Connection, begin: float, rate: float) -> None:
+    """Refuse a drive whose angle and rate at t = 0 are not the given ones of its joint."""
+    hinge = hinge_of(joint)
+    if not _agrees(hinge.rate, rate):
+        raise InputError(f"The drive {name!r} begins at {rate:.6g} rad/s and its joint at "
+                         f"{hinge.rate:.6g}: no start satisfies both; leave out the joint's "
+                         "rate.")
+    # an angle 0 of the described pose is the default, and contradicts no law
+    if not (_agrees(hinge.start_angle, begin) and _agrees(hinge.angle or None, begin)):
+        value = "travel" if isinstance(joint, Screw) else "angle"
+        raise InputError(f"The drive {name!r} begins at {begin:.6g} rad and its joint at "
+                         f"{hinge.start_angle or hinge.angle:.6g}: these are one angle; "
+                         f"leave out the joint's {value}.")
+
+
 def _refuse_shapes_beside_gap(name: str, **is_given: bool) -> None:
     """Refuse arguments of bodies that touch, where an expression is the gap of a contact."""
-    keys_of_bodies = [key for key, given in is_given.items() if given]
+    keys_of_bodies = [key for key in is_given if is_given[key]]
     if keys_of_bodies:
         raise InputError(f"{name!r} has a gap and {few(keys_of_bodies)}, which belong to "
                          "bodies that touch; leave one of them out.")

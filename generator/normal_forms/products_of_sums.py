@@ -257,9 +257,7 @@ class _PowerSplitter:
             variables, constants = compact.split(m)
             self.constants_of[variables].append(constants)
 
-    def _take(
-        self, outer: tuple[Monomial, Number], root: Terms, n: int, second: Terms
-    ) -> bool:
+    def _take(self, outer: tuple[Monomial, Number], root: Terms, n: int, second: Terms) -> bool:
         """Subtract a (r + s)ⁿ, where n a s is ``second``, if the remainder has its terms.
 
         ``outer`` is a, ``root`` is r. A coefficient of the remainder must have the sign of the

@@ -139,9 +139,7 @@ class Compact:
         cheapest = [e for e, c in zip(candidates, costs, strict=True) if c == min(costs)]
         return cheapest[0] if len(cheapest) == 1 else min(cheapest, key=sp.count_ops)
 
-    def _candidates(
-        self, terms: Terms, powers: list[Power], remainder: Terms
-    ) -> Iterator[sp.Expr]:
+    def _candidates(self, terms: Terms, powers: list[Power], remainder: Terms) -> Iterator[sp.Expr]:
         """Yield forms of a sum: factored, with powers, as products, as squares, over a denominator.
 
         ``powers`` and ``remainder`` are the sum as Σ a sⁿ + remainder. Of forms of equal length the

@@ -440,9 +440,7 @@ def piecewise(
     return s.apply((end_values[0] + end_values[1]) / 2, factor).with_ends(*end_values)
 
 
-def _clamp(
-    s: DiscreteDifference, low: sp.Expr | None, high: sp.Expr | None
-) -> DiscreteDifference:
+def _clamp(s: DiscreteDifference, low: sp.Expr | None, high: sp.Expr | None) -> DiscreteDifference:
     """Return c = max(min(s, high), low), with its slope Δc/Δs; None stands for no limit."""
     step = (s.change,)  # s is the only variable
     clamped = DiscreteDifference(s.mean, {0: sp.Integer(1)}, step)

@@ -94,9 +94,7 @@ class FrameRotation:
                 [[s.turns or Rotation(blocks={}) for s in group] for group in groups]))
         return kernels
 
-    def _kernel(
-        self, name: str, doc: str, count: int, rotations: list[list[Rotation]]
-    ) -> Kernel:
+    def _kernel(self, name: str, doc: str, count: int, rotations: list[list[Rotation]]) -> Kernel:
         """Return the kernel y = Π_g e^{θ_g A_g} x, group after group.
 
         Its inputs are the cosines and sines of ``angles``, the components of the axes, and x with

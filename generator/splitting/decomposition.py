@@ -396,9 +396,7 @@ class _Search:
         return tuple(SpaceRotation(omega, tuple(bodies), tuple(points))
                      for omega, (bodies, points) in rotations.items())
 
-    def _is_rotation(
-        self, indices: Sequence[int], A: Mapping[tuple[int, int], sp.Expr]
-    ) -> bool:
+    def _is_rotation(self, indices: Sequence[int], A: Mapping[tuple[int, int], sp.Expr]) -> bool:
         """Whether A is skew on a point, which has one mass and no velocity v of its own in H.
 
         Then the rotation commutes with the kinetic energy of the point. ``indices`` are its

@@ -46,9 +46,7 @@ class NullSpace:
         A space that contains this one.
     """
 
-    def __init__(
-        self, size: int, conditions: Conditions, within: NullSpace | None = None
-    ) -> None:
+    def __init__(self, size: int, conditions: Conditions, within: NullSpace | None = None) -> None:
         self.size, self._conditions, self._within = size, conditions, within
         self._echelon_forms: dict[int, tuple[Residue, list[int]] | None] = {}
 

@@ -161,9 +161,7 @@ def structure_of(expressions: Iterable[sp.Basic]) -> tuple[Hashable, list[sp.Sym
     return (*nodes, *(numbers[e] for e in expressions)), symbols
 
 
-def substitute(
-    expressions: Sequence[sp.Expr], mapping: Mapping[sp.Expr, sp.Expr]
-) -> list[sp.Expr]:
+def substitute(expressions: Sequence[sp.Expr], mapping: Mapping[sp.Expr, sp.Expr]) -> list[sp.Expr]:
     """Return the expressions with subexpressions replaced simultaneously."""
     replacement: dict[sp.Basic, sp.Basic] = dict(mapping)
     for e in parts_of(expressions):

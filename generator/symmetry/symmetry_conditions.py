@@ -136,9 +136,7 @@ class SymmetrySpace:
         symbols = [*states, *self._other_symbols]
         return Residues(prime, symbols, expressions, count, constants, seed=count)
 
-    def _combine(
-        self, prime: int, term: Callable[[int, int], Residue], count: int
-    ) -> Residue:
+    def _combine(self, prime: int, term: Callable[[int, int], Residue], count: int) -> Residue:
         """Return Σ_ij w_ij term(i, j) modulo the prime, shape (count, number of fields)."""
         rows = np.zeros((count, len(self.fields)), dtype=np.int64)
         terms = {entry: term(*entry) for entry in self._entries}

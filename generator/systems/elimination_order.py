@@ -56,27 +56,27 @@ def connected_components(sets: Iterable[frozenset[int]]) -> list[frozenset[int]]
     By a union-find forest: ``parent`` leads from each element to the root of its component.
     """
     parent: dict[int, int] = {}
-
-    def root(a: int) -> int:
-        """Return the root of an element; the path to it is halved on the way."""
-        while parent[a] != a:
-            parent[a] = parent[parent[a]]
-            a = parent[a]
-        return a
-
     for members in sets:
         first_root = None
         # all members of a set get the root of its least one
         for a in sorted(members):
             parent.setdefault(a, a)
             if first_root is None:
-                first_root = root(a)
+                first_root = _root(parent, a)
             else:
-                parent[root(a)] = first_root
+                parent[_root(parent, a)] = first_root
     unions: dict[int, set[int]] = defaultdict(set)
     for a in sorted(parent):
-        unions[root(a)].add(a)
+        unions[_root(parent, a)].add(a)
     return [frozenset(u) for u in sorted(unions.values(), key=min)]
+
+
+def _root(parent: dict[int, int], a: int) -> int:
+    """Return the root of an element of a forest; the path to it is halved on the way."""
+    while parent[a] != a:
+        parent[a] = parent[parent[a]]
+        a = parent[a]
+    return a
 
 
 def eliminate(neighbours: dict[int, set[int]]) -> Elimination:
@@ -152,26 +152,30 @@ def reverse_cuthill_mckee(neighbours: dict[Node, set[Node]]) -> list[Node]:
     order: list[Node] = []
     visited: set[Node] = set()
     number = {node: i for i, node in enumerate(neighbours)}
-
-    def breadth_first(start: Node) -> list[Node]:
-        """Return the nodes reached from ``start`` level by level, those with few neighbours first.
-        """
-        queue, queued = [start], {start}
-        for node in queue:
-            new_nodes = neighbours[node] - queued
-            queue += sorted(new_nodes, key=lambda neighbour: (len(neighbours[neighbour]),
-                                                              number[neighbour]))
-            queued |= new_nodes
-        return queue
-
     for node in neighbours:
         if node in visited:
             continue
         end = node
         # the last node of a search is far from its start: after a few searches nearly peripheral
         for _ in range(4):
-            end = breadth_first(end)[-1]
-        component = breadth_first(end)
+            end = _breadth_first(neighbours, number, end)[-1]
+        component = _breadth_first(neighbours, number, end)
         order += component
         visited |= set(component)
     return order[::-1]
+
+
+def _breadth_first(
+    neighbours: dict[Node, set[Node]], number: dict[Node, int], start: Node
+) -> list[Node]:
+    """Return the nodes reached from ``start`` level by level, those with few neighbours first.
+
+    ``number`` decides between nodes with as many neighbours.
+    """
+    queue, queued = [start], {start}
+    for node in queue:
+        new_nodes = neighbours[node] - queued
+        queue += sorted(new_nodes, key=lambda neighbour: (len(neighbours[neighbour]),
+                                                          number[neighbour]))
+        queued |= new_nodes
+    return queue

@@ -188,6 +188,7 @@ def equilibrium(
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))
+        # converged: the residual is round-off of its terms, or the change is
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
         if (stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()) or (
                 _is_round_off(change, previous_change, stagnates)):
@@ -244,9 +245,7 @@ def _refuse_without_statics(system: System) -> None:
                          "and g(q).")
 
 
-def _implicit_step(
-    x: Array, r: Array, J: _Triplets, tau: float, n: int
-) -> tuple[Array, float]:
+def _implicit_step(x: Array, r: Array, J: _Triplets, tau: float, n: int) -> tuple[Array, float]:
     """Return (δq, −λ_new), shape (n + m,), of an implicit Euler step, and δqᵀ (J + 1/τ) δq.
 
     r and ``J`` are the residual and its matrix at x = (q, λ), n entries of which are q; ``tau`` is

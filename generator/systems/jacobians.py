@@ -41,9 +41,7 @@ def _bases(expression: sp.Expr) -> list[sp.Expr]:
     return sorted({f for f in factors if f.is_Add and f in squared}, key=sp.default_sort_key)
 
 
-def jacobian(
-    expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]
-) -> list[list[sp.Expr]]:
+def jacobian(expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]) -> list[list[sp.Expr]]:
     """Return the derivative of each expression (row) by each symbol (column)."""
     return [gradient(expression, symbols) for expression in expressions]
 
@@ -69,9 +67,7 @@ def symmetric_jacobian(
     return rows
 
 
-def transposed_product(
-    G: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Expr]
-) -> list[sp.Expr]:
+def transposed_product(G: Sequence[Sequence[sp.Expr]], x: Sequence[sp.Expr]) -> list[sp.Expr]:
     """Return Gᵀx of a matrix with at least one row."""
     return [sp.Add(*(a * b for a, b in zip(x, column, strict=True)))
             for column in zip(*G, strict=True)]

@@ -198,9 +198,7 @@ class NumericConstraints:
 class NumericSystem(NumericConstraints):
     """g, g_q, H and H_p of a system at given parameters and one time."""
 
-    def __init__(
-        self, system: System, parameters: Mapping[str, float], t: float = 0.0
-    ) -> None:
+    def __init__(self, system: System, parameters: Mapping[str, float], t: float = 0.0) -> None:
         """Store a system with numbers for its parameters; all is evaluated at the time t."""
         time = {} if system.time is None else {str(system.time): t}
         values = {**as_mapping("parameters", parameters, "{'m': 1.0}"), **time}
@@ -338,9 +336,7 @@ def numeric(system: System, parameters: Mapping[str, float], t: float = 0.0) -> 
     return kind(system, parameters, t)
 
 
-def values_of(
-    symbols: Any, parameters: Mapping[str, float]
-) -> dict[sp.Symbol, float]:
+def values_of(symbols: Any, parameters: Mapping[str, float]) -> dict[sp.Symbol, float]:
     """Return symbol → value; raise InputError for a missing value or one that is no number."""
     values = as_mapping("parameters", parameters, "{'m': 1.0}")
     value_of = {}

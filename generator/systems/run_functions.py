@@ -111,9 +111,7 @@ def _cotangents(
     return cotangents
 
 
-def slopes_over_states(
-    expression: Any, run: Any
-) -> Callable[[dict[str, Any]], dict[str, Any]]:
+def slopes_over_states(expression: Any, run: Any) -> Callable[[dict[str, Any]], dict[str, Any]]:
     """Return a function: direction d of states and parameters → Σ_y ∂²ℓ/∂x∂y d_y.
 
     Directions and results are {"q", "p", "t", "parameters"} in the shapes of the cotangents of

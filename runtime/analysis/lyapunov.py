@@ -177,14 +177,7 @@ def lyapunov(
     check_stepper(stepper)
     state = merged_start(stepper, start, p, parameters)
     step_total = as_positive_count("steps", step_count(steps, t_end, state.t, dt), minimum=1)
-    size = 2 * (stepper.n - stepper.m)  # dimension of the tangent spaces of the constraints
-    vector_count = size if count is None else as_positive_count("count", count, minimum=1)
-    if not size:
-        raise InputError(f"{stepper.name} has no exponents: it has as many constraints as "
-                         "coordinates, so that nothing moves.")
-    if vector_count > size:
-        raise InputError(f"count = {vector_count} is more than the dimension 2 (n − m) = {size} of "
-                         f"the tangent spaces of {stepper.name}; give at most {size}.")
+    vector_count = _vector_count(stepper, count)
     with_covariant = as_flag("covariant", covariant)
     as_progress(progress)
     run = stepper._resolve(stepper._run_arguments(
@@ -197,6 +190,19 @@ def lyapunov(
             if report is not None:
                 report(steps_so_far)
     return benettin.result()
+
+
+def _vector_count(stepper: Stepper, count: int | None) -> int:
+    """Return the number of exponents, by default the dimension of the tangent spaces."""
+    size = 2 * (stepper.n - stepper.m)
+    vector_count = size if count is None else as_positive_count("count", count, minimum=1)
+    if not size:
+        raise InputError(f"{stepper.name} has no exponents: it has as many constraints as "
+                         "coordinates, so that nothing moves.")
+    if vector_count > size:
+        raise InputError(f"count = {vector_count} is more than the dimension 2 (n − m) = {size} of "
+                         f"the tangent spaces of {stepper.name}; give at most {size}.")
+    return vector_count
 
 
 class Benettin:

@@ -143,9 +143,7 @@ def _cure(value: Any) -> str:
     return ""
 
 
-def as_step(
-    value: Any, number: Callable[[Fraction], Any] = as_double, name: str = "dt"
-) -> Any:
+def as_step(value: Any, number: Callable[[Fraction], Any] = as_double, name: str = "dt") -> Any:
     """Return a usable time step: finite and not zero; negative integrates backwards."""
     if value is None:
         raise InputError(f"{name} is not given; give the time step in seconds, such as "

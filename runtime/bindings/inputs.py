@@ -170,9 +170,7 @@ def _check_names(inputs: Mapping[str, Any], names: Sequence[str]) -> Sequence[st
     return names
 
 
-def _column(
-    name: str, inputs: Mapping[str, Any], rows: int, runs: int | None
-) -> Array:
+def _column(name: str, inputs: Mapping[str, Any], rows: int, runs: int | None) -> Array:
     """Return one input, shape (runs, rows), either of them 1 where one number serves all.
 
     ``inputs[name]`` is one number, a number per row, or with ``runs`` a row of these for each run.

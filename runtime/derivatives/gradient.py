@@ -329,9 +329,7 @@ def _cotangents_of_states(
     return w, times
 
 
-def _fill(
-    binding: Compiled, name: str, array: Any, target: Array, where: str, row: str
-) -> None:
+def _fill(binding: Compiled, name: str, array: Any, target: Array, where: str, row: str) -> None:
     """Check cotangents and copy them into ``target``, shape (rows, ...), in the stepper's type.
 
     They have the shape of ``target``, or of its last row, and then the others are 0. ``name`` is

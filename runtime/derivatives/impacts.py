@@ -118,9 +118,7 @@ def _sort_in_steps(hits: Mapping[int, list[Hit]]) -> None:
                     "derivatives; start elsewhere.")
 
 
-def impact_step(
-    stepper: Stepper, run: RunArguments, step: int, q: Array, p: Array
-) -> ImpactStep:
+def impact_step(stepper: Stepper, run: RunArguments, step: int, q: Array, p: Array) -> ImpactStep:
     """Return step number ``step`` of a run, which has impacts, from the state (q, p) before it.
 
     Its ``matrix``, M = ∂(q₁, p₁)/∂(q, p, parameters, Δt, t₀), shape (2 n, rows), is the product of

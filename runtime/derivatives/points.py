@@ -317,9 +317,7 @@ def _from_first_row(
     return {name: shifted(crossings) for name, crossings in trajectory.impacts.items()}
 
 
-def single_step(
-    stepper: Stepper, run: RunArguments, point: Point, z: Array
-) -> SingleStep:
+def single_step(stepper: Stepper, run: RunArguments, point: Point, z: Array) -> SingleStep:
     """Return the step of length τ from a state z, (2 n,), in space, that leads to a point."""
     n, parameters = stepper.binding.n, run.parameters
     # the inputs of the point's step are constant in it: parameters of this step

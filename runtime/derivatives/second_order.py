@@ -146,24 +146,27 @@ def pulled_back_slope(
     g_slope, f_slope = second.constraint_slopes(parameters, q, p, np.ascontiguousarray(dz))
     G, G_slope = g[:, :n], g_slope[:, :n]
 
-    def correction(
-        rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array, z_slope: Array
-    ) -> tuple[Array, Array]:
-        """Return rowsᵀ A⁻¹ G z and its slope; rows, A and z come with their slopes."""
-        y = solve(A, G @ z)
-        y_slope = solve(A, G_slope @ z + G @ z_slope - A_slope @ y)
-        return rows.T @ y, rows_slope.T @ y + rows.T @ y_slope
-
     if space.binding.keeps_momentum:
         f_p, f_p_slope = f[:, n : 2 * n], f_slope[:, n : 2 * n]
         # the transposes of ``TangentSpace.project`` in reverse order: first that of p
         W, W_slope = f_p @ G.T, f_p_slope @ G.T + f_p @ G_slope.T
-        of_p, of_p_slope = correction(f, f_slope, W.T, W_slope.T, z_bar[n : 2 * n],
+        of_p, of_p_slope = _correction(G, G_slope, f, f_slope, W.T, W_slope.T, z_bar[n : 2 * n],
                                       z_bar_slope[n : 2 * n])
         z_bar, slope = z_bar - of_p, slope - of_p_slope
     half_slope = G_slope @ G.T  # (G Gᵀ)' = G' Gᵀ + (G' Gᵀ)ᵀ
-    _, of_q_slope = correction(g, g_slope, G @ G.T, half_slope + half_slope.T, z_bar[:n], slope[:n])
+    _, of_q_slope = _correction(G, G_slope, g, g_slope, G @ G.T, half_slope + half_slope.T,
+                                z_bar[:n], slope[:n])
     return slope - of_q_slope
+
+
+def _correction(
+    G: Array, G_slope: Array, rows: Array, rows_slope: Array, A: Array, A_slope: Array, z: Array,
+    z_slope: Array,
+) -> tuple[Array, Array]:
+    """Return rowsᵀ A⁻¹ G z and its slope; G, rows, A and z come with their slopes."""
+    y = solve(A, G @ z)
+    y_slope = solve(A, G_slope @ z + G @ z_slope - A_slope @ y)
+    return rows.T @ y, rows_slope.T @ y + rows.T @ y_slope
 
 
 @dataclass(frozen=True)

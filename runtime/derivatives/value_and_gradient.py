@@ -91,9 +91,7 @@ class Objective:
         self._sizes = dict.fromkeys(wrt, 1) | {
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
 
-    def _numbers_of_rules(
-        self, start: StartNumbers, numbers: Mapping[str, Any]
-    ) -> dict[str, Any]:
+    def _numbers_of_rules(self, start: StartNumbers, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the numbers at the start of γ, α and rates of a frame that follow from a rule.
 
         They stay: a mean that followed the moments in x would have a derivative that a run does not

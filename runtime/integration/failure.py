@@ -140,9 +140,7 @@ def _smaller_step(
     return None, float(dt)
 
 
-def _dependent_constraints(
-    binding: Binding, manifest: Manifest, run: Any, q: Array
-) -> str:
+def _dependent_constraints(binding: Binding, manifest: Manifest, run: Any, q: Array) -> str:
     """Return the names of constraints whose gradients are dependent at q; empty if none are.
 
     Of G with rows of length 1, the left singular vector of the least singular value says which

@@ -128,9 +128,7 @@ class _ShortStep:
         return np.array(columns).T
 
 
-def _tangent_basis(
-    projected: Callable[[Array], Array], start: Array, scale: Array
-) -> Array | None:
+def _tangent_basis(projected: Callable[[Array], Array], start: Array, scale: Array) -> Array | None:
     """Return an orthonormal basis of dz/scale tangent to the constraints, shape (2 n, k).
 
     P = ∂(projected z)/∂z by central differences, each entry moved by a part of its scale; the range

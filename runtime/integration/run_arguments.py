@@ -306,9 +306,7 @@ class EnsembleArguments:
         return replace(self, first=replace(self.first, t_end=end),
                        rests=np.broadcast_to(column, len(self)))
 
-    def last_parts(
-        self, binding: Binding, q: Array, p: Array, status: Array
-    ) -> EnsembleArguments:
+    def last_parts(self, binding: Binding, q: Array, p: Array, status: Array) -> EnsembleArguments:
         """Return the last parts of a step as runs of one step, from the states after whole steps.
 
         ``q`` and ``p`` have the shape (runs, n), ``status`` (runs,). It is not 0 for runs that have

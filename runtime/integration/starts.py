@@ -101,9 +101,7 @@ def _impacts_of(start: Start) -> tuple[Impact, ...]:
     return tuple(event for event in start._events if isinstance(event, Impact))
 
 
-def span_or_own(
-    binding: Binding, start: Any, span: Span
-) -> tuple[Any, Any]:
+def span_or_own(binding: Binding, start: Any, span: Span) -> tuple[Any, Any]:
     """Return the step and the number of steps of the caller, or a model's if they are not given.
 
     Raises InputError as ``step_argument``.
@@ -130,9 +128,7 @@ def _refuse_impacts(start: Start) -> None:
                          "gs.Start(q, p, parameters), which has none.")
 
 
-def start_parameters(
-    names: Collection[str], start: Start, parameters: Any
-) -> dict[str, Any]:
+def start_parameters(names: Collection[str], start: Start, parameters: Any) -> dict[str, Any]:
     """Return the parameters of a start and those that win over them, γ and α by their rules.
 
     ``names`` are the parameters of the system. Raises InputError for parameters that are the
@@ -152,9 +148,7 @@ def start_parameters(
     return values
 
 
-def own_inertias(
-    inertias: Mapping[str, Any], names: Collection[str]
-) -> dict[str, Sequence[str]]:
+def own_inertias(inertias: Mapping[str, Any], names: Collection[str]) -> dict[str, Sequence[str]]:
     """Return label of a body → those of the parameters ``names`` that are its inertia.
 
     ``inertias`` has the inertia that each γ or α belongs to, in kg m²: {"gamma": [2e-4, 2e-4,

@@ -188,9 +188,7 @@ def compact(script: str) -> str:
     return "".join(f"{line}\n" for line in lines if line and not line.startswith("//"))
 
 
-def _content(
-    scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]
-) -> dict[str, Any]:
+def _content(scene: Scene, shape: DrawnName, meshes: Mapping[str, IndexedMesh]) -> dict[str, Any]:
     """Return the scene for JSON, long arrays as base64 of 32-bit floats.
 
     view.js and scene.js read these keys. A position that stays is one row.

@@ -131,9 +131,7 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     return index.reshape(height, width), buffer.reshape(height, width)
 
 
-def _pixel_range(
-    low: Array, high: Array, size: int
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _pixel_range(low: Array, high: Array, size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return the first pixel i with its centre i + ½ from ``low`` to ``high``, and their number.
 
     Pixels are counted within 0 ≤ i < size; entry by entry of the arrays.

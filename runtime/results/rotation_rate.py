@@ -157,9 +157,7 @@ class Rotations:
         error = phase_error(self._order, radians) if self._solves_stages else None
         return FastestRotation(name, radians, self._limit, step, self._order, error, self._clocked)
 
-    def _largest(
-        self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array
-    ) -> _Rotation:
+    def _largest(self, parameters: Mapping[str, Any], dt: Any, q: Array, p: Array) -> _Rotation:
         """Return the largest rotation in a step from the states q and p, shape (rows, n).
 
         Rows in which a co-moving frame moves are left out, and those that are not finite.

@@ -96,9 +96,7 @@ def headings(
     return headings_in_order
 
 
-def _numbered_headings(
-    name: str, shape: tuple[int, ...], constraints: Sequence[str]
-) -> list[str]:
+def _numbered_headings(name: str, shape: tuple[int, ...], constraints: Sequence[str]) -> list[str]:
     """Return a heading for each entry, the array's name and its indices: ``multipliers0_1``.
 
     Along the last axis, if it counts constraints of different names, these take the index's place.

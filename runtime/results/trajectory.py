@@ -566,9 +566,7 @@ class Trajectory(Shown):
                              "returned.")
         return maker
 
-    def gradient(
-        self, cotangents: Any = None, *, stepper: Any = None, **options: Any
-    ) -> Any:
+    def gradient(self, cotangents: Any = None, *, stepper: Any = None, **options: Any) -> Any:
         """Return the gradient of a function of this run; see ``Stepper.gradient``.
 
         Parameters
@@ -589,9 +587,7 @@ class Trajectory(Shown):
         maker: Any = self._maker(stepper, "gradient(..., stepper=...)")
         return maker.gradient(self, cotangents, **options)
 
-    def hessian(
-        self, cotangents: Any = None, *, stepper: Any = None, **options: Any
-    ) -> Any:
+    def hessian(self, cotangents: Any = None, *, stepper: Any = None, **options: Any) -> Any:
         """Return the second derivatives of a function of this run; see ``Stepper.hessian``.
 
         Parameters

@@ -341,9 +341,7 @@ class Differentiation(Evaluation):
             dz[2 * n + names.index(name)] = as_real(f"d[{name!r}]", slope, derivatives.number)
         return dz
 
-    def _single(
-        self, start: Any, p: Any, dt: Number, parameters: Any, inputs: Any
-    ) -> RunArguments:
+    def _single(self, start: Any, p: Any, dt: Number, parameters: Any, inputs: Any) -> RunArguments:
         """Return a checked run of one step, whose inputs are among its parameters.
 
         The derivatives by inputs are then derivatives by parameters.

@@ -281,9 +281,7 @@ class Evaluation(FixedAttributes):
         before, after = ((x[: self.n], y[: self.n]) for x, y in (start_state, projected_state))
         return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
-    def _project(
-        self, q: Array, p: Array, parameters: ParameterStruct
-    ) -> tuple[Array, Array]:
+    def _project(self, q: Array, p: Array, parameters: ParameterStruct) -> tuple[Array, Array]:
         """Return the state (q, p) on the constraints, as ``project`` describes, or raise an error.
 
         Compiled code iterates first. Where it fails, damped steps from Python converge from farther

@@ -112,9 +112,7 @@ class Stepper(Dynamics):
     #: The largest rotation in a step, which integrations warn of.
     rotations: Rotations
 
-    def __init__(
-        self, name: str, files: dict[str, str], derive: Derive | None = None
-    ) -> None:
+    def __init__(self, name: str, files: dict[str, str], derive: Derive | None = None) -> None:
         """Load the module of ``files``; ``derive`` generates further C when it is first needed."""
         super().__init__(name, files, derive)
         self.order = int(self.manifest.scheme.order)

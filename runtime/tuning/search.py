@@ -57,9 +57,7 @@ _PROMISE = 0.9
 class Search:
     """The search over rates and γ of one start."""
 
-    def __init__(
-        self, pilots: Pilots, velocities: Velocities, moments: Mapping[str, Any]
-    ) -> None:
+    def __init__(self, pilots: Pilots, velocities: Velocities, moments: Mapping[str, Any]) -> None:
         """Set the start, the scale and the bounds of the trials x.
 
         Their entries are the rates of the frame, then u_k = γ_m/γ_k of each body. The error is

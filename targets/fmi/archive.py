@@ -115,9 +115,7 @@ def compile_fmu(folder: Path, name: str, version: int, platforms: tuple[str, ...
     return fmu
 
 
-def _compilers(
-    version: int, platforms: tuple[str, ...], purpose: str
-) -> dict[Platform, list[str]]:
+def _compilers(version: int, platforms: tuple[str, ...], purpose: str) -> dict[Platform, list[str]]:
     """Return the command that compiles for each named platform.
 
     "own" is this machine's platform, which its own C compiler serves. A platform that is named,

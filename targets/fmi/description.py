@@ -134,9 +134,7 @@ def build_description(name: str) -> str:
     return _text(root)
 
 
-def _start_of_members(
-    options: Options, variables: Sequence[Variable]
-) -> dict[str, float]:
+def _start_of_members(options: Options, variables: Sequence[Variable]) -> dict[str, float]:
     """Return the start by members of the struct of a model: q, p and the variables' own starts.
 
     Parameters are in a struct of their own. A Lagrangian's variables are velocities, and p is there

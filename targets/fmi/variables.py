@@ -95,7 +95,20 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
     yield Variable("time", "time", "time", "independent", unit="s")
     yield Variable("dt", "longest step of the integrator", "dt", "parameter", "fixed", "exact",
                    start=float(options.dt), unit="s", domain="positive")
-    # of a Lagrangian the FMU has velocities in place of momenta
+    energy_inputs = _dependencies(system, system.hamiltonian)
+    yield from _numbers(system, options, energy_inputs)
+    is_mechanical = any("kg" in base_units(number.unit) for number in system.numbers if number.unit)
+    yield Variable("energy", "H(q, p)", "energy", "output", initial="calculated",
+                   unit="J" if is_mechanical else None, depends=energy_inputs)
+
+
+def _numbers(
+    system: SystemManifest, options: Options, energy_inputs: tuple[str, ...]
+) -> Iterator[Variable]:
+    """Yield the parameters, inputs, states and quantities; the time is no variable of its own.
+
+    Of a Lagrangian the FMU has velocities in place of momenta.
+    """
     has_velocities = any(number.role == "velocity" for number in system.numbers)
     starts = {"q": options.q}
     if has_velocities:
@@ -104,7 +117,6 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
         starts["p"] = options.p
     meanings = _meanings(system)
     default_meanings = {"q": "coordinate", "p": "momentum", "velocity": "rate of a coordinate"}
-    energy_inputs = _dependencies(system, system.hamiltonian)
     index_of_role = Counter[str]()
     for number in system.numbers:
         name, role = number.name, number.role
@@ -124,9 +136,6 @@ def _variables(manifest: Manifest, options: Options) -> Iterator[Variable]:
             formula = system.quantities[name]
             yield Variable(name, formula, f"quantities[{index}]", "output", initial="calculated",
                            unit=number.unit, depends=_dependencies(system, formula))
-    is_mechanical = any("kg" in base_units(number.unit) for number in system.numbers if number.unit)
-    yield Variable("energy", "H(q, p)", "energy", "output", initial="calculated",
-                   unit="J" if is_mechanical else None, depends=energy_inputs)
 
 
 def _dependencies(system: SystemManifest, formula: str) -> tuple[str, ...]:
