@@ -126,6 +126,25 @@ def _readable(path: Path) -> Iterator[None]:
                          "an ensemble is read with numpy.load or xarray.open_dataset.") from error
 
 
+def _checked_manifest(path: Path, about: Mapping[str, Any], file: Container[str]) -> Manifest:
+    """Return the manifest of a file; refuse another format, and other outputs than this version's.
+    """
+    writer = about["manifest"]["generator"]
+    if about["format"] != _FORMAT:
+        raise InputError(f"{str(path)!r} was written by gyrospark {writer} in format "
+                         f"{about['format']}; this is gyrospark {__version__}, which reads format "
+                         f"{_FORMAT}.")
+    manifest = parse_manifest(about["manifest"])
+    # outputs that this version has and the file has not; without "t" it is no run at all
+    missing_outputs = [output.attribute for output in OUTPUTS
+                       if output.attribute not in file and names_in_files(output, manifest)]
+    if missing_outputs and "t" in file:
+        raise InputError(f"{str(path)!r} has no {join_or(missing_outputs)}: it was written by "
+                         f"gyrospark {writer}, which knew other outputs than this gyrospark "
+                         f"{__version__}, or is damaged. Run it again, or read it with numpy.load.")
+    return manifest
+
+
 def load_npz(path: Path) -> Trajectory:
     """Return the run in a file; nothing in it is executed.
 
@@ -136,21 +155,7 @@ def load_npz(path: Path) -> Trajectory:
         # Opened here because np.load leaves a damaged file open.
         with path.open("rb") as binary_file, np.load(binary_file, allow_pickle=False) as file:
             about = json.loads(str(file["about"]))
-            writer = about["manifest"]["generator"]
-            if about["format"] != _FORMAT:
-                raise InputError(
-                    f"{str(path)!r} was written by gyrospark {writer} in format "
-                    f"{about['format']}; this is gyrospark {__version__}, which reads format "
-                    f"{_FORMAT}.")
-            manifest = about["manifest"] = parse_manifest(about["manifest"])
-            # outputs that this version has and the file has not; without "t" it is no run at all
-            missing_outputs = [output.attribute for output in OUTPUTS
-                               if output.attribute not in file and names_in_files(output, manifest)]
-            if missing_outputs and "t" in file:
-                raise InputError(
-                    f"{str(path)!r} has no {join_or(missing_outputs)}: it was written by gyrospark "
-                    f"{writer}, which knew other outputs than this gyrospark {__version__}, or is "
-                    "damaged. Run it again, or read it with numpy.load.")
+            about["manifest"] = _checked_manifest(path, about, file)
             arrays = {output.attribute: file[output.attribute] for output in OUTPUTS
                       if output.attribute in file}
             labels = {name: tuple(file[name].tolist()) for name in _LABELS if name in file}

@@ -341,27 +341,12 @@ def _with_last_parts(
     before or in its partial step, has a row of NaN there, and its failure the trajectory of whole
     steps.
     """
-    row_count = runs.first.steps // runs.first.every + 1
     failures = dict(ensemble.failures)
-    # the caller's t_end, without the round-off of t0 + k dt + rest
-    end = parts.t[:, -1:].copy()
-    end[...] = runs.first.t_end
-    columns: dict[str, Any] = {
-        "t": np.concatenate([ensemble.t[:, :row_count], end], axis=1)}
-    # multipliers and iterations are of a step, and the start has none: one row fewer
-    for name, fewer in (("q", 0), ("p", 0), ("multipliers", 1), ("iterations", 1)):
-        whole_steps = getattr(ensemble, name)[:, : row_count - fewer]
-        columns[name] = np.concatenate([whole_steps, getattr(parts, name)[:, -1:]], axis=1)
-    # NaN in the stepper's own number type
-    no_number = stepper.binding.new(1)[0] + np.nan
-    for i in {*ensemble.failures, *parts.failures}:
-        for name in ("t", "q", "p", "multipliers"):
-            columns[name][i, -1] = no_number
-        columns["iterations"][i, -1] = 0
+    for i, failed in parts.failures.items():
         if i not in ensemble.failures:
-            failed, of_steps = parts.failures[i], ensemble._make(i)
-            failures[i] = StepFailed(step=runs.first.steps + 1, t=failed.t, reason=failed.reason,
-                                     trajectory=of_steps, detail=failed.detail, cure=failed.cure)
+            failures[i] = StepFailed(
+                step=runs.first.steps + 1, t=failed.t, reason=failed.reason,
+                trajectory=ensemble._make(i), detail=failed.detail, cure=failed.cure)
 
     @cache  # events below and the caller's ``members`` ask for the same trajectory
     def member(i: int) -> Trajectory:
@@ -372,7 +357,29 @@ def _with_last_parts(
     events = {name: CrossingsOfMany([
         ensemble.events[name][i] if i in failures else member(i).events[name]
         for i in range(len(ensemble))]) for name in ensemble.events}
-    return replace(ensemble, **columns, failures=failures, events=events, _make=member)
+    return replace(ensemble, **_columns_with_last_parts(stepper, ensemble, runs, parts),
+                   failures=failures, events=events, _make=member)
+
+
+def _columns_with_last_parts(
+    stepper: Stepper, ensemble: Ensemble, runs: EnsembleArguments, parts: Ensemble
+) -> dict[str, Any]:
+    """Return the arrays of ``ensemble`` with the ends of ``parts`` as last row."""
+    row_count = runs.first.steps // runs.first.every + 1
+    # the caller's t_end, without the round-off of t0 + k dt + rest
+    end = parts.t[:, -1:].copy()
+    end[...] = runs.first.t_end
+    columns: dict[str, Any] = {
+        "t": np.concatenate([ensemble.t[:, :row_count], end], axis=1)}
+    # multipliers and iterations are of a step, and the start has none: one row fewer
+    for name, fewer in (("q", 0), ("p", 0), ("multipliers", 1), ("iterations", 1)):
+        whole_steps = getattr(ensemble, name)[:, : row_count - fewer]
+        columns[name] = np.concatenate([whole_steps, getattr(parts, name)[:, -1:]], axis=1)
+    failed_runs = [*{*ensemble.failures, *parts.failures}]
+    for name in ("t", "q", "p", "multipliers"):
+        columns[name][failed_runs, -1] = stepper.binding.new(1)[0] + np.nan  # in its own type
+    columns["iterations"][failed_runs, -1] = 0
+    return columns
 
 
 def _progress_of(
