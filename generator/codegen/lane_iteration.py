@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fractions import Fraction
+from typing import Any
 
 from ...core.real_types import Real
 from ..kernels.c_printer import ON_LANES, CPrinter
@@ -56,10 +57,10 @@ def _iteration_of_elements(derived: Derived, elements: Elements) -> LaneIteratio
     factor_length = elements.elimination["entries"]
     kernels = [k for k in elements.kernels if k.name.startswith("lanes_")]
     return LaneIteration(
-        kernels=[], folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
+        kernels=[], **called_functions(kernels),
         compensated=any(sums_products(k, prefix="lanes_") for k in kernels),
-        factors=derived.scheme.system.m > 0, constant_schur=False, scalar_schur=False,
-        separable=structure.is_separable, shared=0, affine=structure.is_quadratic,
+        factors=derived.scheme.system.m > 0, separable=structure.is_separable,
+        affine=structure.is_quadratic,
         history=_history_length(derived),
         memory=_memory_bytes(derived, constant_count, factor_length, single=True),
         batch_memory=_memory_bytes(derived, constant_count, factor_length, single=False))
@@ -84,7 +85,6 @@ def _iteration_of_kernels(derived: Derived) -> LaneIteration:
         folded={symbol.name.lstrip("_"): printer(e)
                 for e, symbol in system.folds.definitions.items()},
         **called_functions(kernels),
-        tables={}, even_odd_tables={},
         compensated=any(sums_products(k, prefix="lanes_") for k in kernels),
         # a constant W is inverted once a run; SPARK factorises it too, for the momentum
         factors=m > 0 and (derived.is_spark or not is_constant),
@@ -104,7 +104,7 @@ def _literals(tables: dict[str, list[list[Fraction]]], real: Real) -> dict[str, 
             for name, matrix in tables.items()}
 
 
-def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, list[str]]:
+def called_functions(kernels: Sequence[EmittedKernel]) -> dict[str, Any]:
     """Return the functions that kernels on lanes call: one lane a call, and all lanes a call."""
     names = set[str]().union(*(k.functions for k in kernels))
     return {"functions": sorted(names - ON_LANES), "switches": sorted(names & ON_LANES)}

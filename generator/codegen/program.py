@@ -7,7 +7,7 @@ that a profile or a system does not have is None.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import fields
+from dataclasses import field, fields
 from typing import TYPE_CHECKING, Any
 
 from ...core.manifest import SymmetryManifest
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CompositionText", "Derivatives", "Derived", "DualKernels", "Elements", "Features", "Flows",
-    "FrameTransformation", "LaneIteration", "MassTables", "PlainIteration", "Program",
+    "FrameTransformation", "Iteration", "LaneIteration", "MassTables", "PlainIteration", "Program",
     "StateFunctions", "TableauText",
 ]
 
@@ -171,53 +171,51 @@ class Elements:
                 for template in self.all_templates for k in template["kernels"]}
 
 
-@dataclass(frozen=True)
-class LaneIteration:
-    """Fixed-point iteration of profile ``full``, on lanes (``engine/gyrospark/fixed_point``)."""
+@dataclass(frozen=True, kw_only=True)
+class Iteration:
+    """The structure of a fixed-point iteration, on lanes or on plain numbers."""
 
     kernels: list[EmittedKernel]
     #: Constant of the run → C of its value.
-    folded: dict[str, str]
-    #: Functions that kernels call: lane by lane, and on all lanes at once.
-    functions: list[str]
-    switches: list[str]
-    #: Coefficients of the scaled unknowns (``FastTableau``), in full and in even and odd parts.
-    tables: dict[str, Table]
-    even_odd_tables: dict[str, Table]
-    #: Whether a kernel sums in double words.
-    compensated: bool
+    folded: dict[str, str] = field(default_factory=dict)
+    #: Coefficients of the scaled unknowns (``FastTableau``).
+    tables: dict[str, Table] = field(default_factory=dict)
     #: W = G H_pp Gᵀ: whether it is factorised in a step, constant, and with H_pp Gᵀ = c Gᵀ.
     factors: bool
-    constant_schur: bool
-    scalar_schur: bool
+    constant_schur: bool = False
+    scalar_schur: bool = False
     #: Whether H_pq = 0.
     separable: bool
     #: Number of subexpressions that H_p shares with H_q.
-    shared: int
+    shared: int = 0
     #: H is quadratic in p: one solve projects the momentum.
     affine: bool
+
+
+@dataclass(frozen=True, kw_only=True)
+class LaneIteration(Iteration):
+    """Fixed-point iteration of profile ``full``, on lanes (``engine/gyrospark/fixed_point``)."""
+
+    #: Functions that kernels call: lane by lane, and on all lanes at once.
+    functions: list[str]
+    switches: list[str]
+    #: ``tables`` in even and odd parts.
+    even_odd_tables: dict[str, Table] = field(default_factory=dict)
+    #: Whether a kernel sums in double words.
+    compensated: bool
     #: Number of past steps that predict the next; bytes for one trajectory, and for all lanes.
     history: int
     memory: int
     batch_memory: int
 
 
-@dataclass(frozen=True)
-class PlainIteration:
+@dataclass(frozen=True, kw_only=True)
+class PlainIteration(Iteration):
     """The fixed-point iteration of profiles ``control`` and ``run``, on plain numbers."""
 
-    kernels: list[EmittedKernel]
     #: Those that are not printed, too: their operations and constants count.
     all_kernels: list[EmittedKernel]
     run_constants: list[tuple[str, str]]
-    folded: dict[str, str]
-    tables: dict[str, Table]
-    factors: bool
-    constant_schur: bool
-    scalar_schur: bool
-    separable: bool
-    shared: int
-    affine: bool
     #: Number of backward differences that extrapolate the starting values.
     orders: int
     unknowns: int
@@ -453,6 +451,6 @@ class Program:
     states: StateFunctions | None
 
     @property
-    def iteration(self) -> LaneIteration | PlainIteration | None:
+    def iteration(self) -> Iteration | None:
         """The fixed-point iteration of the profile."""
         return self.lanes or self.plain

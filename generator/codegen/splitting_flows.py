@@ -103,10 +103,10 @@ def flow_lanes(derived: Derived, flows: Flows) -> LaneIteration:
     vectors = _REGISTERS * (2 * (flows.numbers + constants + 2 + 2 * state_length) + 16)
     vector_bytes = real.bytes if real.wide else _LANE_BYTES
     return LaneIteration(
-        kernels=kernels, folded={}, **called_functions(kernels), tables={}, even_odd_tables={},
-        compensated=any(sums_products(k, prefix="lanes_") for k in kernels), factors=False,
-        constant_schur=False, scalar_schur=False, separable=False, shared=0, affine=True,
-        history=0, memory=flows.memory, batch_memory=vectors * vector_bytes + 4096)
+        kernels=kernels, **called_functions(kernels),
+        compensated=any(sums_products(k, prefix="lanes_") for k in kernels),
+        factors=False, separable=False, affine=True, history=0, memory=flows.memory,
+        batch_memory=vectors * vector_bytes + 4096)
 
 
 def _momentum_index(scheme: SplittingScheme, i: int) -> int:
