@@ -35,6 +35,8 @@ JUMP, KINK, SMOOTH = Continuity.JUMP, Continuity.KINK, Continuity.SMOOTH
     (sp.floor(x) * x, [JUMP]), (sp.sign(x) * sp.sin(x), [KINK]), (P((0, x < a), (x, True)), [JUMP]),
     (P((0, (x > -1) & (x < 1)), ((x**2 - 1) ** 2, True)), [SMOOTH, SMOOTH]),
     (sp.Abs(x - 1) + sp.sign(y) * y**2, [KINK, SMOOTH]),
+    # w and −w are one switch: the sum is x, and |x|
+    (sp.Max(0, x) - sp.Max(0, -x), [SMOOTH]), (sp.Max(0, x) + sp.Max(0, -x), [KINK]),
 ])
 def test_how_sides_meet(e, expected):
     e = as_switches(e)
@@ -125,6 +127,8 @@ def test_a_step_without_a_solution_says_so(solver):
     (sp.Abs(x), (), ["v"]),
     (sp.Max(x, y), (), []),
     (sp.Max(x, y, evaluate=False) + sp.Abs(x - y), (), []),
+    # r² where w and −w switch together
+    (LENGTH**2 + k * (sp.Max(0, x) - sp.Max(0, -x) - x), (), ["-u*y + v*x"]),
     (LENGTH**2, (P((0, x < 50), (1, True)), 0), []),
     (LENGTH**2, (P((0, LENGTH < 50), (-y, True)), P((0, LENGTH < 50), (x, True))), []),
 ])
