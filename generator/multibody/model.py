@@ -252,7 +252,8 @@ class Model:
         """Return the model that starts at rest in static equilibrium, near its start.
 
         H_q + g_qᵀλ = F and g = 0 at p = 0 and t = 0: the rest shape of a cable or a beam under its
-        loads. Of several equilibria a stable one is preferred.
+        loads. Of several equilibria a stable one is preferred; a start at an unstable one stays
+        there, with a warning.
 
         Raises
         ------

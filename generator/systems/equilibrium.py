@@ -19,6 +19,7 @@ import sympy as sp
 
 from ...core.arrays import Array
 from ...core.errors import InputError
+from ...core.warnings import warn
 from ..symbolic.numeric_evaluation import evaluate
 from .jacobians import jacobian
 from .lagrangian import LagrangianSystem
@@ -42,6 +43,8 @@ _NOTHING = 1e-14
 _FIRST_TAU = 1e3
 #: τ times that entry below which the matrix of a step is nearly 1/τ alone.
 _SMALL_TAU = 0.1
+#: Most coordinates of a system whose stability is examined, by dense matrices.
+_LARGEST = 300
 _EPS, _TINY = float(np.finfo(float).eps), float(np.finfo(float).tiny)
 
 
@@ -192,6 +195,9 @@ def equilibrium(
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
         if (stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()) or (
                 _is_round_off(change, previous_change, stagnates)):
+            if n <= _LARGEST and not system.forces and _is_unstable(J, n, system.m):
+                warn(f"System {system.name!r} is in an unstable equilibrium: it stays there as "
+                     "long as nothing moves it. Begin beside it for a stable one.")
             return x[:n], x[n:]
         tau *= _growth_of_tau(previous_size / max(size, _TINY), change)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
@@ -207,6 +213,20 @@ def _is_round_off(change: float, previous_change: float, stagnates: bool) -> boo
     freely, the round-off of the change grows with τ.
     """
     return change <= 2 * previous_change and (change <= _EPS or (stagnates and change < _ROUNDING))
+
+
+def _is_unstable(J: _Triplets, n: int, m: int) -> bool:
+    """Whether L_qq has a negative eigenvalue on the tangent space of the m constraints.
+
+    ``J`` has L_qq in its rows and columns of q, n of them, and g_q in the rows behind them.
+    """
+    matrix = np.zeros((n + m, n + m))
+    np.add.at(matrix, (J.rows, J.columns), J.values)
+    stiffness = matrix[:n, :n]
+    basis = np.linalg.qr(matrix[n:, :n].T, mode="complete")[0][:, m:] if m else np.eye(n)
+    lowest = np.linalg.eigvalsh(basis.T @ stiffness @ basis).min(initial=0.0)
+    # where bodies move freely it is 0 up to the error of the multipliers
+    return bool(lowest < -_ROUNDING * np.abs(stiffness).max(initial=0.0))
 
 
 def _growth_of_tau(residual_ratio: float, change: float) -> float:

@@ -172,7 +172,8 @@ def lyapunov(
     Notes
     -----
     The arithmetic of exponents is in double, in steppers of wider types too. A stepper in a
-    co-moving frame gives those of the motion in its frame, which are the same.
+    co-moving frame gives those of the motion in its frame, which are the same. At an unstable
+    equilibrium the largest one is the growth rate beside it, which is no chaos.
     """
     check_stepper(stepper)
     state = merged_start(stepper, start, p, parameters)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -149,3 +151,14 @@ def test_a_stop_that_would_hold_a_rod_is_refused():
         else:
             hanging = build.model().equilibrium()
             assert np.abs(hanging.q0 - [1, 0, 0, 0, 0, 0, -0.5]).max() <= 8 * EPS
+
+
+@pytest.mark.parametrize("angles", [*itertools.product((0.0, np.pi), repeat=2)])
+def test_an_unstable_equilibrium_is_warned_of(angles):
+    """V = −a cos θ₁ − b cos θ₂ has its one minimum where both rods hang, and rests at all four."""
+    model = gs.models.double_pendulum(angles=angles)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        rest = model.equilibrium()
+    assert ["unstable" in str(warning.message) for warning in caught] == [True] * any(angles)
+    assert np.abs(rest.q0 - model.q0).max() <= 8 * EPS
