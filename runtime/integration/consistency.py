@@ -24,7 +24,7 @@ from ...core.registry import MEANS
 from ...core.start import Rule
 from ..bindings.array_checks import as_real
 from ..bindings.binding import Binding, CompiledConstraints
-from ..bindings.run_memory import ParameterStruct
+from ..bindings.run_memory import ParameterStruct, WorkMemory
 from ..rigid_body.gamma_rules import is_inertia_parameter
 
 if TYPE_CHECKING:
@@ -333,20 +333,31 @@ def _defects_and_bounds(
     for i in np.flatnonzero(f > f_bound):
         row = slice(i, i + 1)
         own_parameters = binding.set_of(parameters, int(i)) if has_sets else parameters
-        # the unknowns of an explicit step: stage increments, or rates, among them the kicks of p
-        x = binding.guess(own_parameters, dt[i], q[i].copy(), p[i].copy(), binding.work())
+        step = own_parameters, dt[i], q[i].copy(), p[i].copy(), binding.work()
         if keeps_f:  # near rest a step rounds what forces add to p, and constraints take away
-            kick = float(np.abs(x[binding.kicks]).max(initial=0))
-            kick *= 1.0 if binding.solves_increments else abs(float(dt[i]))
+            kick = _largest_kick(binding, *step)
             f_bound[row] = epsilons * _sizes(binding, own_parameters, q[row], p[row], dq[row],
                                              dp[row] + nudge * kick, moves)[change_of_f]
             continue
+        # the unknowns of an explicit step: increments of q and p
+        x = binding.guess(*step)
         n = binding.n
         by_q, by_p = (moves.euler * np.array([float(np.abs(d).max())])
                       for d in (x[:n], x[n : 2 * n]))
         f_bound[row] += _sizes(binding, own_parameters, q[row], p[row], by_q, by_p,
                                moves)[change_of_f]
     return Defects(g, f, g_bound, f_bound)
+
+
+def _largest_kick(
+    binding: Binding, parameters: ParameterStruct, dt: float, q: Array, p: Array, work: WorkMemory
+) -> float:
+    """Return the largest number that forces add to a momentum in a step, by an explicit step."""
+    if not binding.solves:  # exact flows have no starting guess, and their step is explicit
+        _, _, end = binding.step(parameters, binding.options(None, 1, "auto"), dt, q, p, work)
+        return float(np.abs(end - p).max(initial=0))
+    kick = float(np.abs(binding.guess(parameters, dt, q, p, work)[binding.kicks]).max(initial=0))
+    return kick if binding.solves_increments else kick * abs(float(dt))
 
 
 def _sizes(

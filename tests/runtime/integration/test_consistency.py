@@ -138,6 +138,19 @@ def test_a_run_goes_on_from_its_end_near_rest():
         step.integrate(q, p + 1e-12 * q, dt=0.01, steps=1, parameters=steady)
 
 
+@pytest.mark.parametrize("options", [{}, {"scheme": "splitting", "order": 2}], ids=["G-L", "flows"])
+def test_a_bad_momentum_at_rest_is_measured_by_what_forces_add_to_it(options):
+    """The bound of |qᵀp| is some 64 ε Δt |V_q| = 1e-17, for compositions of exact flows too."""
+    step = systems.stepper("heavy_top", **options)
+    step.integrate(TOP.q0, 1e-18 * TOP.q0, dt=1e-3, steps=1, parameters=PARAMETERS)
+    bad = 1e-16 * TOP.q0
+    with pytest.raises(gs.InputError, match=r"stepper\.project"):
+        step.integrate(TOP.q0, bad, dt=1e-3, steps=1, parameters=PARAMETERS)
+    starts = (np.array([TOP.q0] * 2), np.array([0 * bad, bad]))
+    with pytest.raises(gs.InputError, match="Trajectory 1"):
+        step.integrate_ensemble(*starts, dt=1e-3, steps=1, parameters=PARAMETERS)
+
+
 def test_messages_of_starts_name_their_cause():
     """Single precision is named; a start that cannot be projected has no hint to project it."""
     step = systems.stepper("heavy_top")
