@@ -148,8 +148,6 @@ def _power_quotient(u: DiscreteDifference, n: int) -> sp.Expr:
     u₁²ᵏ − u₀²ᵏ = (u₁ᵏ − u₀ᵏ)(u₁ᵏ + u₀ᵏ) halves n.
     """
     u0, u1 = u.ends
-    if n == 1:
-        return sp.Integer(1)
     if n <= _LARGEST_SUM:
         return sp.Add(*(u1**k * u0 ** (n - 1 - k) for k in range(n)))
     if n % 2:  # the mean of u₁ⁿ⁻¹ + u₀ q and u₀ⁿ⁻¹ + u₁ q with q = (u₁ⁿ⁻¹ − u₀ⁿ⁻¹)/(u₁ − u₀)

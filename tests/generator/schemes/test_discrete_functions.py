@@ -205,7 +205,7 @@ HALF = sp.Rational(1, 2)
     1 / x, x**-2, x**-3, (x + a) / (y**2 + b), (x / y) / (1 + z / x), a / (x**2 + y**2 + z**2),
     sp.sqrt(x), x ** (3 * HALF), 1 / sp.sqrt(x), x ** (-3 * HALF), sp.sqrt(x**2 + a),
     sp.sqrt(x) * sp.sqrt(y + z), b / sp.sqrt(x**2 + y**2), sp.sqrt(a + sp.sqrt(x)),
-    sp.sqrt(a**2 + x**2) + y * x,
+    sp.sqrt(a**2 + x**2) + y * x, y**7, sp.sinh(x) * sp.cosh(a * y), a ** (x * y),
 ], ids=str)
 def test_powers_quotients_and_roots(e):
     """Identity, symmetry and gradient hold, and the mean of e is the mean of its end values."""
@@ -232,7 +232,7 @@ def test_powers_quotients_and_roots(e):
     (x**-24, 0.27, 0.2), (x**-9, 1.0, 1.9), (x ** sp.Rational(-3, 2), 1.0, 1.99999),
     (x ** sp.Rational(1, 3), 1.0, 1.99999999), (sp.tan(x), 0.01, 3.14), (sp.tanh(x), 0.01, 30.0),
     (Max(sp.Abs(x), Min(a, 2 * x)), 0.01, 2.0), (Max(x, 1 / a - x), 0.6, 1.5),
-    (1 / Min(2 * x, x * y - a), 1.0, 0.4),
+    (1 / Min(2 * x, x * y - a), 1.0, 0.4), (x ** (a + x), 1.0, 1.99999),
 ])
 def test_ends_far_apart_cost_no_digits(e, mean, step):
     """The identity holds from one branch to another, where sums of the two ends cancel."""

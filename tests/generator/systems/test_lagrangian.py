@@ -92,6 +92,21 @@ def test_velocities_are_the_way_back_of_momenta(name):
         step.momenta(entry.q, [*entry.q, 0], **options)
 
 
+def test_the_midpoint_rule_has_the_rates_of_the_lagrangian():
+    """Δp/Δt = L_q + F and p̄ = L_v at q̄, v̄ = Δq/Δt and the middle of each step."""
+    step, case = systems.stepper("lagrangian", "IMS"), systems.case("lagrangian")
+    run, system = systems.run("lagrangian", step, 20), case.system
+    mean = [(x[1:] + x[:-1]) / 2 for x in (run.q, run.t)]
+    rates = sp.lambdify([*system.q, system.time, *system.velocities, *system.parameters], [
+        [sp.diff(system.L, x) + F for x, F in zip(system.q, system.forces, strict=True)],
+        [sp.diff(system.L, v) for v in system.velocities]])
+    p_rate, p = np.array(rates(*mean[0].T, mean[1], *(np.diff(run.q, axis=0) / case.dt).T,
+                               *(case.parameters[str(x)] for x in system.parameters)))
+    size = np.abs(run.p).max()
+    assert np.abs(p.T - (run.p[1:] + run.p[:-1]) / 2).max() <= 64 * EPS * size / case.dt
+    assert np.abs(p_rate.T * case.dt - np.diff(run.p, axis=0)).max() <= 64 * EPS * size
+
+
 def test_a_trajectory_keeps_its_velocities_in_files(tmp_path):
     """Velocities of a run follow from its momenta and times, are slopes of q, and survive files."""
     step = systems.stepper("lagrangian")
@@ -178,7 +193,7 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
     ({"L": M * (VX**2 + X**2) / 2, "v": (VX, X)}, "'x'.*twice"), ({"q": X}, "q = x"),
     ({"L": "x"}, "SymPy"), ({"L": FREE + sp.Symbol("k")}, "unknown symbol 'k'"),
     ({"forces": (VX, sp.Symbol("k"))}, "Force 1.*unknown"),
-    ({"forces": (VX,)}, "1 forces.*2 coordinates"), ({"constraints": (X * VX,)}, "holonomic"),
+    ({"forces": (VX,)}, "1 force.*2 coordinates"), ({"constraints": (X * VX,)}, "holonomic"),
 ])
 def test_bad_input_is_refused(arguments, message):
     with refused(message):

@@ -27,7 +27,8 @@ from derivative_cases import (
 #: SPARK with everything that a system may have. Each compiles a stepper in float128; mean values,
 #: sums over elements and Lagrangians are quick in double.
 FEW = [("driven_pendulum", ("G-L", 2), "float128"), ("breathing", ("EMS", None), "double"),
-       ("beads", ("G-L", 2), "double"), ("lagrangian", ("G-L", 2), "double")]
+       ("beads", ("G-L", 2), "double"), *(("lagrangian", scheme, "double") for scheme in (
+           ("G-L", 2), ("IMS", None), ("EMS", None)))]
 MANY = [pytest.param(*case, marks=[] if case in FEW else pytest.mark.slow,
                      id=f"{case[0]}-{label(case[1])}-{case[2]}") for case in (
     *FEW, *((*pair, "float128") for pair in [*product(), ("beads", ("G-L", 2))]
