@@ -225,25 +225,8 @@ class KickTemplate:
         forces = [-derivative(self.V, x) for x in self.coordinates]
         return _shorten(torques, forces, self.bodies)
 
-    @cached_property
-    def rates(self) -> tuple[tuple[sp.Symbol, ...], ...]:
-        """Names of a direction: W in space axes for each slot, then the velocity of the points."""
-        return (*(tuple(sp.Symbol(f"_w{slot}_{k}", real=True) for k in (1, 2, 3))
-                  for slot in range(len(self.bodies))),
-                tuple(sp.Symbol(f"_v{k}", real=True) for k in range(len(self.coordinates))))
 
-    @cached_property
-    def slope(self) -> Kick:
-        """−2 times the derivative of ``kick`` along ``rates``, a term of the force gradient.
-
-        With W = R S Rᵀ N of the whole torque on each body and the velocity M⁻¹ times the whole
-        force on points, the slopes of all instances add up to the kick of G.
-        """
-        return _force_gradient(self.kick, self.bodies, self.coordinates,
-                               angular_velocities=self.rates[:-1], velocities=self.rates[-1])
-
-
-def _shorten(torques: Sequence[Vector], forces: Sequence[sp.Expr],
+def _shorten(torques: Sequence[Sequence[sp.Expr]], forces: Sequence[sp.Expr],
              quaternions: Sequence[Sequence[sp.Symbol]]) -> Kick:
     """Return a kick of all torques and forces, in a form with fewer operations on |q| = 1."""
     # all together, as torques and forces share subexpressions
@@ -251,22 +234,6 @@ def _shorten(torques: Sequence[Vector], forces: Sequence[sp.Expr],
                                              quaternions))
     short_torques = tuple((next(components), next(components), next(components)) for _ in torques)
     return Kick(short_torques, tuple(components))
-
-
-def _force_gradient(
-    kick: Kick, quaternions: Sequence[tuple[sp.Symbol, ...]], points: Sequence[sp.Symbol],
-    angular_velocities: Sequence[Sequence[sp.Expr]], velocities: Sequence[sp.Expr],
-) -> Kick:
-    """Return −2 times the derivative of a kick along angular velocities and velocities.
-
-    ``angular_velocities`` has W of each of the ``quaternions``, three components in space axes,
-    ``velocities`` the rate of each of the coordinates ``points``.
-    """
-    rates = {q: (W[0], W[1], W[2]) for q, W in zip(quaternions, angular_velocities, strict=True)}
-    speeds = dict(zip(points, velocities, strict=True))
-    torques = [[-2 * e for e in derivatives_along(N, rates, speeds)] for N in kick.torques]
-    forces = [-2 * e for e in derivatives_along(kick.forces, rates, speeds)]
-    return _shorten([(x, y, z) for x, y, z in torques], forces, quaternions)
 
 
 def _angular_velocity(body: BodyFlow, q: Sequence[sp.Symbol], N: Vector) -> list[sp.Expr]:
@@ -296,8 +263,7 @@ class Splitting:
     V : Expr
         The potential, H at p = 0.
     templates : tuple of KickTemplate
-        The terms of V that depend on q, with their instances: one kernel for each template, looped
-        over its instances, adds the kick of V.
+        The terms of V that depend on q, with their instances, whose kicks add up to the kick of V.
     applied : Kick
         Forces that are neither drag nor derived from V.
     conditions : tuple of Expr
@@ -395,12 +361,17 @@ class Splitting:
         W = R S Rᵀ N and the velocity M⁻¹ F are computed from the kick itself. It is the field of
         −[F, [T, F]] for any forces F; if F is the force of a potential V, G is its potential.
         """
-        angular_velocities = [_angular_velocity(body, q, N) for body, q, N in zip(
-            self.bodies, self.quaternions, self.kick.torques, strict=True)]
+        rates = {}
+        for body, q, N in zip(self.bodies, self.quaternions, self.kick.torques, strict=True):
+            W = _angular_velocity(body, q, N)
+            rates[q] = W[0], W[1], W[2]
         force = dict(zip(self.points, self.kick.forces, strict=True))
         inverse_mass = self.translation.inverse_mass if self.translation else {}
         velocities = dict.fromkeys(self.points, _ZERO)
         for (i, j), e in inverse_mass.items():
             velocities[i] += e * share(force[j])
-        return _force_gradient(self.kick, self.quaternions, [self.system.q[i] for i in self.points],
-                               angular_velocities, list(velocities.values()))
+        speeds = {self.system.q[i]: e for i, e in velocities.items()}
+        torques = [[-2 * e for e in derivatives_along(N, rates, speeds)]
+                   for N in self.kick.torques]
+        forces = [-2 * e for e in derivatives_along(self.kick.forces, rates, speeds)]
+        return _shorten(torques, forces, self.quaternions)
