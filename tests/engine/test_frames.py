@@ -72,8 +72,16 @@ def plane_system(H, q, p, *parameters, g=(), **more):
     return gs.System(q, p, parameters, H, g, name="plane", **more)
 
 
-X, Y, Z, PX, PY, PZ = sp.symbols("x y z p_x p_y p_z", real=True)
-A1, A2, K, AXIS = sp.symbols("a1 a2 k axis", real=True)
+X, Y, Z, W, PX, PY, PZ, PW = sp.symbols("x y z w p_x p_y p_z p_w", real=True)
+A1, A2, B1, B2, B3, B4, K, AXIS = sp.symbols("a1 a2 b1 b2 b3 b4 k axis", real=True)
+OMEGA = sp.Symbol("omega_space", real=True)
+KINETIC = (PX**2 + PY**2) / 2
+
+
+def pair_system(*g):
+    """Return two points of mass 1 in a plane, on springs to the origin."""
+    return plane_system(KINETIC + (PZ**2 + PW**2) / 2 + A1 * (X**2 + Y**2) + A2 * (Z**2 + W**2),
+                        (X, Y, Z, W), (PX, PY, PZ, PW), A1, A2, g=g)
 
 
 def test_a_top_has_its_own_axis_and_the_vertical():
@@ -121,7 +129,13 @@ def test_a_bodys_own_axis_costs_one_addition():
     # names of coordinates do not matter
     (plane_system((PX**2 + PY**2) / 2 - K / sp.sqrt(AXIS**2 + Y**2), (AXIS, Y), (PX, PY), K),
      {"omega_space": []}),
-], ids=["Kepler", "oscillator", "Neumann", "axis"])
+    (plane_system(KINETIC + A1 * X**2 + A2 * Y**2 + K * X * Y + B1 * X**4 + B2 * Y**4
+                  + B3 * X**2 * Y**2, (X, Y), (PX, PY), A1, A2, B1, B2, B3, K),
+     {"omega_space": ["k = 0", "a1 = a2", "2*b1 = b3", "b1 = b2"]}),
+    (pair_system(), {"omega_space": [], "omega_1": []}),
+    # a name that is in use
+    (plane_system(KINETIC + OMEGA * (X**2 + Y**2), (X, Y), (PX, PY), OMEGA), {"omega_1": []}),
+], ids=["Kepler", "oscillator", "Neumann", "axis", "quartic", "two points", "name"])
 def test_symmetries_of_any_system(system, expected):
     assert names_of(system) == expected
 
@@ -131,7 +145,13 @@ def test_symmetries_of_any_system(system, expected):
     plane_system((PX**2 + PY**2) / 2 + X * Y, (X, Y), (PX, PY)),  # a squeeze, no rotation
     plane_system((PX**2 + PY**2) / 2 + X, (X, Y), (PX, PY)),  # a shift
     plane_system((PX**2 + PY**2) / 2 + X**2 + Y**2, (X, Y), (PX, PY), forces=(0, X)),
-], ids=["none", "squeeze", "shift", "forces"])
+    plane_system(KINETIC + sp.sqrt(1 + X**2 + A1 * Y**2), (X, Y), (PX, PY), A1),
+    plane_system(KINETIC + A1 * A2 * X**2 + Y**2, (X, Y), (PX, PY), A1, A2),
+    plane_system(KINETIC + A1 * X**2 + A2 * Y**2 + K * X * Y + B1 * X**4 + B2 * Y**4  # 5 conditions
+                 + B3 * X**2 * Y**2 + B4 * X**3 * Y, (X, Y), (PX, PY), A1, A2, B1, B2, B3, B4, K),
+    pair_system(X - Z),
+    pair_system(*(sp.exp(X**2 + Y**2) * e for e in (X - Z, Y - W))),  # no polynomials
+], ids=["none", "squeeze", "shift", "forces", "root", "product", "quartic", "one row", "exp"])
 def test_a_system_without_a_rotation_is_refused(system):
     with pytest.raises(gs.InputError, match="co-moving"):
         names_of(system)
@@ -269,6 +289,21 @@ def test_multipliers_turn_with_the_constraints():
                                    parameters=numbers | {"omega_space": 20.0, "omega_a": 39.0})
         assert abs(newton_run.q - swept_run.q).max() < 1e-13
         assert abs(newton_run.multipliers - swept_run.multipliers).max() < 1e-8
+
+
+@pytest.mark.parametrize("rate", [0.0, 2.0])
+def test_multipliers_of_two_points_on_a_circle(rate):
+    """The points circle together at ω² = a1 + a2; g = (x − z, 2 (y − w)) does not turn as r does.
+
+    At rate ω the motion stands still in the frame, at rate 0 its nodes have errors of the order.
+    """
+    step = framed(system=pair_system(X - Z, 2 * (Y - W)))
+    run = step.integrate([1.0, 0.0, 1.0, 0.0], [0.0, 2.0, 0.0, 2.0], dt=0.05, steps=20,
+                         parameters={"a1": 3.0, "a2": 1.0, "omega_space": rate})
+    angle = 2 * (run.t[:-1, None] + 0.05 * np.array([0, 0.5, 1]))
+    # x″ = −ω² x = −2 a1 x − λ1, and y″ = −2 a1 y − 2 λ2
+    exact = -2 * np.stack([np.cos(angle), np.sin(angle) / 2], axis=-1)
+    assert abs(run.multipliers - exact).max() < (64 * EPS / 0.05 if rate else 1e-2)
 
 
 def test_an_impulse_and_a_new_rate_are_in_the_callers_coordinates():
