@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import field
 from itertools import count
 
@@ -221,14 +221,12 @@ def emit_kernel(
     names = constants.names() | dict(target.names)
     for array, symbols in kernel.inputs.items():
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
-    if kernel.compensated and all(map(_is_exact_polynomial, (e for _, e in entries(kernel)))):
-        return _emit_compensated(kernel, entries(kernel), constants, real, names, target)
-    statements = kernel.statements
+    is_compensated = kernel.compensated and all(
+        map(_is_exact_polynomial, (e for _, e in entries(kernel))))
+    statements = Statements([], entries(kernel)) if is_compensated else kernel.statements
     names |= {t: t.name.lstrip("_") for t, _ in statements.shared}
     printer = CPrinter(real, names, target.prefix, explicit=target.explicit)
-    lines = [wrap(f"const {target.value} {printer(t)} = {printer.number(e)};")
-             for t, e in statements.shared]
-    lines += map(wrap, _assignments(statements, printer))
+    lines = (_sums_in_double_words if is_compensated else _assignments)(statements, printer, target)
     read_symbols = symbols_of(e for _, e in (*statements.shared, *statements.outputs))
     own_constants = read_symbols & set(constants.definitions.values())
     # functions of single lanes take the number of lanes from the constants
@@ -238,12 +236,13 @@ def emit_kernel(
     returns_number = not all(isinstance(output, list) for output in kernel.outputs.values())
     return EmittedKernel(
         name=target.prefix + kernel.name,
-        doc=kernel.doc,
+        doc=kernel.doc + (", in twice the working precision" if is_compensated else ""),
         returns=target.value if returns_number else "void",
         signature=_signature(kernel, target),
         lines=lines,
         temporaries=len(statements.shared),
-        operations=dict(sorted(printer.operations.items())),
+        operations={"product": sum("add_product" in line for line in lines)} if is_compensated
+        else dict(sorted(printer.operations.items())),
         unused=_unused_arguments(kernel, read_symbols, reads_constants),
         constants=frozenset(map(str, own_constants)),
         functions=frozenset(printer.functions),
@@ -276,19 +275,15 @@ def _is_exact_polynomial(e: sp.Expr) -> bool:
     return True
 
 
-def _emit_compensated(
-    kernel: Kernel, outputs: list[tuple[str, sp.Expr]], constants: Constants, real: Real,
-    names: dict[sp.Symbol, str], target: Target
-) -> EmittedKernel:
-    """Return a kernel of polynomials Σ a Π x_iⁿⁱ, with each product and sum as a double word.
+def _sums_in_double_words(statements: Statements, printer: CPrinter, target: Target) -> list[str]:
+    """Return the C of polynomials Σ a Π x_iⁿⁱ, with each product and sum as a double word.
 
     The engine's ``add_product`` adds one product to the double word ``sum``. Products of exact
     coefficients and inputs then cancel to twice the working precision, as in |q|² − 1.
     """
-    printer = CPrinter(real, names, target.prefix)
     zero = "splat(0)" if target.prefix else "0"
     lines = [f"{target.value} sum[2];"]  # a double word: high and low part
-    for entry, e in outputs:
+    for entry, e in statements.outputs:
         lines += [f"sum[0] = {zero};", f"sum[1] = {zero};"]
         for term in sp.Add.make_args(sp.expand(e)):
             coefficient, monomial = term.as_coeff_Mul()
@@ -300,20 +295,7 @@ def _emit_compensated(
             lines.append(f"{{ const {target.value} factors[] = {{ {', '.join(factors)} }}; "
                          f"{target.prefix}add_product(sum, {len(factors)}, factors); }}")
         lines.append(f"{entry} = sum[0] + sum[1];")
-    read_symbols = symbols_of(e for _, e in outputs)
-    own_constants = read_symbols & set(constants.definitions.values())
-    reads_constants = bool(own_constants or read_symbols & {*constants.clock})
-    return EmittedKernel(
-        name=target.prefix + kernel.name,
-        doc=f"{kernel.doc}, in twice the working precision",
-        returns="void",
-        signature=_signature(kernel, target),
-        lines=lines,
-        temporaries=0,
-        operations={"product": sum("add_product" in line for line in lines)},
-        unused=_unused_arguments(kernel, read_symbols, reads_constants),
-        constants=frozenset(map(str, own_constants)),
-    )
+    return lines
 
 
 def sums_products(kernel: EmittedKernel, prefix: str = "") -> bool:
@@ -334,15 +316,14 @@ def wrap(statement: str, width: int = 96) -> str:
     return "\n    ".join([*lines, remainder])
 
 
-def _assignments(statements: Statements, printer: CPrinter) -> Iterator[str]:
-    """Yield one assignment for each entry, or the return of an entry without a target."""
-    for target, e in statements.outputs:
-        if not target:
-            yield f"return {printer.number(e)};"
-        elif e.is_number:
-            yield f"{target} = {printer.number(e)};"
-        else:
-            yield f"{target} = {printer(e)};"
+def _assignments(statements: Statements, printer: CPrinter, target: Target) -> list[str]:
+    """Return one line for each temporary and output entry, or the return of the only entry."""
+    lines = [f"const {target.value} {printer(t)} = {printer.number(e)};"
+             for t, e in statements.shared]
+    for entry, e in statements.outputs:
+        number = printer.number(e) if e.is_number or not entry else printer(e)
+        lines.append(f"{entry} = {number};" if entry else f"return {number};")
+    return [*map(wrap, lines)]
 
 
 def _signature(kernel: Kernel, target: Target) -> str:

@@ -314,13 +314,8 @@ def _bodies(
         body = Element("body", {"name": f"{prefix}B_{label}", "pos": _text(x), "quat": _text(q)},
                        line)
         if k or initial != "none":
-            # a free joint has none of the attributes of the balls, such as their damping
-            is_free = k == 0 and initial == "free"
-            joint = {key: value for key, value in parts["joint"].items()
-                     if not (is_free and key in _OF_BALLS)}
-            body.children.append(Element("joint", {
-                "group": "3", **joint, "name": f"{prefix}J_{label}",
-                "type": "free" if is_free else "ball"}, line))
+            body.children.append(_joint(f"{prefix}J_{label}", parts["joint"], line,
+                                        is_free=k == 0 and initial == "free"))
         extent = ({"pos": _text([length / 2, 0, 0]), "size": _text([length / 2, *sizes[1:3]])}
                   if form == "box" else
                   {"fromto": _text([0, 0, 0, length, 0, 0]), "size": _text(sizes[:1])})
@@ -334,6 +329,14 @@ def _bodies(
             bodies[-1].children.append(body)
         bodies.append(body)
     return bodies[0]
+
+
+def _joint(name: str, attributes: Mapping[str, str], line: int, *, is_free: bool) -> Element:
+    """Return a ball joint, or a free one, which has none of the balls' own attributes (damping)."""
+    attributes = {key: text for key, text in attributes.items()
+                  if not (is_free and key in _OF_BALLS)}
+    return Element("joint", {"group": "3", **attributes, "name": name,
+                             "type": "free" if is_free else "ball"}, line)
 
 
 def _frames(t: Array) -> list[Array]:
