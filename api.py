@@ -154,7 +154,8 @@ def stepper(
         end_stage()
     if visuals:
         compiled.__dict__["visuals"] = visuals
-    compiled._model_events = events or compiled._model_events
+    if events:
+        compiled._model_events = events
     return compiled
 
 
