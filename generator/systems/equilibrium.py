@@ -30,14 +30,14 @@ __all__ = ["equilibrium"]
 
 #: Iterations, and the largest relative change of one.
 _ITERATIONS, _LARGEST_CHANGE = 300, 0.3
-#: A coordinate beyond this many times the largest of the start, or of 1 m or rad, runs away. The
-#: forces of a system that is so far off are lost in the round-off of their terms.
+#: A coordinate beyond this many units of the start runs away. The forces of a system that is so far
+#: off are lost in the round-off of their terms.
 _RUNAWAY = 1e9
 #: Changes below may stagnate at round-off.
 _ROUNDING = 1e-9
 #: Residuals below this part of their terms are round-off.
 _ROUND_OFF = 8 * float(np.finfo(float).eps)
-#: Coordinates below, in m or rad, are 0 with rounding.
+#: Coordinates below, in units of the start, are 0 with rounding.
 _NOTHING = 1e-14
 #: τ of the first step times the largest entry of its matrix.
 _FIRST_TAU = 1e3
@@ -74,11 +74,15 @@ class _Triplets(NamedTuple):
 class _Statics:
     """Residual and matrix of the equilibrium: gradient and Hessian of L = H + λ·g, less the forces.
 
-    All is evaluated at p = 0 and at one time; x = (q, λ) has n + m entries.
+    All is evaluated at p = 0 and at one time; x = (q, λ) has n + m entries. x is in units of its
+    own, ``units``, and so are r and r_x: results do not depend on the units of the system.
     """
 
-    def __init__(self, system: System, parameters: Mapping[str, float], t: float) -> None:
+    def __init__(self, system: System, parameters: Mapping[str, float], q0: Array, t: float
+                 ) -> None:
         """Write H_q + Gᵀλ − F = 0 and g = 0 as sums over element templates, with their Jacobians.
+
+        The units of x are those of the start q0.
         """
         # L(q, λ) = H(q, 0) + λ·g has L_q = H_q + Gᵀλ and L_λ = g: λ are further coordinates
         at_rest = dict.fromkeys(system.p, sp.Integer(0))
@@ -101,6 +105,35 @@ class _Statics:
         # H_p at p = 0, which must vanish at an equilibrium
         self.velocities = [(template, template.system.H_p)
                            for template in Structure(system).templates if template.p]
+        self.units, self.residual_units = np.ones(len(q)), np.ones(len(q))
+        self.units, self.residual_units = self._natural_units(system, q0)
+
+    def _natural_units(self, system: System, q0: Array) -> tuple[Array, Array]:
+        """Return the units of x = (q, λ) and of r = (H_q + Gᵀλ − F, g), shape (n + m,) each.
+
+        Quaternions are numbers, other coordinates have the largest of the start as a unit, or the
+        largest |H_q − F|/|H_qq| beside which all are round-off. The unit of energy is the largest
+        of H_qq, or of H_q, in these; those of g are the largest of G.
+        """
+        n, quaternions = system.n, {symbol for body in system.bodies for symbol in body.q}
+        is_length = np.array([symbol not in quaternions for symbol in system.q])
+        r, (rows, columns, values) = self(np.concatenate([q0, np.zeros(system.m)]))
+
+        def largest_of_rows(of_q: Array) -> Array:
+            """Return the largest of each row of r_q, for coordinates in these units."""
+            in_q, sizes = columns < n, np.zeros(len(self.units))
+            np.maximum.at(sizes, rows[in_q], np.abs(values[in_q]) * of_q[columns[in_q]])
+            return sizes
+
+        stiffness = largest_of_rows(np.ones(n))[:n]
+        reach = np.divide(np.abs(r[:n]), stiffness, out=np.zeros(n), where=stiffness > 0)
+        length, reach = (x[is_length].max(initial=0.0) for x in (np.abs(q0), reach))
+        length = length if length > _NOTHING * reach else reach
+        of_q = np.where(is_length, length or 1.0, 1.0)
+        sizes = largest_of_rows(of_q)
+        of_g = np.where(sizes[n:] > 0, sizes[n:], 1.0)
+        energy = float((sizes[:n] * of_q).max() or np.abs(r[:n] * of_q).max() or 1.0)
+        return np.concatenate([of_q, energy / of_g]), np.concatenate([energy / of_q, of_g])
 
     def moves(self, q: Array) -> bool:
         """Whether H_p is not 0 at p = 0: then q changes at rest, as in a turning frame."""
@@ -108,8 +141,10 @@ class _Statics:
                    for template, expressions in self.velocities)
 
     def __call__(self, x: Array) -> tuple[Array, _Triplets]:
-        """Return the residual r at x = (q, λ), shape (n + m,), and its derivatives r_x."""
+        """Return the residual r at x = (q, λ), shape (n + m,), and its derivatives r_x, in units.
+        """
         nothing = np.zeros(0, dtype=int)
+        x = self.units * x
         r, entries = np.zeros(len(x)), [(nothing, nothing, np.zeros(0))]
         for template, sign, slopes, matrix in self.parts:
             # shape (instances, coordinates of the template), and (instances, rows of it)
@@ -122,7 +157,9 @@ class _Statics:
                 continue
             entries.append((rows[:, matrix.rows].ravel(), columns[:, matrix.columns].ravel(),
                             sign * self._evaluate(template, matrix.entries, x).T.ravel()))
-        return r, _Triplets(*(np.concatenate(arrays) for arrays in zip(*entries, strict=True)))
+        rows, columns, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
+        return r / self.residual_units, _Triplets(
+            rows, columns, values * self.units[columns] / self.residual_units[rows])
 
     def _evaluate(self, template: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
         """Return expressions of a template for all instances, shape (expressions, instances)."""
@@ -156,9 +193,10 @@ def equilibrium(
         moves where p = 0, and where no equilibrium is reached.
     """
     _refuse_without_statics(system)
-    statics, n = _Statics(system, parameters, t), system.n
-    x = np.concatenate([np.asarray(q0, dtype=float), np.zeros(system.m)])
-    if statics.moves(x):
+    q0, n = np.asarray(q0, dtype=float), system.n
+    statics = _Statics(system, parameters, q0, t)
+    x = np.concatenate([q0, np.zeros(system.m)]) / statics.units
+    if statics.moves(q0):
         raise InputError(f"System {system.name!r} moves where its momenta are 0, as in a turning "
                          "frame; it has no static equilibrium.")
     r, J = statics(x)
@@ -198,12 +236,13 @@ def equilibrium(
             if n <= _LARGEST and not system.forces and _is_unstable(J, n, system.m):
                 warn(f"System {system.name!r} is in an unstable equilibrium: it stays there as "
                      "long as nothing moves it. Begin beside it for a stable one.")
+            x *= statics.units
             return x[:n], x[n:]
         tau *= _growth_of_tau(previous_size / max(size, _TINY), change)
     raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
                      f"{iterations} iterations |H_q + g_qᵀλ − F| = {size:.3g}, and the largest "
-                     f"coordinate was {extent:.3g}; fix or hinge what moves freely, or begin "
-                     "nearer.")
+                     f"coordinate was {extent:.3g}, in units of the start; fix or hinge what moves "
+                     "freely, or begin nearer.")
 
 
 def _is_round_off(change: float, previous_change: float, stagnates: bool) -> bool:

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
 import lagrangians
@@ -62,6 +63,29 @@ def test_an_equilibrium_far_from_the_start(soft):
                        + q[1]**2 / 2, name="soft_spring")
     position, _ = equilibrium(system, {"k": soft}, np.zeros(2))
     assert np.abs(position - [1 / soft, 0]).max() <= 8 * EPS / soft
+
+
+@pytest.mark.parametrize(("M", "L", "T"), [
+    (2.0**-86, 2.0**-33, 2.0**-40), (1.0, 2.0**20, 1.0), (2.0**80, 2.0**-20, 2.0**40)])
+def test_an_equilibrium_does_not_depend_on_units(M, L, T):
+    """Molecules or planets, powers of 2: a spring pulls a body, whose quaternion has no unit."""
+    def equilibrium_of(M, L, T):
+        build = gs.Multibody("leaning", gravity=(0, 0, -9.75 * L / T**2))
+        rod = build.body("rod", mass=M, inertia=np.array([0.1, 0.11, 0.02]) * M * L**2,
+                         position=(0, 0, -0.5 * L))
+        build.ball("pin", build.ground, rod, at=(0, 0, 0))
+        build.spring("spring", rod, build.ground, stiffness=3 * M / T**2, length=0.2 * L,
+                     on_a=np.array([1, 0.5, 0]) * L, on_b=(2 * L, 0, 0))
+        return build.model().equilibrium()
+    one, other = equilibrium_of(1.0, 1.0, 1.0), equilibrium_of(M, L, T)
+    units = np.array([1 if "_q" in str(x) else L for x in one.system.q])
+    assert np.array_equal(other.q0 / units, one.q0)
+    # no torque about the pin
+    centre, attitude = one.q0[4:], Rotation.from_quat(one.q0[:4], scalar_first=True)
+    end = centre + attitude.apply([1, 0.5, 0])
+    pull = np.array([2, 0, 0]) - end
+    pull *= 3 * (1 - 0.2 / np.linalg.norm(pull))
+    assert np.abs(np.cross(centre, [0, 0, -9.75]) + np.cross(end, pull)).max() < 64 * EPS
 
 
 def test_a_net_force_on_bodies_that_nothing_holds_is_refused():
