@@ -419,13 +419,15 @@ def multibody_calls() -> Iterator[Call]:
     yield of("couple", name="j", first="hinge", second="other", ratio=2.0, offset=0.0)
     yield of("drive", name="j", joint="hinge", angle=sp.Integer(1))
     yield of("motor", name="j", joint="hinge", torque=1.0, force=None)
-    yield of("joint_spring", name="j", joint="hinge", stiffness=1.0, damping=0.1, rest=0.0)
+    yield of("joint_spring", name="j", joint="hinge", stiffness=1.0, damping=0.1, rest=0.0,
+             coordinate="angle")
     yield of("moving_point", name="j", path=(0.0, 0.0, 1.0))
     yield of("contact", name="j", a="body", b="ground", gap=None, on_a=(0.0, 0.0, 0.1),
              on_b=(0.0, 0.0, -9.0), normal=(0.0, 0.0, 1.0), radius=0.1, box=None, restitution=0.5)
     yield of("latch", name="j", a="body", b="ground", close=["hinge"], on_a=(0.0, 0.0, 0.1),
              on_b=(0.0, 0.0, -9.0), normal=(0.0, 0.0, 1.0), radius=0.1)
-    yield of("stop", name="j", joint="hinge", lower=-1.0, upper=1.0, restitution=0.5)
+    yield of("stop", name="j", joint="hinge", lower=-1.0, upper=1.0, restitution=0.5,
+             coordinate="angle")
     yield of("angle", joint="hinge")
     yield of("rate", joint="hinge")
     yield of("travel", joint="slide")
