@@ -210,20 +210,21 @@ class Recorder:
         refuse_missing_blocks(self.path, self.group, first_row, first_row + count)
         block_rows, multiplier_columns = self._empty(), []
         for stored_field in self.fields:
-            if stored_field.name in ("multipliers", "reactions"):
-                columns = self._rows(stored_field.name, stored_field.wide, first_row, count)
+            name = stored_field.name
+            target: Any = getattr(block_rows, name, None)
+            # the last coordinate and momentum of scaled time
+            is_hidden = self.binding.clocked and name in ("time", "time_momentum")
+            if target is None and name != "reactions" and not is_hidden:
+                continue
+            columns = self._rows(name, stored_field.wide, first_row, count)
+            if name in ("multipliers", "reactions"):
                 multiplier_columns.append(columns.reshape(count, int(np.prod(columns.shape[1:]))))
-            elif stored_field.name in ("q", "p"):  # without t and e of scaled time
-                getattr(block_rows, stored_field.name)[:count, : self.binding.shown] = self._rows(
-                    stored_field.name, stored_field.wide, first_row, count)
-            elif self.binding.clocked and stored_field.name in ("time", "time_momentum"):
-                hidden = block_rows.q if stored_field.name == "time" else block_rows.p
-                hidden[:count, -1] = self._rows(
-                    stored_field.name, stored_field.wide, first_row, count)
-            elif (target := getattr(block_rows, stored_field.name, None)) is not None:
-                target[:count] = self._rows(
-                    stored_field.name, stored_field.wide, first_row, count
-                ).reshape(count, *target.shape[1:])
+            elif is_hidden:
+                (block_rows.q if name == "time" else block_rows.p)[:count, -1] = columns
+            elif name in ("q", "p"):  # without t and e of scaled time
+                target[:count, : self.binding.shown] = columns
+            else:
+                target[:count] = columns.reshape(count, *target.shape[1:])
         if multiplier_columns:  # side by side, as ``flat_multipliers`` has them
             block_rows.multipliers[:count] = np.concatenate(multiplier_columns, axis=1)
         return block_rows

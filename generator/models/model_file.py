@@ -263,6 +263,19 @@ def _toml_text(key: str, value: Any) -> str:
                          "these; write it as in the file.")
 
 
+def _table_at(content: TomlTable, path: Iterable[str]) -> dict[str, Any] | None:
+    """Return the table at a path of keys, or of names in arrays such as [[bodies]]; None if absent.
+    """
+    table: Any = content.content
+    for word in path:
+        if isinstance(table, list):
+            table = next((entry for entry in table if isinstance(entry, dict)
+                          and entry.get("name") == word), None)
+        else:
+            table = table.get(word) if isinstance(table, dict) else None
+    return table if isinstance(table, dict) else None
+
+
 def _set_key(content: TomlTable, key: str, value: str) -> None:
     """Replace a value of the file, or add a key to a table.
 
@@ -279,15 +292,8 @@ def _set_key(content: TomlTable, key: str, value: str) -> None:
         *path, last = key.split(".")
     else:
         path, last = ([] if key in top_keys and key not in parameter_names else ["parameters"]), key
-    table: Any = content.content
-    for word in path:
-        # an array of tables, such as [[bodies]]: the entry with this name
-        if isinstance(table, list):
-            table = next((entry for entry in table if isinstance(entry, dict)
-                          and entry.get("name") == word), None)
-        else:
-            table = table.get(word) if isinstance(table, dict) else None
-    if not isinstance(table, dict) or ("." not in key and last not in known_keys):
+    table = _table_at(content, path)
+    if table is None or ("." not in key and last not in known_keys):
         choices = [f"its {kind} {join_or(keys)}" for kind, keys in (
             ("parameter", parameter_names), ("key", top_keys)) if keys]
         example = "body.inertia" if "body" in content.content else "start.euler"

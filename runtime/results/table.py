@@ -465,6 +465,16 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
             writer.close()
 
 
+def _write_blocks(file: Any, table: Table) -> None:
+    """Write the variables of a table to an open NetCDF file, block by block."""
+    # trajectories end after different numbers of states: the whole arrays have NaN there
+    blocks = table.read() if len(table.along) == 1 else iter([
+        ((slice(None),) * 2, table.in_memory())])
+    for index, arrays in blocks:
+        for variable in _netcdf_variables(table, arrays):
+            _write_rows(file, table, index, *variable)
+
+
 def _write_netcdf(table: Table, path: Path) -> None:
     """Write NetCDF-4 block by block: wide numbers as doubles, and with all digits as bytes."""
     import h5netcdf
@@ -481,13 +491,7 @@ def _write_netcdf(table: Table, path: Path) -> None:
         with h5netcdf.File(path, "w") as file:
             file.attrs.update({name: _plain(x) for name, x in table.attributes.items()})
             for part_table in (table, *table.parts):
-                # trajectories end after different numbers of states: the whole arrays have NaN
-                # there
-                blocks = part_table.read() if len(part_table.along) == 1 else iter([
-                    ((slice(None),) * 2, part_table.in_memory())])
-                for index, arrays in blocks:
-                    for variable in _netcdf_variables(part_table, arrays):
-                        _write_rows(file, part_table, index, *variable)
+                _write_blocks(file, part_table)
             if "trajectory" in table.along:
                 file.create_variable("trajectory", ("trajectory",),
                                      data=np.arange(table.along["trajectory"]))
