@@ -61,7 +61,8 @@ def trampolines(name: str, header: str, *, public: bool) -> str:
     """
     parts = [f"""
 typedef void (*newton_function)(void);
-const newton_function *{name}_newton_table = 0;
+/* of the type that cffi declares: gcc 14 and clang 16 refuse another one */
+void *{name}_newton_table = 0;
 void {name}_load_newton(void);
 
 static const newton_function *newton_table(void)

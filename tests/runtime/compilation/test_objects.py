@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import re
+import sysconfig
 import threading
 from concurrent.futures import ThreadPoolExecutor
 from multiprocessing import get_context
@@ -14,10 +15,12 @@ import pytest
 
 import gyrospark as gs
 import systems
+from c_programs import run as run_compiler
+from compilers import COMPILERS, MAIN
 from gyrospark import api
 from gyrospark.core.real_types import REALS
 from gyrospark.generator.spec import Spec
-from gyrospark.runtime.compilation import newton_library, object_files, stepper_module
+from gyrospark.runtime.compilation import compiler, newton_library, object_files, stepper_module
 from gyrospark.runtime.compilation.build_cache import CacheError
 from processes import PATIENCE
 
@@ -87,6 +90,21 @@ def test_a_module_has_its_functions_and_no_other():
 def is_static(name, function, header):
     line = re.search(rf"^(?! \*).*\b{name}_{function}\(", header, re.MULTILINE)
     return " static " in line[0]
+
+
+@pytest.mark.parametrize("real", ["double", "float128"])
+def test_the_wrapper_is_free_of_what_newer_compilers_refuse(real, tmp_path):
+    """gcc 14 and clang 16 made errors of these warnings, which -w does not suppress."""
+    name, files = made(real=real)
+    for file, text in files.items():
+        (tmp_path / file).write_text(text, encoding="utf-8")
+    refused = ("incompatible-pointer-types", "int-conversion", "implicit-int",
+               "implicit-function-declaration")
+    for kind in ("runs", "lanes"):
+        wrapper = compiler._write_wrapper(name, files, (), tmp_path, kind, newton_apart=True)
+        run_compiler([*COMPILERS[MAIN], "-fsyntax-only", f"-I{sysconfig.get_paths()['include']}",
+                      "-I.", *(f"-Werror={warning}" for warning in refused), wrapper.name],
+                     tmp_path)
 
 
 def test_a_stepper_without_lanes_is_one_object():
