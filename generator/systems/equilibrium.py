@@ -199,6 +199,22 @@ def equilibrium(
     if statics.moves(q0):
         raise InputError(f"System {system.name!r} moves where its momenta are 0, as in a turning "
                          "frame; it has no static equilibrium.")
+    x, J = _continue_to_equilibrium(statics, x, n, system.name)
+    if n <= _LARGEST and not system.forces and _is_unstable(J, n, system.m):
+        warn(f"System {system.name!r} is in an unstable equilibrium: it stays there as "
+             "long as nothing moves it. Begin beside it for a stable one.")
+    x *= statics.units
+    return x[:n], x[n:]
+
+
+def _continue_to_equilibrium(
+    statics: _Statics, x: Array, n: int, name: str
+) -> tuple[Array, _Triplets]:
+    """Return x = (q, λ) and J at the equilibrium of the system ``name``; q has n entries.
+
+    Steps and units are as of ``equilibrium`` and ``statics``. Raises InputError if no equilibrium
+    is reached.
+    """
     r, J = statics(x)
     size = float(np.linalg.norm(r))
     # change: of q in the last step; rejected_change: in the last one if that was rejected, else ∞
@@ -233,13 +249,9 @@ def equilibrium(
         stagnates = change > previous_change / 2 and size <= 2 * previous_size
         if (stagnates and (np.abs(r) <= _ROUND_OFF * _sizes_of_terms(J, x)).all()) or (
                 _is_round_off(change, previous_change, stagnates)):
-            if n <= _LARGEST and not system.forces and _is_unstable(J, n, system.m):
-                warn(f"System {system.name!r} is in an unstable equilibrium: it stays there as "
-                     "long as nothing moves it. Begin beside it for a stable one.")
-            x *= statics.units
-            return x[:n], x[n:]
+            return x, J
         tau *= _growth_of_tau(previous_size / max(size, _TINY), change)
-    raise InputError(f"No equilibrium of system {system.name!r} was reached from its start: after "
+    raise InputError(f"No equilibrium of system {name!r} was reached from its start: after "
                      f"{iterations} iterations |H_q + g_qᵀλ − F| = {size:.3g}, and the largest "
                      f"coordinate was {extent:.3g}, in units of the start; fix or hinge what moves "
                      "freely, or begin nearer.")
