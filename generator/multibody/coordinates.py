@@ -99,8 +99,8 @@ class Coordinate(Connection):
 
     @property
     def displacement(self) -> float:
-        """The difference of the coordinate from the described pose to the start."""
-        return 0.0 if self.start_value is None else self.start_value - self.value
+        """The coordinate at the start, if it is given: it is 0 in the described pose then."""
+        return self.start_value or 0.0
 
     @property
     def MEASURES(self) -> tuple[str, ...]:  # type: ignore[override]
@@ -130,14 +130,11 @@ class Coordinate(Connection):
         yield self.b.p_x, (effort,)
 
     def start_values(self, poses: Poses, store: Store) -> Iterator[StartValue]:
-        """Yield the coordinate c, if it is given: the difference c − c₀ − fraction · (c₁ − c₀).
-
-        c₀ is ``value``, of the described pose, and c₁ ``start_value``.
-        """
+        """Yield c − fraction · c₁ of the coordinate c, if c₁ is given for the start."""
         if self.start_value is not None:
             coordinate = self.measure(self.kind, poses, store)
             yield StartValue(self.name, self.kind, self.start_value,
-                             coordinate - self.value - FRACTION * self.displacement)
+                             coordinate - FRACTION * self.start_value)
 
     def start_rates(self, poses: Poses) -> Iterator[StartRate]:
         """Yield the rate, if it is given."""

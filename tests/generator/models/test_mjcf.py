@@ -319,6 +319,11 @@ BAD = [
     ("<worldbody/>", "nothing moves"), (one('<joint name="j"/>', ""), "nothing moves"),
     (one('<joint name="j"/>', '<joint name="j"/><joint name="k" axis="1 0 1"/>'),
      "hinge, hinge.*armature"),
+    (one('<joint name="j"/>', '<joint name="j"/><joint name="k" axis="1 0 0" pos="0 .1 0"/>'),
+     "hinge, hinge.*armature"),  # at right angles, which do not meet
+    (one('<joint name="j"/>', '<joint name="i" type="slide" axis="1 0 0"/><joint name="j" '
+         'type="slide" axis="0 1 0"/><joint name="k" axis="0 .2 1"/>'),
+     "slide, slide, hinge.*armature"),
     # the guard
     *((f'<include file="{name}"/>' + ONE, said) for name, said in (
         ("../other.xml", "folder"), ("/etc/passwd", "folder"), ("C:\\x.xml", "folder"),

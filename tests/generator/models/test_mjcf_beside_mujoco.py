@@ -121,6 +121,9 @@ FEATURES = {
     "two crossing hinges with springs": row(
         ("hinge", "1 0 0", 'stiffness="3" springref="0"'), ("hinge", "0 1 0", 'stiffness="2"'))
     + KEY.format(".4 -.7", "1.5 -2", ""),
+    "two crossing hinges with a damper and a motor": row(
+        ("hinge", "1 0 0", 'damping=".5"'), ("hinge", "0 1 0", ""))
+    + '<actuator><motor joint="j1"/></actuator>' + KEY.format(".4 -.7", "1.5 -2", 'ctrl="3"'),
     "two slides that are not perpendicular": row(
         ("slide", "1 0 0", 'stiffness="3"'), ("slide", ".6 .8 0", 'damping=".5"'))
     + KEY.format(".3 1", "0 2", ""),

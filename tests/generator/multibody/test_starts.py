@@ -92,22 +92,30 @@ def test_joints_of_a_tree_move_what_is_beyond_them():
     build = gs.Multibody("tree")
     kinds = {"r": ("revolute", {"angle": 0.7, "rate": 1.0}), "p": ("prismatic", {"travel": 0.3}),
              "c": ("cylindrical", {"travel": -0.2, "angle": 4.0, "speed": 0.5}),
-             "s": ("screw", {"travel": 0.1, "lead": 0.4}), "b": ("ball", {})}
+             "s": ("screw", {"travel": 0.1, "lead": 0.4}), "b": ("ball", {}),
+             "i": ("revolute", {"angle": 0.6, "rate": -0.4}), "h": ("chain", {"angle": 0.9})}
     rotation, shift, parent, expected = Rotation.identity(), np.zeros(3), "ground", {}
     for name, (kind, options) in kinds.items():
         x, pivot, axis = rng.normal(size=(3, 3))
         axis /= np.linalg.norm(axis)
         drawn = Rotation.random(random_state=int(100 * abs(x[0])))
         build.body(name, **BODY, position=x, rotation=drawn)
-        build_joint = getattr(build, kind)
-        axis_option = {} if kind == "ball" else {"axis_in_space": axis}
-        build_joint(f"j{name}", parent, name, at=pivot, **axis_option, **options)
-        travel = options.get("travel", 0.0)
+        travel, slide = options.get("travel", 0.0), np.zeros(3)
+        if kind == "chain":  # a hinge, then a slide along another axis
+            slide = np.array([0.1, -0.2, 0.3])
+            build.chain("jh", parent, name, [
+                {"name": "turn", "axis": axis, "inertia": 0.1, "at": pivot, "rate": 0.5, **options},
+                {"name": "slide", "axis": slide, "inertia": 0.2, "speed": 0.3,
+                 "travel": np.linalg.norm(slide)}])
+        else:
+            frames = (name, parent) if name == "i" else (parent, name)  # outward, or inward
+            axis_option = {} if kind == "ball" else {"axis_in_space": axis}
+            getattr(build, kind)(f"j{name}", *frames, at=pivot, **axis_option, **options)
         angle = options.get(
             "angle", 2 * math.pi * travel / options["lead"] if kind == "screw" else 0.0)
-        turn = Rotation.from_rotvec(angle * axis)
-        # r -> R (turn (r - pivot) + pivot + travel axis) + shift
-        shift = rotation.apply(pivot + travel * axis - turn.apply(pivot)) + shift
+        turn = Rotation.from_rotvec((-angle if name == "i" else angle) * axis)
+        # r -> R (turn (r + slide - pivot) + pivot + travel axis) + shift
+        shift = rotation.apply(pivot + travel * axis + turn.apply(slide - pivot)) + shift
         rotation = rotation * turn
         expected[name], parent = (rotation * drawn, rotation.apply(x) + shift), name
     model = build.model()
