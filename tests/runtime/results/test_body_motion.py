@@ -220,19 +220,27 @@ ROW = {"pivot": ("revolute", {"axis": (0, 0, 1), "at": (0, 0, 0), "rate": 0.5}),
 
 
 @cache
-def sliding(in_a_row):
-    """Return the run of a body on each joint, or of two that hang on a moving point and the ground.
-    """
+def sliding_model(in_a_row):
+    """Return the model of a body on each joint, or of a slide on a pivot, which hang on a moving
+    point, and of a nut on a thread of the ground."""
     build, before = gs.Multibody("sliding", gravity=(0, -9.81, 0)), "hand"
     build.moving_point("hand", (sp.sin(3 * build.time) / 4, build.time**2, 0))
-    for i, name in enumerate(ROW if in_a_row else ("pivot", "pole")):
+    for i, name in enumerate(ROW if in_a_row else ("pivot", "slide", "thread")):
         kind, options = ROW[name]
         body = build.body(f"on_{name}", mass=2.0, inertia=(0.3, 0.2, 0.25),
                           position=(0.4 * i, 0.1, 0.6))
         getattr(build, kind)(name, before, body, **options)
-        before = body if in_a_row else "ground"
+        before = body if in_a_row or name == "pivot" else "ground"
+    build.quantity("s_speed", build.speed("slide"))
+    build.quantity("nut_rate", build.rate("thread"))
+    return build.model()
+
+
+@cache
+def sliding(in_a_row):
+    """Return the run of the model."""
     with budget.shared():
-        return run(build.model(), 150)
+        return run(sliding_model(in_a_row), 150)
 
 
 @pytest.mark.parametrize("case", ["linkage", "apart", pytest.param(
@@ -241,13 +249,12 @@ def test_reactions_obey_newton_and_euler(case, four_bar):
     """m ẍ and l̇ of each body are the reactions of its joints and gravity, with the stated sign."""
     trajectory = four_bar if case == "linkage" else sliding(case == "row")
     assert trajectory.joints == {"linkage": ("hinge0", "hinge1", "hinge2", "hinge3"),
-                                 "apart": ("pivot", "pole"), "row": (*ROW,)}[case]
-    for i, name in enumerate(trajectory.bodies):
-        joints = dict(zip(trajectory.joints[i:i + 2 - (case == "apart")], (1, -1), strict=False))
+                                 "apart": ("pivot", "slide", "thread"), "row": (*ROW,)}[case]
+    for name in trajectory.bodies:
         body = trajectory.body(name)
         force, torque = np.array([0, -9.81 * body.mass, 0]), np.zeros(3)
-        for joint_name, sign in joints.items():
-            joint = trajectory.joint(joint_name)
+        for joint in map(trajectory.joint, trajectory.joints):
+            sign = (joint.bodies[1] == name) - (joint.bodies[0] == name)
             force = force + sign * joint.force()
             arm = joint.position() - body.position()
             torque = torque + sign * (joint.torque() + np.cross(arm, joint.force()))
@@ -271,7 +278,22 @@ def test_joints_that_slide_are_known(in_a_row):
     joints = joints_of(sliding(in_a_row).manifest)
     assert [name for name, joint in joints.items() if joint.slides] == [
         name for name in joints if name != "pivot"]
-    assert replace(joints["pole"], pulls=None).slides
+    assert replace(joints["slide"], pulls=None).slides
+
+
+def test_accelerations_of_slides_are_those_of_their_speeds():
+    """The rows of joints by geometry agree with derivatives of quantities by each momentum."""
+    run, model = sliding(in_a_row=False), sliding_model(in_a_row=False)
+    with budget.shared():
+        step = gs.stepper("G-L", 2, system=model.system)
+        motion = step.accelerations(run[100])
+    for joint, quantity in (("slide", "s_speed"), ("thread", "nut_rate")):
+        assert motion.joint(joint) == pytest.approx(motion.quantities[quantity], rel=1e-12)
+    M, M_of_quantities = (step.mass_matrix(run[100], joints=joints)
+                          for joints in (["slide", "thread"], ["s", "nut"]))
+    assert np.abs(M - M_of_quantities).max() < 1e-12 * np.abs(M).max()
+    slope_of_speed = np.diff(run.quantity("s_speed")[99:102:2]) / (2 * DT)
+    assert motion.joint("slide") == pytest.approx(slope_of_speed[0], abs=1e-3)
 
 
 def test_angles_count_whole_turns(four_bar):
