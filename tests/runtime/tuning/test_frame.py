@@ -6,7 +6,9 @@ the pilot runs, and for motions where a frame does not help or harms.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,7 +18,13 @@ import gyrospark as gs
 import systems
 from calls import refused
 from framed_point import FIELD, PENDULUM, framed_point
+from gyrospark.core.manifest import Manifest
 from gyrospark.core.registry import SYSTEMS
+from gyrospark.generator.pipeline import generate
+from gyrospark.generator.spec import Spec
+from gyrospark.runtime.integration.manifest_symmetries import symmetries_of
+from gyrospark.runtime.rigid_body.quaternion import left_matrix, rotation_matrix
+from gyrospark.runtime.tuning.frame_start import directions_of
 from gyrospark.runtime.tuning.spectral_lines import SpectralLines
 
 TOP = gs.problems.fast_top()
@@ -44,6 +52,18 @@ def test_asymmetric_bodies_keep_what_is_left():
         "I1": 1.0, "I2": 2.0, "I3": 3.0, "mgl": 0.1}).parameters
     assert rates["omega_body"] == 0
     assert rates["omega_space"] != 0
+
+
+def test_three_rotations_of_space_turn_about_the_angular_momentum():
+    """A free body has the direction of l = R ½ L(q) p, and none at rest with three moments."""
+    spec = Spec.from_arguments("G-L", 1, "gamma", "free_body").with_frame("symmetries")
+    stepper = SimpleNamespace(symmetries=symmetries_of(Manifest.from_json(
+        json.loads(generate(spec).source.manifest))))
+    body, space = directions_of(stepper, BODY.q0, BODY.p0, dict.fromkeys(("I1", "I2", "I3"), 1.0))
+    momentum = rotation_matrix(BODY.q0) @ left_matrix(BODY.q0) @ BODY.p0 / 2
+    assert body.weights == {"omega_body": 1}
+    assert [*space.weights.values()] == pytest.approx(momentum / np.linalg.norm(momentum))
+    assert not directions_of(stepper, BODY.q0, 0 * BODY.p0, {"I1": 1.0, "I2": 2.0, "I3": 2.5})
 
 
 def test_a_model_with_a_frame_starts_in_it():
