@@ -9,6 +9,9 @@ class Stepper {
    *   velocities `NAME_start` takes, 0 where there is no such function
    */
   constructor({ exports }, name, { real, parameters, q, p, velocities }) {
+    if (!exports[`${name}_work_size`]) {
+      throw new Error(`Stepper "${name}" is not in the module; give a name of its schemes.`);
+    }
     this.call = (what, ...values) => Number(exports[`${name}_${what}`](...values));
     const Real = real === "float" ? Float32Array : Float64Array, size = Real.BYTES_PER_ELEMENT;
     // Above the module's own memory: the arrays of each trajectory, its options, its work.

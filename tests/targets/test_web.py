@@ -218,19 +218,22 @@ for (const parameters of [{ a: 1, b: 2 }, { b: 3, a: 4 }, { b: 3 }, { a: 1, b: 2
   toy.parameters = parameters;
   try { console.log(toy.begin(1)); } catch (error) { console.log(error.message); }
 }
+try { new Stepper({ exports }, "top", start); } catch (error) { console.log(error.message); }
 """
 
 
 @needs_node
 def test_parameters_in_javascript_go_by_their_names(tmp_path):
-    """Their order is any; those that are missing or unknown are refused."""
+    """Their order is any; those that are missing or unknown are refused, as is a stepper."""
     (tmp_path / "toy.mjs").write_text(webassembly.read("stepper.js") + TOY, encoding="utf-8")
-    in_order, in_another, missing, unknown = subprocess.run(
+    in_order, in_another, missing, unknown, no_stepper = subprocess.run(
         ["node", tmp_path / "toy.mjs"], check=True, capture_output=True,
         text=True).stdout.splitlines()
     assert (in_order, in_another) == ("12", "43")
     assert missing == 'Parameter "a" is not given; give a, b.'
     assert unknown == 'Parameter "c" is unknown; give a, b.'
+    assert '"top"' in no_stepper
+    assert "schemes" in no_stepper
 
 
 #: Text that glue.c includes in place of a stepper: fused multiply-adds with and without its own.
