@@ -8,6 +8,7 @@ import signal
 import sys
 import warnings
 from importlib import import_module
+from types import SimpleNamespace
 
 import pytest
 
@@ -121,6 +122,26 @@ def test_no_scheduler_answers(monkeypatch):
     with pytest.raises(gs.InputError, match="Dask scheduler"), \
             cluster.connect("tcp://127.0.0.1:1"):
         pass
+
+
+def test_workers_that_are_gone_for_long_end_a_sweep(monkeypatch):
+    """Workers that have not come yet may come; ones that have gone may come back for a while."""
+    clock, threads = [0.0], {}
+    monkeypatch.setattr(cluster.time, "monotonic", lambda: clock[0])
+    capacity = cluster._ClusterCapacity(SimpleNamespace(nthreads=lambda: threads))
+
+    def measure_at(seconds):
+        clock[0] = seconds
+        capacity.measure(7)
+        return capacity.tiles
+
+    assert measure_at(10 * cluster._PATIENCE) == cluster._TILES_A_THREAD
+    threads |= {"a": 2, "b": 3}
+    assert measure_at(11 * cluster._PATIENCE) == 5 * cluster._TILES_A_THREAD
+    threads.clear()
+    measure_at(12 * cluster._PATIENCE)
+    with pytest.raises(gs.errors.GyrosparkError, match=f"{cluster._PATIENCE}.*7.*--resume"):
+        measure_at(12 * cluster._PATIENCE + 1)
 
 
 @pytest.mark.slow

@@ -6,6 +6,7 @@ import itertools
 import pickle
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,10 +16,12 @@ from hypothesis import strategies as st
 import gyrospark as gs
 import systems
 from gyrospark.runtime.bindings.binding import REASONS
+from gyrospark.runtime.rigid_body.gamma_rules import known_inertia
 from gyrospark.sweeps import compute_tile, tiles
 from gyrospark.sweeps.axes import value_axis
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import BAD_START, StoreSink, fields_of, meanings
+from gyrospark.sweeps.sweep_model import starts
 from sweep_studies import FAILURES, GAMMAS, OVER, STEPS, TOP
 
 EPS = np.finfo(float).eps
@@ -104,6 +107,30 @@ def test_means_and_starts_follow_the_moments_of_a_cell():
     result = gs.sweep(TOP, spins, parameters={"I3": 1e-3}, scheme="EMS", dt=1e-3, steps=1)
     inertia = [TOP.parameters["I1"], TOP.parameters["I2"], 1e-3]
     assert np.array_equal(result.p_start[0], gs.Start.of_body(TOP.q0, [0, 1.0, 120.0], inertia).p)
+
+
+def test_spins_and_means_follow_an_inverse_inertia():
+    """p = 2 L(q)ᵀ J Ω and γ_m are of J⁻¹ of the parameters, not of the model's J."""
+    J = np.array([[2.0, 0.1, 0.2], [0.1, 2.5, -0.3], [0.2, -0.3, 3.0]])
+    entries = dict(zip(("K11", "K12", "K13", "K22", "K23", "K33"),
+                       np.linalg.inv(J)[np.triu_indices(3)], strict=True))
+    model = SimpleNamespace(bodies={"gamma": TOP.inertia}, q0=TOP.q0, parameters=entries)
+    spin = [0.3, 1.0, -0.7]
+    axis = starts({"angular_velocity": [spin]}, model, entries, set())
+    assert axis.columns["p"][0] == pytest.approx(gs.Start.of_body(TOP.q0, spin, J).p)
+    assert gs.gamma(known_inertia("gamma", entries)) == pytest.approx(gs.gamma(J))
+
+
+def test_first_steps_in_scaled_time_are_the_step_by_the_scale_of_each_start():
+    model = model_of("eccentric")
+    study = plan(model, {"dtau": [0.05, 0.1], "start": {
+        "q": [[0.4, 0.0], [0.6, -0.3]], "p": [[0.0, 2.0], [0.1, 1.0]]}}, scheme="G-L", stages=2,
+        steps=5)
+    (tile,) = tiles.tiles_of(study)
+    cells = tiles.cells_of(study, tile)
+    steps = compute_tile.first_steps(study, study.steppers[0], cells, np.array([1, 2, 3]))
+    lengths = np.linalg.norm([[0.6, -0.3], [0.4, 0.0], [0.6, -0.3]], axis=1)
+    assert steps == pytest.approx([0.05, 0.1, 0.1] * lengths**1.5, rel=8 * EPS)
 
 
 @pytest.mark.parametrize(("axis", "column"), [
