@@ -6,7 +6,7 @@ would otherwise cause an obscure error later, or a wrong number.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -69,24 +69,20 @@ def checked_attributes(path: Path, group: zarr.Group) -> dict[str, Any]:
     writer = run.get("gyrospark")
     if run["format"] != FORMAT:
         raise written_by(path, writer, f"its format is {run['format']}, and {FORMAT} is known here")
-    for complaint in _complaints(about, run, group):  # the first one is reported
+    if complaint := _complaint(about, run, group):
         raise (_damage(path, complaint) if writer in (None, __version__) else
                written_by(path, writer, complaint))
     return about
 
 
-def _complaints(about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
-    """Yield complaints until one makes further checks meaningless.
+def _complaint(about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group) -> str:
+    """Return the first complaint, empty without one; each check relies on those before it.
 
     ``about`` are all attributes of the store, ``run`` the arguments of the run among them.
     """
-    complaints = list(_check_manifest(about))
-    complaints = complaints or list(_check_run(run, about["manifest"]["real"]))
-    yield from complaints
-    if not complaints:
-        yield from _check_events(about, run, group)
-        yield from _check_run_attributes(about, run)
-        yield from _check_arrays(about, group)
+    return (_check_manifest(about) or _check_run(run, about["manifest"]["real"])
+            or _check_events(about, run, group) or _check_run_attributes(about, run)
+            or _check_arrays(about, group))
 
 
 def _damage(path: Path, complaint: str) -> InputError:
@@ -108,50 +104,50 @@ def _is_number(value: Any, real: RealName = "double") -> bool:
     return True
 
 
-def _check_run(run: Mapping[str, Any], real: RealName) -> Iterator[str]:
-    """Yield complaints about the run's arguments."""
+def _check_run(run: Mapping[str, Any], real: RealName) -> str:
+    """Return a complaint about the run's arguments."""
     for name, lower_bound in (("steps", 0), ("every", 1), ("rows", 1)):
         if name == "rows" and name not in run:
             continue
         if not _is_count(run.get(name), lower_bound):
-            yield f"run.{name} is {run.get(name)!r}"
+            return f"run.{name} is {run.get(name)!r}"
     for name in ("dt", "t0", *(("t_end", "rest") if "rest" in run else ())):
         if not _is_number(run.get(name), real):
-            yield f"run.{name} is {run.get(name)!r}"
+            return f"run.{name} is {run.get(name)!r}"
     parameters = run.get("parameters")
     if not isinstance(parameters, Mapping) or not all(
             _is_number(x, real) for x in parameters.values()):
-        yield "run.parameters are no numbers"
+        return "run.parameters are no numbers"
+    return ""
 
 
-def _check_manifest(about: Mapping[str, Any]) -> Iterator[str]:
-    """Yield the faults of a store's manifest."""
+def _check_manifest(about: Mapping[str, Any]) -> str:
+    """Return a complaint about a store's manifest."""
     if not isinstance(about.get("manifest"), Mapping):
-        yield "it has no manifest"
-        return
+        return "it has no manifest"
     try:
         parse_manifest(about["manifest"])
     except UnfitError as error:
-        yield f"of its manifest, {error}"
+        return f"of its manifest, {error}"
+    return ""
 
 
-def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> Iterator[str]:
-    """Yield complaints about the progress of the run."""
+def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> str:
+    """Return a complaint about the progress of the run."""
     steps_done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
     if not _is_count(steps_done, 0) or steps_done > run["steps"]:
-        yield f"steps_done is {steps_done!r}, of {run['steps']} steps"
-        return
+        return f"steps_done is {steps_done!r}, of {run['steps']} steps"
     ended_by_event = isinstance(status, str) and status.startswith(ENDED)
     if not isinstance(status, str) or not (
             status in (RUNNING, COMPLETE) or status.startswith(FAILED) or ended_by_event):
-        yield f"status is {status!r}"
-    elif ended_by_event and not about["events"].get(status.removeprefix(ENDED)):
-        yield f"status is {status!r}, and that has not happened"
+        return f"status is {status!r}"
+    if ended_by_event and not about["events"].get(status.removeprefix(ENDED)):
+        return f"status is {status!r}, and that has not happened"
     # before the first commit no status is final; with a rest, t_end is still to be reached
-    elif ((status == COMPLETE) is not (steps_done == run["steps"])
+    if (not ended_by_event and (status == COMPLETE) is not (steps_done == run["steps"])
             and about.get("report") is not None
             and not (steps_done == run["steps"] and "rest" in run)):
-        yield f"status is {status!r} after {steps_done} of {run['steps']} steps"
+        return f"status is {status!r} after {steps_done} of {run['steps']} steps"
     # the start is a row, and a row that a terminal event or the last step adds
     if about.get("report") is None:
         expected = steps_done  # before the first commit there are 0 steps and 0 rows
@@ -160,60 +156,54 @@ def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> I
     else:
         expected = steps_done // run["every"] + 1 + ended_by_event
     if type(states) is not int or states != expected:
-        yield f"states is {states!r} after {steps_done} steps"
-    yield from _check_report(about.get("report"))
+        return f"states is {states!r} after {steps_done} steps"
+    return _check_report(about.get("report"))
 
 
-def _check_events(
-    about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group
-) -> Iterator[str]:
-    """Yield complaints about event counts and event arrays.
+def _check_events(about: dict[str, Any], run: Mapping[str, Any], group: zarr.Group) -> str:
+    """Return a complaint about event counts and event arrays.
 
     ``about`` has the number of crossings of each event, ``run`` the attributes of the events.
     """
     requested, counts = run.get("events", {}), about["events"]
     if not isinstance(requested, Mapping) or not isinstance(counts, Mapping) or (
             requested.keys() != counts.keys()):
-        yield f"events are {counts!r}, and {requested!r} were asked for"
-        return
+        return f"events are {counts!r}, and {requested!r} were asked for"
     if not all(isinstance(attributes, Mapping) for attributes in requested.values()):
-        yield f"run.events are {requested!r}"
-        return
+        return f"run.events are {requested!r}"
     try:
         impacts_of_json(requested)
     except (InputError, KeyError, TypeError, ValueError, ArithmeticError):
-        yield f"run.events are {requested!r}"
-        return
+        return f"run.events are {requested!r}"
     fields_by_name = fields_of_events(Manifest.from_json(about["manifest"]), requested)
     for name, count in counts.items():
         if not _is_count(count, 0):
-            yield f"events.{name} is {count!r}"
-            continue
+            return f"events.{name} is {count!r}"
         for array_name in names_of(fields_by_name[name]):
             try:
                 array = array_of(group, array_name)
             except UNREADABLE:
-                yield f"array {array_name!r} is missing or cannot be read"
-                return
+                return f"array {array_name!r} is missing or cannot be read"
             # rows behind the count are those of a commit that was interrupted
             if array.ndim == 0 or array.shape[0] < count:
-                yield f"array {array_name!r} has not {count} rows"
+                return f"array {array_name!r} has not {count} rows"
+    return ""
 
 
-def _check_report(report: Any) -> Iterator[str]:
-    """Yield the faults of a report: missing fields, and values that are no numbers."""
+def _check_report(report: Any) -> str:
+    """Return a complaint about a report: missing fields, and values that are no numbers."""
     if report is None:
-        return
+        return ""
     needed = {f.name for f in fields(Report) if f.default is MISSING}
     if not isinstance(report, Mapping) or not needed <= report.keys():
-        yield "its report is not complete"
-        return
+        return "its report is not complete"
     for name, field_value in known_fields(Report, report).items():
         # all other fields are one number
         is_state = name in ("q", "p") and isinstance(field_value, list)
         numbers = field_value if is_state else [field_value]
         if not all(map(_is_number, numbers)):
-            yield f"report.{name} is {field_value!r}"
+            return f"report.{name} is {field_value!r}"
+    return ""
 
 
 def rows_of(run: Mapping[str, Any]) -> int:
@@ -227,26 +217,22 @@ def rows_of(run: Mapping[str, Any]) -> int:
     return -(-int(run["steps"]) // int(run["every"])) + 1
 
 
-def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> Iterator[str]:
-    """Yield complaints about the arrays of every run, and those it names."""
+def _check_arrays(about: Mapping[str, Any], group: zarr.Group) -> str:
+    """Return a complaint about the arrays of every run, and those it names."""
     names, allowed_lengths = about.get("arrays"), {rows_of(about["run"]), about.get(EXTENDS)}
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
-        yield f"arrays are {names!r}"
-        return
+        return f"arrays are {names!r}"
     blocks = set()
     # every run has the first four
     for name in {"time", "q", "p", "energy", *names}:
         try:
             array = array_of(group, name)
         except UNREADABLE:
-            yield f"array {name!r} is missing or cannot be read"
-            return
+            return f"array {name!r} is missing or cannot be read"
         if array.ndim == 0 or array.shape[0] not in allowed_lengths:
-            yield f"array {name!r} has not {rows_of(about['run'])} rows"
-            return
+            return f"array {name!r} has not {rows_of(about['run'])} rows"
         blocks.add(array.chunks[0])
-    if len(blocks) > 1:
-        yield "its arrays are not in blocks of the same rows"
+    return "its arrays are not in blocks of the same rows" if len(blocks) > 1 else ""
 
 
 class _Form(NamedTuple):

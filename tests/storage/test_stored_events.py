@@ -185,7 +185,11 @@ def test_a_store_that_says_other_events_is_damaged(tmp_path) -> None:
     record(step, out=tmp_path / "run.zarr", **run)
     path = tmp_path / "run.zarr" / "zarr.json"
     sound = json.loads(path.read_text())
+    about = sound["attributes"]["run"]
+    wrong_event = about["events"]["angle"] | {"restitution": "x"}
     for changes, words in (
+            *(({"run": about | {"events": {"angle": event}}}, rf"run\.events are .*{word}")
+              for event, word in ((3, "3"), (wrong_event, "x"))),
             ({"events": {}}, r"events are \{\}"), ({"events": 3}, "events are 3"),
             ({"events": {"angle": -1}}, r"events\.angle is -1"),
             ({"events": {"angle": 7}}, "'event_angle_t'.* 7 rows"),
