@@ -123,10 +123,13 @@ def _coordinates(manifest: Manifest) -> Inner | None:
 
 
 def _multipliers(manifest: Manifest) -> Inner | None:
-    """Return the dimensions (node, constraint) of multipliers, or (node,) for one constraint."""
-    m = len(manifest.system.constraints)
+    """Return the dimensions (node, constraint) of multipliers, or (node,) for one constraint.
+
+    Compositions of exact flows have none.
+    """
+    m, nodes = len(manifest.system.constraints), manifest.scheme.multipliers
     along = [("constraint", m)] if m > 1 else []
-    return (("node", manifest.scheme.multipliers), *along) if m else None
+    return (("node", nodes), *along) if m and nodes else None
 
 
 def _reactions(manifest: Manifest) -> Inner | None:

@@ -210,9 +210,19 @@ def test_events_are_where_a_coordinate_passes_its_level(name):
 # ---------------------------------------------------------------- files, stores, tables
 
 
+def test_a_stored_run_of_flows_has_the_bits_of_one_call(tmp_path):
+    """Compositions of exact flows have no multipliers, nor has their store."""
+    same_in_files("heavy_top", stepper("heavy_top", "splitting", order=2), tmp_path)
+
+
 @features("constraint", "time", "forces", "inputs", "Lagrangian")  # of others' parts
 def test_a_stored_run_in_pieces_has_the_bits_of_one_call(name, tmp_path):
-    step, out = stepper(name), tmp_path / "run.zarr"
+    same_in_files(name, stepper(name), tmp_path)
+
+
+def same_in_files(name, step, tmp_path):
+    """Compare a run with its store, begun and resumed, and with its .npz file."""
+    out = tmp_path / "run.zarr"
     begin = timed_start(name, step)
     full_run = run(name, step, 20, every=2)
     for steps in (7, 20):
