@@ -336,7 +336,8 @@ def tableau(
         The parts of constraint forces. By default they are derived so that they form a symplectic
         pair, for the highest order (docs/choosing.md).
     name : str
-        Part of the names in C: a letter, then letters, digits and underscores in lower case.
+        Of A and b, part of the names in C: a letter, then letters, digits and underscores in lower
+        case.
 
     Returns
     -------
@@ -367,6 +368,7 @@ def tableau(
     keys = [key for key, array in parts.items() if array is not None]
     if scheme is None and stages is None:
         return butcher_tableau(name, parts)
+    keys += ["name"] if name != "butcher" else []
     if keys or scheme is None:
         conflicting = " and ".join(["stages" if scheme is None else "a scheme", *keys])
         raise InputError("Give a scheme with its stages, a file, or A and b of a Butcher tableau; "

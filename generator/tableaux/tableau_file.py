@@ -37,6 +37,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import mpmath as mp
+import numpy as np
 import sympy as sp
 
 from ...core.arguments import shown
@@ -200,7 +201,8 @@ class _Reader:
             if bits > 53:
                 return mp.nstr(entries, math.floor(bits * math.log10(2)))
             entries = float(entries)
-        is_number = isinstance(entries, (numbers.Rational, float, Decimal, sp.Expr, str))
+        is_number = isinstance(entries, (numbers.Rational, float, np.floating, Decimal, sp.Expr,
+                                         str))
         if isinstance(entries, bool) or not is_number or str(entries) in ("nan", "inf", "-inf"):
             raise self.error(f"{key} has the entry {shown(entries)}; write a finite number or a "
                              'text such as "1/2".')

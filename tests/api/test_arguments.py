@@ -307,3 +307,5 @@ def test_unusable_tableau_request_is_refused():
                              ((ROOT / "examples/tableaux/gauss_lobatto_2.json", 2), "leave out")]:
         with refused(words):
             gs.tableau(*arguments)
+    with refused("name"):
+        gs.tableau("G-L", 2, name="mine")

@@ -59,7 +59,7 @@ def test_radau_is_completed_with_its_partner_or_without():
 
 
 def test_entries_are_numbers_of_any_kind():
-    """Exact entries stay exact; floats of 16 or 40 digits make a rounded tableau."""
+    """Exact entries stay exact; floats, long doubles and mpmath numbers make a rounded tableau."""
     exact = gs.tableau(**RADAU)
     as_fractions = [[Fraction(entry) for entry in row] for row in RADAU["A"]]
     for A, b in ((as_fractions, [Fraction(3, 4), Decimal("0.25")]),
@@ -68,6 +68,9 @@ def test_entries_are_numbers_of_any_kind():
     with mp.workdps(40):
         wide = [[mp.mpf(entry.numerator) / entry.denominator for entry in row]
                 for row in as_fractions]
+    long = np.array([[np.longdouble(entry.numerator) / entry.denominator for entry in row]
+                     for row in as_fractions])
+    assert gs.tableau(A=long, b=long[1]).order == 3  # its number of digits is the machine's
     for A, digits in ((np.array(as_fractions, float), 14), (wide, 38)):
         rounded = gs.tableau(A=A, b=[0.75, 0.25])
         assert_same(rounded, exact, digits)
