@@ -9,7 +9,7 @@ short steps.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -24,12 +24,10 @@ if TYPE_CHECKING:
 
 __all__ = ["fastest_frequency", "warn_of_frequency"]
 
-#: Coordinates up to which the derivative of a step is computed.
-_MOST_COORDINATES = 64
+#: Coordinates up to which the derivative of a step is computed; in float128, whose steps are slow.
+_MOST_COORDINATES, _MOST_IN_FLOAT128 = 64, 14
 #: The step of M, as a part of the run's.
 _PART = 2.0**-10
-#: Differences relative to the state: their error and their round-off are alike.
-_NUDGE = float(np.finfo(float).eps) ** (1 / 3)
 #: Fast modes with less than this part of the motion, such as stiff springs at rest, are no loss.
 _SHARE = 0.1
 #: Singular values of a projection are 1 for tangents; below this one they are round-off.
@@ -60,7 +58,8 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     start in the modes V say how much of the motion each mode has.
     """
     n = binding.n
-    if n > _MOST_COORDINATES or binding.dtype is not np.float64 or binding.rows:
+    most = _MOST_IN_FLOAT128 if binding.dtype is object else _MOST_COORDINATES
+    if n > most or binding.rows:
         return None
     short_step = _ShortStep(binding, run)
     start = np.concatenate([run.q, run.p]).astype(float)
@@ -70,7 +69,7 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
     sizes = [np.abs(start[half]).max() + np.abs(change[half]).max() / _PART
              for half in (slice(0, n), slice(n, 2 * n))]
     scale = np.repeat([size or 1.0 for size in sizes], n)
-    basis = _tangent_basis(short_step.project_state, start, scale)
+    basis = short_step.tangent_basis(start, scale)
     if basis is None:
         return None
     M = short_step.derivative(start, scale, basis)
@@ -91,7 +90,11 @@ def fastest_frequency(binding: Binding, run: RunArguments, order: int) -> float 
 
 
 class _ShortStep:
-    """A step of 2⁻¹⁰ Δt from states z = (q, p), shape (2 n,), near the start of a run."""
+    """A step of 2⁻¹⁰ Δt from states z = (q, p) near the start of a run, in doubles, (2 n,).
+
+    ``nudge`` is the size of differences relative to the state: their error and the round-off of
+    the stepper's type are alike.
+    """
 
     def __init__(self, binding: Binding, run: RunArguments) -> None:
         """Take the parameters and inputs of the first step, and full Newton iterations."""
@@ -99,20 +102,25 @@ class _ShortStep:
         self._parameters = binding.parameters(run.at_step(0).parameters, run.t0)
         self._options = binding.options(tolerance=None, max_iterations=50, solver="newton")
         self.dt = float(run.dt) * _PART
+        self.nudge = float(max(binding.epsilon, np.finfo(float).eps)) ** (1 / 3)
 
     def end(self, z: Array) -> Array:
         """Return the state after the step; NaN where it fails."""
-        n = self._binding.n
-        status, q, p = self._binding.step(self._parameters, self._options, self.dt, z[:n].copy(),
-                                          z[n:].copy(), self._work)
-        return np.concatenate([q, p]) if status == 0 else np.full(2 * n, math.nan)
+        binding = self._binding
+        status, q, p = binding.step(self._parameters, self._options,
+                                    binding.number(Fraction(self.dt)), *self._halves(z), self._work)
+        return z * math.nan if status else np.concatenate([q, p]).astype(float)
 
     def project_state(self, z: Array) -> Array:
         """Return the state moved onto the constraints; NaN where that fails."""
-        n = self._binding.n
-        q, p = z[:n].copy(), z[n:].copy()  # projected in place
+        q, p = self._halves(z)  # projected in place
         failed = self._binding.project(self._parameters, q, p)
-        return z * math.nan if failed else np.concatenate([q, p])
+        return z * math.nan if failed else np.concatenate([q, p]).astype(float)
+
+    def _halves(self, z: Array) -> tuple[Array, Array]:
+        """Return q and p of a state, copies in the stepper's type."""
+        n = self._binding.n
+        return self._binding.to_real(z[:n]), self._binding.to_real(z[n:])
 
     def derivative(self, start: Array, scale: Array, basis: Array) -> Array:
         """Return M = ∂(end)/∂(start) in the columns of ``basis``, (2 n, k), shape (k, k).
@@ -121,24 +129,24 @@ class _ShortStep:
         """
         columns = []
         for e in basis.T:
-            move = _NUDGE * scale * e
+            move = self.nudge * scale * e
             forth = self.end(self.project_state(start + move))
             back = self.end(self.project_state(start - move))
-            columns.append(basis.T @ ((forth - back) / scale / (2 * _NUDGE)))
+            columns.append(basis.T @ ((forth - back) / scale / (2 * self.nudge)))
         return np.array(columns).T
 
+    def tangent_basis(self, start: Array, scale: Array) -> Array | None:
+        """Return an orthonormal basis of dz/scale tangent to the constraints, shape (2 n, k).
 
-def _tangent_basis(projected: Callable[[Array], Array], start: Array, scale: Array) -> Array | None:
-    """Return an orthonormal basis of dz/scale tangent to the constraints, shape (2 n, k).
-
-    P = ∂(projected z)/∂z by central differences, each entry moved by a part of its scale; the range
-    of P = U Σ Vᵀ is spanned by the columns of U. None where a projection fails.
-    """
-    moves = _NUDGE * np.diag(scale)
-    tangents = np.array([(projected(start + e) - projected(start - e)) / (2 * _NUDGE * scale)
-                         for e in moves]).T
-    if not np.isfinite(tangents).all():
-        return None
-    U, lengths, _ = np.linalg.svd(tangents)
-    # directions that the projection removes have singular values of round-off
-    return np.asarray(U[:, lengths > _REMOVED * lengths[0]])
+        P = ∂(projected z)/∂z by central differences, each entry moved by a part of its scale; the
+        range of P = U Σ Vᵀ is spanned by the columns of U. None where a projection fails.
+        """
+        moves = self.nudge * np.diag(scale)
+        tangents = np.array([
+            (self.project_state(start + e) - self.project_state(start - e))
+            / (2 * self.nudge * scale) for e in moves]).T
+        if not np.isfinite(tangents).all():
+            return None
+        U, lengths, _ = np.linalg.svd(tangents)
+        # directions that the projection removes have singular values of round-off
+        return np.asarray(U[:, lengths > _REMOVED * lengths[0]])

@@ -80,7 +80,7 @@ def draw_trajectory(trajectory: Trajectory, path: str | os.PathLike[str] | None 
         partial(_output, title=title, output=output) for title, output in output_panels.items())]
     for panel_cell, panel in zip(panel_cells, panels, strict=True):
         panel(figure.add_subplot(panel_cell), trajectory)
-    figure.suptitle(f"{trajectory.manifest.name}, Δt = {trajectory.dt:g} s, "
+    figure.suptitle(f"{trajectory.manifest.name}, Δt = {float(trajectory.dt):g} s, "
                     f"{count_text(trajectory.report.steps, 'step')}", fontsize=11)
     if target is not None:
         save(figure, target)
@@ -322,7 +322,7 @@ def draw_values(
                        fontsize=10)
         axes.grid(alpha=0.3)
     panels[-1].set_xlabel("t [s]")
-    figure.suptitle(title or f"{runs[0].manifest.name}, Δt = {runs[0].dt:g} s", fontsize=11)
+    figure.suptitle(title or f"{runs[0].manifest.name}, Δt = {float(runs[0].dt):g} s", fontsize=11)
     if target is not None:
         save(figure, target)
     return figure

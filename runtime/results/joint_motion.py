@@ -292,8 +292,8 @@ class JointMotion(FixedAttributes):
             point, (*self._run.q.shape[:-1], 3))
 
     def _attitudes(self) -> tuple[Array, Array]:
-        """Return the quaternions of a and b, shape (N+1, 4) each; the ground's is (1, 0, 0, 0)."""
-        q_a, q_b = (self._run.body(name).attitude if name else
+        """Return the quaternions of a and b as doubles, (N+1, 4); (1, 0, 0, 0) of the ground."""
+        q_a, q_b = (self._run.body(name).attitude.astype(float) if name else
                     np.broadcast_to(_UNTURNED, (*self._run.q.shape[:-1], 4))
                     for name in self.bodies)
         return q_a, q_b

@@ -61,6 +61,17 @@ def test_joints_and_phases(tops):
         tops.plot_phase("x")
 
 
+def test_views_of_a_run_in_float128_are_those_in_double():
+    """Angles of hinges that the model counts, and titles with Δt."""
+    double, wide = (systems.run("arm", systems.stepper("arm", "IMS", real=real), 2)
+                    for real in ("double", "float128"))
+    for joint in double.joints:
+        assert np.abs(wide.joint(joint).angle() - double.joint(joint).angle()).max() < 1e-12
+    for names in ((), ("energy",)):
+        titles = [run.plot(*names).get_suptitle().partition("Δt")[2] for run in (double, wide)]
+        assert titles[0] == titles[1] != ""
+
+
 def test_an_output_with_a_panel_is_drawn_against_time(tops, monkeypatch):
     monkeypatch.setattr(type(tops), "panels", lambda run: {"momenta": run.p})
     axes = tops.plot().axes[-1]
