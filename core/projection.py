@@ -194,11 +194,11 @@ def project_coordinates(system: Constrained, q: Array) -> Array:
             fraction /= 2
             q_new = q - fraction * step
             g_new = system.g(q_new)
-        # a step below the round-off of q: g cannot become smaller
         is_round_off = np.abs(step).max(initial=0.0) <= 4 * EPS * max(_norm(q), EPS)
         if _norm(g_new) <= _norm(g):
             closest_q = q_new
-        if is_round_off:
+        # a step below the round-off of q: g cannot become smaller, unless G is infinite near q
+        if is_round_off and _largest(system.G(q_new) - G) <= _largest(G) / 2:
             return closest_q
         # the slope of |g|² along the step is −2 |g|²: where 20 halvings find no descent, G is
         # nearly singular and the step far too long
@@ -416,6 +416,11 @@ def _round_off_of_g(G: Array | csr_array, q: Array) -> float:
     |G| |q| bounds the largest of them, which cancel in g.
     """
     return 16 * EPS * float(np.linalg.norm(abs(G) @ np.abs(q))) if G.size else 0.0
+
+
+def _largest(G: Array | csr_array) -> float:
+    """Return the largest |G_ij|; 0 without rows."""
+    return float(abs(G).max()) if G.shape[0] else 0.0
 
 
 def _norm(x: Array) -> float:

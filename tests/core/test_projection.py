@@ -84,6 +84,29 @@ def test_failures_name_the_constraint():
                               constraint_names=("sphere", "plane"))
     with pytest.raises(gs.InputError, match=r"'(sphere|plane)' stays at|'sphere', 'plane'"):
         gs.consistent(contradictory, (1, 2, 3), (0, 0, 0), parameters={})
+    H = (a**2 + b**2 + c**2) / 2
+    parallel = gs.System((x, y, z), (a, b, c), (), H, (x**2 + y**2 - 1, y - x**2 / 4),
+                         name="parallel", constraint_names=("circle", "curve"))
+    with pytest.raises(gs.InputError, match=r"'circle', 'curve'.*leave out 'curve'"):
+        gs.consistent(parallel, (0, 2, 0), (0, 0, 0), parameters={})  # both gradients are along y
+    for g, words in ((1 / x - y, "finite gradient"), (sp.sqrt(x) - y, "'g0' stays at.*2.000e")):
+        edge = gs.System((x, y), (a, b), (), (a**2 + b**2) / 2, (g,), name="edge")
+        with pytest.raises(gs.InputError, match=words):
+            gs.consistent(edge, (0, 2), (0, 0), parameters={})
+
+
+@pytest.mark.parametrize("speed", [0.6, 1.2])
+def test_momenta_of_a_driven_point_have_its_speed_below_that_of_light(speed):
+    """x = v t has p = v/√(1 − v²) with H = √(1 + p²), whose speeds are below 1."""
+    t = sp.Symbol("t", real=True)
+    cart = gs.System((x, y), (a, b), (w,), sp.sqrt(1 + a**2 + b**2), (x - w * t,), time=t,
+                     name="cart", constraint_names=("rail",))
+    if speed < 1:
+        moved = gs.consistent(cart, (0, 0), (0.5, 0), parameters={"w": speed})
+        assert moved.p[0] == pytest.approx(speed / np.sqrt(1 - speed**2), rel=1e-12)
+    else:
+        with pytest.raises(gs.InputError, match="'rail'.*nearer"):
+            gs.consistent(cart, (0, 0), (0.5, 0), parameters={"w": speed})
 
 
 def test_arguments_are_checked():
@@ -152,6 +175,10 @@ def test_dependent_rows_of_sparse_matrices_are_those_of_dense_ones():
     assert dependent_rows(csr_array(G)) == dependent_rows(G) == ([], [])
     G[30] = 2 * G[28] - G[29]
     assert dependent_rows(csr_array(G)) == dependent_rows(G) == ([28, 29, 30], [30])
+    G[7] = 0
+    assert dependent_rows(csr_array(G)) == dependent_rows(G) == ([7, 28, 29, 30], [7, 30])
+    with pytest.raises(np.linalg.LinAlgError):
+        solve_sparse(csr_array(np.diag([1, np.nan])), np.ones(2))
 
 
 def test_no_row_has_a_colour_twice():
