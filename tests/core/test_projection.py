@@ -105,7 +105,7 @@ def test_momenta_of_a_driven_point_have_its_speed_below_that_of_light(speed):
         moved = gs.consistent(cart, (0, 0), (0.5, 0), parameters={"w": speed})
         assert moved.p[0] == pytest.approx(speed / np.sqrt(1 - speed**2), rel=1e-12)
     else:
-        with pytest.raises(gs.InputError, match="'rail'.*nearer"):
+        with pytest.raises(gs.InputError, match=r"'rail'.*nearer"):
             gs.consistent(cart, (0, 0), (0.5, 0), parameters={"w": speed})
 
 
