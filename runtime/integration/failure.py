@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ...core.arguments import count_text
 from ...core.arrays import Array
 from ...core.manifest import Manifest
 from ...core.records import dataclass
@@ -104,8 +105,9 @@ def _detail(status: int, increment: float | None, iterations: int) -> str:
     if increment is None:
         return reason
     return reason + {
-        _NOT_CONVERGED: f": after {iterations} iterations increments still shrank, the last one to "
-                        f"{increment:.1e} of the state (max_iterations is too small)",
+        _NOT_CONVERGED: f": after {count_text(iterations, 'iteration')} increments still shrank, "
+                        f"the last one to {increment:.1e} of the state (max_iterations is too "
+                        "small)",
         _STAGNATED: f" above round-off: increments stayed at {increment:.1e} of the state",
         _DIVERGED: f": the last increment was {increment:.1e} of the state",
     }.get(status, "")
