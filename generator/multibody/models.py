@@ -167,7 +167,7 @@ def delta_robot(*, rep: RepName = "gamma") -> Model:
     """Return a delta robot on springs: three arms and six rods carry a platform that never turns.
 
     The platform starts at rest beside the middle. Each rod is on two ball joints and free to turn
-    about itself: 12 freedoms, of which six are such turns.
+    about itself: 9 freedoms, of which six are such turns.
     """
     build = Multibody("delta_robot", dt=0.002, steps=2000,
                       description="Delta robot whose arms hang on springs.")

@@ -159,16 +159,43 @@ def test_another_formulation_is_approached_with_the_fourth_power_of_the_step(nam
     assert np.log2(errors[0] / errors[1]) == pytest.approx(4, abs=0.3)
 
 
-@pytest.mark.slow  # a model of 13 bodies
+def centres_of(model):
+    """Return the position of each body at the start, by its name with _x."""
+    return {name: model.q0[i:i + 3] for i, name in enumerate(map(str, model.system.q))
+            if name.endswith("_x")}
+
+
+def test_rods_of_the_delta_robot_have_their_length():
+    """Between elbows, at .3 m from shoulders at .2 m, and wrists they have .6 m: 9 freedoms."""
+    model = gs.models.delta_robot()
+    centres = centres_of(model)
+    assert (model.system.n - model.system.m, len(centres)) == (9, 10)
+    for k in range(3):
+        shoulder = 0.2 * np.array([np.cos(2 * np.pi * k / 3), np.sin(2 * np.pi * k / 3), 0])
+        wrist = centres["platform_x"] + 0.3 * shoulder
+        elbow = 2 * centres[f"arm{k}_x"] - shoulder
+        left, right = (centres[f"rod{k}_{side}_x"] for side in ("left", "right"))
+        assert np.linalg.norm(elbow - shoulder) == pytest.approx(0.3)
+        assert np.linalg.norm(elbow - wrist) == pytest.approx(0.6)
+        assert (left + right) / 2 == pytest.approx((elbow + wrist) / 2)
+        assert np.linalg.norm(left - right) == pytest.approx(0.1)
+
+
 def test_legs_of_the_stewart_platform_lie_between_their_joints():
-    """Uniform tubes of .35 m lead from feet at .5 m from the middle along the rods."""
+    """Uniform tubes of .35 m lead from feet at .5 m from the middle along the rods: 12 freedoms."""
     model = gs.models.stewart_platform()
-    centres = {name: model.q0[i:i + 3] for i, name in enumerate(map(str, model.system.q))
-               if name.endswith("_x")}
+    centres = centres_of(model)
+    assert model.system.n - model.system.m == 12
     for k in range(6):
         tube, rod = centres[f"tube{k}_x"], centres[f"rod{k}_x"]
-        foot = tube - 0.175 * (rod - tube) / np.linalg.norm(rod - tube)
-        assert [np.hypot(*foot[:2]), foot[2]] == pytest.approx([0.5, 0], abs=64 * EPS)
+        half = 0.175 * (rod - tube) / np.linalg.norm(rod - tube)
+        side, middle = (-1, 1)[k % 2], 2 * np.pi * (k // 2) / 3
+        for point, radius, angle in (
+                (tube - half, 0.5, middle + 0.2 * side),
+                (rotation_matrix(model.q0[:4]).T @ (rod + half - centres["platform_x"]), 0.3,
+                 middle + (np.pi / 3 - 0.2) * side)):
+            assert point == pytest.approx(
+                [radius * np.cos(angle), radius * np.sin(angle), 0], abs=64 * EPS)
 
 
 @pytest.mark.parametrize("count", [0, -1, 2.5, True])
@@ -177,10 +204,7 @@ def test_chain_takes_whole_numbers(count):
         gs.models.chain(count)
 
 
-@pytest.mark.parametrize("name", [
-    pytest.param(name, marks=[pytest.mark.slow] * (
-        name in ("delta_robot", "stewart_platform")))
-    for name in gs.models.__all__])
+@pytest.mark.parametrize("name", gs.models.__all__)
 def test_every_model_starts_on_its_constraints(name):
     """Starts hold the constraints, also in the second representation of one body and of two."""
     for rep in ("gamma", "alpha")[:2 if name in ("lagrange_top", "double_top") else 1]:

@@ -287,11 +287,32 @@ def test_large_steps():
     assert product.prod() == pytest.approx(1, abs=1e-9)
 
 
-@pytest.mark.slow  # a stepper and its derivatives
 def test_a_scheme_that_does_not_keep_the_momentum_constraint():
-    cycle = orbit(pendulum("EMS", None))
+    """Multipliers are of the map of angles and their rates, by differences of projected runs."""
+    step = pendulum("EMS", None)
+    cycle = orbit(step)
     assert cycle.iterations <= 6
     assert cycle.residuals[-1] < 1e-13
+
+    def rods(x):  # of two points: from the pivot, and from the first to the second
+        return x.reshape(2, 2) - [[0, 0], x[:2]]
+
+    def angles(q, p):
+        d, v = rods(q), rods(p)  # of mass 1
+        return np.append(np.arctan2(d[:, 0], -d[:, 1]), d[:, 0] * v[:, 1] - d[:, 1] * v[:, 0])
+
+    def end_of(y):
+        q = np.stack([np.sin(y[:2]), -np.cos(y[:2])], axis=1)
+        v = -q[:, ::-1] * [1, -1] * y[2:, None]
+        run = step.integrate(np.cumsum(q, axis=0).ravel(), np.cumsum(v, axis=0).ravel(),
+                             dt=cycle.dt, steps=cycle.steps, parameters=PARAMETERS)
+        return angles(*step.project(run.q[-1], run.p[-1], parameters=PARAMETERS))
+
+    start, h = angles(cycle.q, cycle.p), 1e-5
+    assert end_of(start) == pytest.approx(start, abs=1e-11)
+    M = np.array([(end_of(start + e) - end_of(start - e)) / (2 * h) for e in h * np.eye(4)]).T
+    multiplier = max(np.linalg.eigvals(M), key=np.imag)
+    assert multiplier == pytest.approx(max(cycle.multipliers, key=np.imag), abs=1e-7)
 
 
 @pytest.mark.slow  # three seconds in float128
