@@ -22,7 +22,7 @@ import sympy as sp
 from sympy.core.function import AppliedUndef
 from sympy.physics import mechanics as me
 
-from ...core.arguments import as_flag, shown
+from ...core.arguments import as_flag, count_text, quote, shown
 from ...core.errors import InputError
 from ...core.projection import dependent_rows
 from ...core.warnings import warn
@@ -35,7 +35,7 @@ from .integrable_rows import curls_of
 from .lagrangian import LagrangianSystem, from_lagrangian
 from .redundant_constraints import random_point
 from .sympy_motion import FrameMotion
-from .velocity_coefficients import coefficients_of
+from .velocity_coefficients import coefficients_of, refuse_unless_linear
 
 __all__ = ["from_mechanics"]
 
@@ -72,6 +72,17 @@ class Mechanics:
     constraints: list[sp.Expr]
     rates: list[sp.Expr] = field(default_factory=list)
     inputs: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Refuse what is no load."""
+        self.loads = [(load[0], load[1]) for load in self.loads]
+        for where, load in self.loads:
+            if not (isinstance(where, me.Point | me.ReferenceFrame)
+                    and isinstance(load, me.Vector)):
+                raise InputError(f"The load ({shown(where)}, {shown(load)}) is neither a point "
+                                 "with a force nor a frame with a torque; give such a pair, as "
+                                 "with the masscenter or the frame of a body.")
+            self.motion.refuse_unoriented(axes for _, axes in load.args)
 
 
 def from_mechanics(
@@ -122,7 +133,7 @@ def from_mechanics(
     rows_end = g_end + len(mechanics.rates)
     g, velocity_constraints = expressions[:g_end], expressions[g_end:rows_end]
     quantities = dict(zip(places, expressions[rows_end:], strict=True))
-    _refuse_functions(name, [L, *g, *F])
+    _refuse_functions(name, [L, *g, *F, *velocity_constraints])
     # a body that is placed, with velocities that agree with the places, has a velocity that is a
     # rate
     _refuse_substituted(mechanics, symbol_of, [
@@ -154,6 +165,9 @@ def _mechanics_of(method: Any) -> Mechanics:
 def _of_lagrange(method: Any) -> Mechanics:
     """Return the contents of a LagrangesMethod; its nonholonomic equations follow the others."""
     holonomic = list(method._hol_coneqs)
+    if method.forcelist and method.inertial is None:
+        raise InputError("LagrangesMethod has a forcelist and no frame; give it as "
+                         "LagrangesMethod(..., frame=N), the frame at rest.")
     return Mechanics(FrameMotion(method.inertial), list(method.q), method._L[0],
                      [*(method.forcelist or ())], holonomic, list(method.coneqs)[len(holonomic):])
 
@@ -197,7 +211,16 @@ def _solve_speeds(equations: Sequence[sp.Expr], u: Sequence[sp.Expr]) -> dict[sp
 
     The equations are linear in u: K u + k = 0, u = −K⁻¹ k.
     """
+    if len(equations) != len(u):
+        raise InputError(
+            f"System has {count_text(len(equations), 'kinematic differential equation')} for "
+            f"{count_text(len(u), 'generalised speed')}, {quote(map(str, u))}; give one for each, "
+            "such as u − q̇.")
     K = sp.Matrix(equations).jacobian(u)
+    if K.has(*u):
+        nonlinear = next(e for i, e in enumerate(equations) if K[i, :].has(*u))
+        raise InputError(f"The kinematic differential equation {shown(nonlinear)} = 0 is not "
+                         "linear in the generalised speeds; write K(q, t) u + k(q, q̇, t).")
     k = sp.Matrix(equations).xreplace(dict.fromkeys(u, sp.Integer(0)))
     solution = K.LUsolve(-k)
     return dict(zip(u, solution, strict=True))
@@ -260,7 +283,7 @@ def _generalised_forces(mechanics: Mechanics, symbol_of: Mapping[sp.Expr, sp.Sym
     """
     motion, magnitudes = mechanics.motion, dict[sp.Expr, sp.Expr]()
     power, potential = sp.Integer(0), sp.Integer(0)
-    for where, load in ((load[0], load[1]) for load in mechanics.loads):
+    for where, load in mechanics.loads:
         # a constant force has a potential, which belongs to H
         energy = _potential(motion, where, load, mechanics.inputs)
         if energy is not None:
@@ -316,6 +339,9 @@ def _places(motion: FrameMotion, bodies: Sequence[Any]) -> tuple[
         position = motion.place(body.masscenter)
         if position is None:
             continue
+        if body.name in placed:
+            raise InputError(f"Two bodies have the name {body.name!r}; give each its own for "
+                             "bodies=True.")
         x = {f"{body.name}_{axis}": motion.along(k, position) for k, axis in enumerate("xyz")}
         # row j of SymPy's matrix is the axis j of the body in space; a particle has no axes; len(R)
         # is the number of entries, 9 or 0
@@ -334,7 +360,7 @@ def _inputs(inputs: Sequence[Any]) -> dict[sp.Expr, sp.Symbol]:
     """Return a symbol for each input, which may be a function of time."""
     symbol_of: dict[sp.Expr, sp.Symbol] = {}
     for u in as_sequence("inputs", inputs):
-        if isinstance(u, AppliedUndef):
+        if isinstance(u, AppliedUndef) and u.args == (me.dynamicsymbols._t,):
             symbol_of[u] = sp.Symbol(u.func.__name__, real=True)
         elif isinstance(u, sp.Symbol):
             symbol_of[u] = u
@@ -356,7 +382,7 @@ def _symbols_of_motion(mechanics: Mechanics, rates: Sequence[sp.Expr]) -> dict[s
                              "sympy.physics.mechanics.dynamicsymbols.")
     name_of_speed = {rate: u.func.__name__ for u, rate in mechanics.motion.speeds.items()}
     symbol_of = {x: sp.Symbol(x.func.__name__, real=True) for x in mechanics.q}
-    load_components = [e for load in mechanics.loads for components, _ in load[1].args
+    load_components = [e for _, load in mechanics.loads for components, _ in load.args
                        for e in components]
     symbols = symbols_of([mechanics.L, *mechanics.constraints,
                           *load_components]) | {*mechanics.inputs.values()}
@@ -404,10 +430,12 @@ def _with_velocity_constraints(
 
     The rows may have parameters and the time, which L does not contain.
     """
-    rows = _independent(system, velocity_constraints)
+    given = [e for e in velocity_constraints if e != 0]
+    refuse_unless_linear(system.name, given, system.velocities,
+                         [f"A{i}" for i in range(len(given))])
+    rows = _independent(system, given)
     if not rows:
         return system
-    _refuse_functions(system.name, rows)
     t, row_symbols = me.dynamicsymbols._t, symbols_of(rows)
     constants = {*system.parameters, *row_symbols} - {
         *system.q, *system.velocities, *system.inputs, t}
@@ -424,10 +452,10 @@ def _independent(
     at a random point of g = 0. Raises InputError where a is a combination of others, and (a, a₀)
     is none: no velocities then satisfy all rows.
     """
-    A, a = coefficients_of(velocity_constraints, system.velocities)
-    rows = [[*row, rate] for row, rate in zip((*system.G, *A), (*system.g_t, *a), strict=True)]
     if not velocity_constraints:
         return ()
+    A, a = coefficients_of(velocity_constraints, system.velocities)
+    rows = [[*row, rate] for row, rate in zip((*system.G, *A), (*system.g_t, *a), strict=True)]
     flat = [e for row in rows for e in row]
     q, values = random_point(system, symbols_of(flat))
     substitution: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values

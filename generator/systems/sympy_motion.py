@@ -67,6 +67,7 @@ class FrameMotion:
     def turning(self, axes: Any) -> list[sp.Expr]:
         """Return the angular velocity of a frame in its own axes, three components."""
         if axes not in self._turning:
+            self.refuse_unoriented([axes])
             self._turning[axes] = self.components(axes.ang_vel_in(self.frame), axes)
         return self._turning[axes]
 
@@ -163,6 +164,7 @@ class FrameMotion:
         path = self._path(axes)
         # a vector with parts in other frames: SymPy's conversion, which multiplies matrices out
         if not {*numbers_in} <= {*path}:
+            self.refuse_unoriented(numbers_in)
             return list(vector.to_matrix(axes))
         components, previous = [sp.Integer(0)] * 3, None
         for frame in path:
@@ -175,10 +177,19 @@ class FrameMotion:
             previous = frame
         return components
 
+    def refuse_unoriented(self, frames: Iterable[Any]) -> None:
+        """Refuse frames whose orientation in the inertial one is not known."""
+        for frame in frames:
+            self._path(frame)
+
     def _path(self, axes: Any) -> list[Any]:
         """Return the frames of the tree from the inertial one to ``axes``, both included."""
-        # 0 is SymPy's number of the tree of orientations
-        return list(reversed(axes._dict_list(self.frame, 0)))
+        try:  # 0 is SymPy's number of the tree of orientations
+            return list(reversed(axes._dict_list(self.frame, 0)))
+        except ValueError as error:
+            raise InputError(f"The orientation of frame {axes} in {self.frame} is not known; give "
+                             f"it, as by {axes}.orient_axis({self.frame}, {self.frame}.z, q)."
+                             ) from error
 
 
 def _nearest(point: Any, suits: Callable[[Any], bool]) -> Any:

@@ -141,7 +141,7 @@ class System:
         self._refuse_names()
         self._refuse_undeclared_symbols()
         self._refuse_inputs_elsewhere()
-        refuse_unless_linear(self)
+        self._refuse_unless_linear()
         if self.time_scale is not None:
             from .time_scale import refuse_unscalable  # imports this module
 
@@ -199,27 +199,33 @@ class System:
             raise InputError(
                 f"System {self.name!r} has {self.n} coordinates and {len(self.velocities)} "
                 "velocities; give the symbol of each coordinate's velocity, in the same order.")
+        for key, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
+            if len(names := getattr(self, f"{key}_names")) != count:
+                raise InputError(
+                    f"System {self.name!r} has {count} {key}s and {len(names)} {key}_names; "
+                    "give one name for each constraint, or none.")
         # drives, constraints of t, may determine all coordinates; else one freedom must remain
         total = self.m + self.velocity_count
         if total > len(self.q) - (self.clock is None):
             # redundant constraints, if that is the cause, are refused by name
             from .redundant_constraints import refuse_redundant_anywhere  # imports this module
 
+            self._refuse_unless_linear()
             refuse_redundant_anywhere(self)
             raise InputError(f"System {self.name!r} has {total} constraints on {len(self.q)} "
                              "coordinates; fewer constraints than coordinates must remain. If "
                              "drives determine the whole motion, add a body that moves freely, "
                              "such as build.point_mass(...); if a closed loop takes the last "
                              "freedom, leave out one of its joints.")
-        for key, count in (("constraint", self.m), ("velocity_constraint", self.velocity_count)):
-            if len(names := getattr(self, f"{key}_names")) != count:
-                raise InputError(
-                    f"System {self.name!r} has {count} {key}s and {len(names)} {key}_names; "
-                    "give one name for each constraint, or none.")
         if len(self.forces) not in (0, self.n):
             raise InputError(f"System {self.name!r} has {count_text(len(self.forces), 'force')} on "
                              f"{self.n} coordinates; give one for each coordinate (0 where none "
                              "acts), or none at all.")
+
+    def _refuse_unless_linear(self) -> None:
+        """Refuse velocity constraints that are not linear, and such without velocities."""
+        refuse_unless_linear(self.name, self.velocity_constraints, self.velocities,
+                             self.velocity_constraint_names)
 
     def _whole_body(self) -> BodyLayout:
         """Return the layout of the body whose quaternion is all of q; refuse any other q."""

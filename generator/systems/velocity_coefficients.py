@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import sympy as sp
 
@@ -12,9 +11,6 @@ from ..parsing.tokens import shorten
 from ..symbolic.identities import compare
 from ..symbolic.shared_subexpressions import substitute, symbols_of
 from .jacobians import jacobian
-
-if TYPE_CHECKING:
-    from .system import System
 
 __all__ = ["coefficients_of", "refuse_unless_linear"]
 
@@ -28,22 +24,24 @@ def coefficients_of(
             substitute(rows, at_rest))
 
 
-def refuse_unless_linear(system: System) -> None:
+def refuse_unless_linear(
+    system: str, rows: Sequence[sp.Expr], velocities: Sequence[sp.Symbol], names: Sequence[str]
+) -> None:
     """Refuse rows whose slope along a velocity depends on velocities, and rows without velocities.
 
     Raises InputError with the row, the velocity and the slope.
     """
-    slopes = jacobian(system.velocity_constraints, system.velocities)
-    for name, row, constant in zip(system.velocity_constraint_names, slopes, system.A, strict=True):
-        for v, e, at_rest in zip(system.velocities, row, constant, strict=True):
+    slopes, (constants, _) = jacobian(rows, velocities), coefficients_of(rows, velocities)
+    for name, row, constant in zip(names, slopes, constants, strict=True):
+        for v, e, at_rest in zip(velocities, row, constant, strict=True):
             # velocities may stand in a slope and cancel: it is compared with its value at rest
-            if not symbols_of([e]).isdisjoint(system.velocities) and (
+            if not symbols_of([e]).isdisjoint(velocities) and (
                     at_rest.has(sp.nan, sp.zoo) or not compare([e], [at_rest]).holds):
                 raise InputError(
-                    f"The velocity constraint {name!r} of system {system.name!r} is not linear in "
+                    f"The velocity constraint {name!r} of system {system!r} is not linear in "
                     f"the velocities: its slope along {v}, {shorten(str(e), 60)}, depends on them; "
                     "write A(q, t) v + a(q, t), or an equation equivalent to it.")
         if not any(constant):
             raise InputError(
-                f"The velocity constraint {name!r} of system {system.name!r} contains no "
+                f"The velocity constraint {name!r} of system {system!r} contains no "
                 "velocity; give it as one of constraints, or leave it out.")

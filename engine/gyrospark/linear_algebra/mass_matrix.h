@@ -18,8 +18,10 @@ static void TYPED(factor_mass)(const TYPED(constants) *c, const NUMBER q[N], NUM
     for (int k = 0; k < N; ++k) {
         const int pivot = mass_order[k];
         Q[pivot*N + pivot] = A[pivot];
-        for (int i = 0; i < mass_rows[k]; ++i, ++row, ++slot)
-            Q[pivot*N + *row] = Q[*row*N + pivot] = A[*slot];
+        for (int i = 0; i < mass_rows[k]; ++i, ++row, ++slot) {
+            Q[pivot*N + *row] = A[*slot];
+            Q[*row*N + pivot] = A[*slot];
+        }
     }
     for (int k = 0; k < N; ++k)
         for (int j = k; j < N; ++j) {

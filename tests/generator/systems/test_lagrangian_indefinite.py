@@ -55,6 +55,19 @@ def test_any_sign_of_the_mass_matrix(e):
         np.testing.assert_allclose([*q, *momenta], closed(e, 1.0), rtol=0, atol=2e-13)
 
 
+def test_one_coordinate_whose_mass_may_change_its_sign():
+    """The mass of m − c t, which a rocket loses, may have either sign: (m − c t) v = p is exact."""
+    x, v, m, c, t = sp.symbols("x v m c t", real=True)
+    system = gs.System.from_lagrangian((m - c * t) * v**2 / 2, [x], [v], [m, c], time=t,
+                                       name="rocket")
+    assert not system.is_definite
+    run = gs.stepper("G-L", 3, system=system).integrate(
+        [0.0], [2.0], dt=0.01, steps=50, parameters={"m": 1.0, "c": 0.4})
+    # q = ∫ p/(m − c t) dt
+    assert run.q[-1, 0] == pytest.approx(-2 / 0.4 * np.log(1 - 0.4 * 0.5), rel=8 * EPS)
+    assert run.velocities[-1, 0] == pytest.approx(2 / (1 - 0.4 * 0.5), rel=4 * EPS)
+
+
 @pytest.mark.slow  # a stepper of one system
 def test_energy_is_kept_by_ems():
     step = stepper("EMS")

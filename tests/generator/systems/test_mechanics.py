@@ -225,7 +225,46 @@ def without_bodies():
     return me.KanesMethod(me.ReferenceFrame("N"), [q], [u], [q.diff(T) - u])
 
 
+def with_load(where, load, **options):
+    N, q, points, bodies = particles()
+    L = me.Lagrangian(N, *bodies)
+    return me.LagrangesMethod(L, q, [(where or points[0], load or N.x)], bodies,
+                              **{"frame": N} | options)
+
+
+def with_kinematics(*equations):
+    """Return a System of a particle in a plane with two speeds."""
+    (x, y), (u, w) = q, speeds = me.dynamicsymbols("x y"), me.dynamicsymbols("u w")
+    system = me.System()
+    system.fixed_point.set_vel(system.frame, 0)
+    P = system.fixed_point.locatenew("P", x * system.frame.x + y * system.frame.y)
+    P.set_vel(system.frame, u * system.frame.x + w * system.frame.y)
+    system.add_bodies(me.Particle("b", P, sp.Symbol("m")))
+    system.add_coordinates(*q)
+    system.add_speeds(*speeds)
+    system.add_kdes(*equations)
+    return system
+
+
+def on_velocities(*rows):
+    """Return a particle in a plane with constraints on its velocities."""
+    x, y = q = me.dynamicsymbols("x y")
+    rates = {"a": x.diff(T), "b": y.diff(T), "f": me.dynamicsymbols("f")}
+    return me.LagrangesMethod((x.diff(T)**2 + y.diff(T)**2) / 2, q,
+                              nonhol_coneqs=[sp.sympify(row).subs(rates) for row in rows])
+
+
 @pytest.mark.parametrize(("make", "message"), [
+    (lambda: with_load(me.Particle("b7"), None), "b7.*masscenter"),
+    (lambda: with_load(None, 3), r"3\).*force"),
+    (lambda: with_load(None, me.ReferenceFrame("Z").x), "frame Z.*orient"),
+    (lambda: with_load(me.ReferenceFrame("Z"), None), "frame Z.*orient"),
+    (lambda: with_load(None, None, frame=None), "frame="),
+    (lambda: with_kinematics(), "0 kinematic.*2.*speeds"),
+    (lambda: on_velocities("a*f - b"), r"f\(t\)"),
+    # the slope at rest of a product of velocities is 0, as in a row that says nothing
+    (lambda: on_velocities("a*b"), "A0.*linear"),
+    (lambda: on_velocities("a - b", "(a - b)**2"), "A1.*linear"),
     (with_function, r"f\(t\)"),
     (without_bodies, "KanesMethod.*bodies"),
     (me.System, "System.*bodies"),
@@ -234,3 +273,30 @@ def without_bodies():
 def test_what_is_no_system_is_refused(make, message):
     with refused(message):
         gs.from_mechanics(make())
+
+
+def test_kinematic_equations_are_linear_in_the_speeds():
+    x, y, u, w = me.dynamicsymbols("x y u w")
+    with refused(r"u\(t\)\*\*2.*linear"):
+        gs.from_mechanics(with_kinematics(x.diff(T) - u**2, y.diff(T) - w))
+
+
+def test_a_row_of_zeros_restricts_nothing():
+    assert gs.from_mechanics(on_velocities("0", "a - b")).velocity_count == 1
+
+
+def test_bodies_of_one_name_are_refused_where_names_count():
+    N, q, points, _ = particles()
+    twins = [me.Particle("twin", P, sp.Symbol("m")) for P in points]
+    method = me.LagrangesMethod(me.Lagrangian(N, *twins), q, None, twins, N)
+    assert gs.from_mechanics(method).n == 2
+    with refused("'twin'"):
+        gs.from_mechanics(method, bodies=True)
+
+
+def test_an_input_is_a_function_of_time():
+    N, q, points, bodies = particles()
+    f = sp.Function("f")(q[0])
+    method = me.LagrangesMethod(me.Lagrangian(N, *bodies), q, [(points[0], f * N.x)], bodies, N)
+    with refused(r"f\(q1\(t\)\).*function of time"):
+        gs.from_mechanics(method, inputs=[f])

@@ -52,7 +52,7 @@ def test_copies_hash_and_normal_form_carry_them():
 @pytest.mark.parametrize(("rows", "named"), [
     ((vx**2 - vy,), "2*vx"), ((vx * vy,), "linear"), (((vx**2 + vx * vy) / (vx + vy),), "linear"),
     ((x * y,), "'A0'"), ((px * vx,), "'px'"), ((sp.Symbol("z") * vx,), "'z'"),
-    ((vx, vy, w), "3 constraints"),
+    ((vx, vy, w), "3 constraints"), ((vx, vy, vx * w), "linear"),
 ])
 def test_refused(rows, named):
     with pytest.raises(InputError, match="'sleigh'") as refused:
