@@ -20,6 +20,8 @@ from gyrospark.generator.symbolic.cardinal_functions import (
     Sinhc,
     c_names_with_needs,
 )
+from gyrospark.generator.symbolic.numeric_evaluation import Evaluator
+from gyrospark.generator.symbolic.phases import Phase
 
 FUNCTIONS = [f for g in (Sinc, Sinhc, Asinhc, Atanc, Atanhc) for f in (g, g.slope)]
 #: Around 0, where the form of a derivative changes, moderate and large.
@@ -124,6 +126,20 @@ def test_values_and_symmetry_in_symbols():
         assert f.slope(-z) == -f.slope(z)
         assert sp.diff(f(3 * z), z) == 3 * f.slope(3 * z)
         assert abs(sp.N(f(sp.Rational(1, 3)), 30) - f.value(mp.mpf(1) / 3)) < 1e-14
+
+
+def test_phases_are_angles_without_full_turns():
+    c, s, start, b = sp.Rational(3, 2), sp.Integer(2), sp.Integer(10**6), sp.Rational(7, 10)
+    phase = Phase(c, s, start, b)
+    with mp.workdps(40):
+        exact = mp.mpf(3 * 10**6) + mp.mpf(7) / 10
+        turns = (exact - phase.value(mp.mpf(1.5), mp.mpf(2), mp.mpf(10**6), mp.mpf(7) / 10)
+                 ) / (2 * mp.pi)
+        assert abs(turns - mp.nint(turns)) < 1e-30
+        assert abs(turns * 2 * mp.pi - exact) <= mp.pi
+    x, y = sp.symbols("x y", real=True)
+    evaluator = Evaluator({x: 2.0, y: 1e6})
+    assert evaluator(sp.sin(phase.func(c, x, y, b))) == pytest.approx(mp.sin(exact), abs=1e-9)
 
 
 def test_only_what_is_called_is_written():

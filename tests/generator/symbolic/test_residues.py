@@ -16,6 +16,7 @@ from gyrospark.generator.symbolic.finite_fields import (
     UnsuitablePrimeError,
     identically_zero,
     primes,
+    vanish,
 )
 from gyrospark.generator.symbolic.null_spaces import NullSpace, echelon_form
 from gyrospark.generator.symbolic.shared_subexpressions import share
@@ -56,6 +57,7 @@ DIFFERENCES = {
 @pytest.mark.parametrize("name", IDENTITIES)
 def test_identities(name: str) -> None:
     assert identically_zero([IDENTITIES[name]])
+    assert vanish([sp.Add(*IDENTITIES[name], evaluate=False)])  # decimals as they are
 
 
 def test_only_what_is_multiplied_out_is_proved_and_what_is_long_is_not() -> None:

@@ -18,7 +18,7 @@ from derivative_cases import (
     transposition_defect,
 )
 from gyrospark.runtime.derivatives.kept_steps import PIECE
-from gyrospark.runtime.derivatives.tangent_space import null_space
+from gyrospark.runtime.derivatives.tangent_space import null_space, solve
 from gyrospark.runtime.results.joint_motion import (
     cotangents_of_multipliers,
     multipliers_at_states,
@@ -345,3 +345,12 @@ def test_growth_is_warned_of_whatever_the_units(m):
         standing = step.integrate([0.0, 1.0], [0.0, 0.0], steps=320, **arguments)
     with pytest.warns(gs.errors.InputWarning, match="float128"):
         standing.gradient(loss)
+
+
+@pytest.mark.parametrize("count", [1, 5])
+def test_wide_numbers_are_eliminated_with_pivots(count):
+    """A first pivot of 0 and a row far larger than others cost no digit."""
+    A = np.random.default_rng(count).normal(size=(5, 5)).astype(np.longdouble)
+    A[0, 0], A[1] = 0, 1e9 * A[1]
+    x = np.arange(5 * count).reshape(5, count).astype(np.longdouble) + 1
+    assert np.abs(solve(A, A @ x) - x).max() <= 1e3 * np.finfo(np.longdouble).eps * np.abs(x).max()

@@ -20,6 +20,7 @@ import scaled_motions
 import systems
 from gyrospark.core.registry import SYSTEMS
 from gyrospark.interop.discrete_flow import DiscreteFlow
+from gyrospark.runtime.results.joint_motion import multipliers_at_states
 from systems import case, differentiable, stepper, timed_start
 
 EPS = np.finfo(float).eps
@@ -55,6 +56,20 @@ def test_the_energy_error_is_of_the_order_of_the_steps(stages, dtau):
             run.report.energy_error_max, rel=1e-6)
         errors.append(run.report.energy_error_max)
     assert abs(np.log2(errors[0] / errors[1]) - 2 * stages) < 0.6
+
+
+def test_multipliers_at_states_are_those_of_time():
+    """The rod of two masses with H = Σ p² − ½ Σ k/r has 8 l² λ = |ḋ|² − k d·(x₂/r₂³ − x₁/r₁³).
+
+    Errors are of Δτ²; scales of the other end of a step would be off by Δτ.
+    """
+    run = to("tethered_pair", 2.0, dtau=0.02)
+    x, p = (z[:, :4].reshape(-1, 2, 2) for z in (run.q, run.p))
+    d, rate = x[:, 1] - x[:, 0], 2 * (p[:, 1] - p[:, 0])
+    pull = x / np.linalg.norm(x, axis=2, keepdims=True) ** 3
+    exact = ((rate**2).sum(1) - (d * (pull[:, 1] - pull[:, 0])).sum(1)) / (8 * (d**2).sum(1))
+    states = multipliers_at_states(run)[:, 0]
+    assert np.abs(states - exact).max() < 1e-3 * np.abs(exact).max()
 
 
 def test_steps_of_time_are_those_of_the_scale():
