@@ -74,6 +74,12 @@ def check_targets(
         check_ending("--show", path, [*ENDINGS])
         if ending_of(path) in endings("film"):
             check_film(path)
+    # the endings of --out are others
+    pictures = [path.resolve() for path in (*show, *([] if plot is None else [plot]))]
+    for path in pictures:
+        if pictures.count(path) > 1:
+            raise InputError(f"--plot and --show are to write one file, {path.name!r}, more than "
+                             "once; give each a name of its own.")
     if resume and not _is_store(out):
         raise InputError("--resume continues a stored run; give its store, --out NAME.zarr. "
                          "gyrospark export NAME.zarr NAME.csv then makes a table of it.")

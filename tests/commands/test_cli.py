@@ -90,6 +90,8 @@ def test_bad_value_is_refused_by_run(arguments, fragments, gyrospark):
     ("--plot", "top.txt", ["'top.txt'", ".png", ".svg", ".pdf"]),
     ("--show", "top.svg", ["'top.svg'", ".png", ".html", ".gif"]),
     ("--out", "top.npz --resume", ["--resume", ".zarr"]),
+    ("--plot", "top.png --show ./top.png", ["--plot", "--show", "'top.png'"]),
+    ("--show", "top.gif --show top.gif", ["--show", "'top.gif'"]),
 ])
 def test_files_that_cannot_be_written_are_refused_before_the_run(
         option, file, fragments, gyrospark, monkeypatch):
