@@ -177,7 +177,8 @@ def error_constant(composition: Composition) -> float:
 def _symplectic(composition: Composition) -> Condition:
     """Check the Hamiltonians of the composition's flows: T, and b V − c h² G, which has no p.
 
-    −G = {V, {T, V}} must be free of p, so that its kick is exact: this is algebra.
+    Kicks are exact only if −G = {V, {T, V}} is free of p. It is, for every T quadratic in p and any
+    V: the identity is checked for functions, and is the same for all compositions.
     """
     residuals = force_gradient_residuals() if composition.has_gradients else ()
     holds = all(residual == 0 for residual in residuals)

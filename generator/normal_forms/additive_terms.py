@@ -54,6 +54,13 @@ class LocalForm(NamedTuple):
     classes: list[int]
 
 
+class Indices(NamedTuple):
+    """Indices of the momenta in a term, and of its coordinates and momenta together."""
+
+    p: IndexSet
+    q_and_p: IndexSet
+
+
 class Support:
     """Indices of the coordinates and momenta in a term, and the coupling of coordinates in H."""
 
@@ -63,24 +70,25 @@ class Support:
         """
         self.index_of = {x: i for symbols in (q, p) for i, x in enumerate(symbols)}
         self.p = frozenset(p)
-        self._supports: dict[Monomial, tuple[IndexSet, IndexSet]] = {}
+        self._indices: dict[Monomial, Indices] = {}
         self.coupling = CoordinateCoupling(len(q), [*map(self, terms), *others])
 
-    def __call__(self, m: Monomial) -> tuple[IndexSet, IndexSet]:
-        """Return the indices of the momenta in a term, and the indices of its q and p."""
-        if m not in self._supports:
+    def __call__(self, m: Monomial) -> Indices:
+        """Return the indices of the coordinates and momenta in a term."""
+        if m not in self._indices:
             symbols = symbols_in([m])
-            self._supports[m] = (frozenset(self.index_of[x] for x in symbols & self.p),
-                                 frozenset(self.index_of[x] for x in symbols if x in self.index_of))
-        return self._supports[m]
+            self._indices[m] = Indices(
+                frozenset(self.index_of[x] for x in symbols & self.p),
+                frozenset(self.index_of[x] for x in symbols if x in self.index_of))
+        return self._indices[m]
 
     def blocks(self, m: Monomial) -> frozenset[int]:
         """Return the blocks of a term."""
-        return self.coupling.blocks(self(m)[1])
+        return self.coupling.blocks(self(m).q_and_p)
 
     def classes(self, m: Monomial) -> frozenset[int]:
         """Return the classes of a term."""
-        return self.coupling.classes(self(m)[1])
+        return self.coupling.classes(self(m).q_and_p)
 
     def classes_of(self, e: sp.Expr) -> frozenset[int]:
         """Return the classes of an expression."""
@@ -88,7 +96,7 @@ class Support:
 
     def kinetic_block(self, m: Monomial) -> int:
         """Return the kinetic block of a term with momenta."""
-        a = min(self(m)[0])
+        a = min(self(m).p)
         return self.coupling.kinetic_block_of.get(a, a)
 
 
@@ -144,8 +152,8 @@ class HamiltonianTerms:
     def sum(self) -> sp.Expr:
         """H as the sum of its addends."""
         constant = self.constant
-        moving = {m: a for m, a in self.terms.items() if m not in constant}
-        addends = [addend for terms, derived, original in self._regions(moving)
+        varying = {m: a for m, a in self.terms.items() if m not in constant}
+        addends = [addend for terms, derived, original in self._regions(varying)
                    for addend in self._select(terms, derived, original)]
         # squares contain shares of the constant: only the remainder is added
         for _, terms in addends:
@@ -155,55 +163,57 @@ class HamiltonianTerms:
 
     # ------------------------------------------------------------ derived or original addends
 
-    def _regions(self, moving: Terms) -> Iterator[tuple[Terms, list[Addend], list[Addend]]]:
+    def _regions(self, varying: Terms) -> Iterator[tuple[Terms, list[Addend], list[Addend]]]:
         """Yield coupled terms, with their derived and their original addends.
 
         An addend, derived or original, that contains terms of two regions joins them.
         """
         derived = self._derived_addends()
         original = list(split(self.forms, self.H, self._is_irreducible))
-        node_of = self._nodes(moving)
+        set_of = self._coupled_sets(varying)
 
-        def nodes_of(addend: Addend) -> frozenset[int]:
-            """Return the nodes of the terms of an addend; none of a constant."""
-            return frozenset(node_of(m) for m in addend.terms if not is_constant(m))
+        def sets_of(addend: Addend) -> frozenset[int]:
+            """Return the coupled sets of the terms of an addend; a constant has none."""
+            return frozenset(set_of(m) for m in addend.terms if not is_constant(m))
 
         # derived and original addends of a region have the same terms, and can be compared
-        regions = connected_components(map(nodes_of, [*derived, *original]))
-        region_of = {node: i for i, region in enumerate(regions) for node in region}
+        regions = connected_components(map(sets_of, [*derived, *original]))
+        region_of = {number: i for i, region in enumerate(regions) for number in region}
         terms: list[Terms] = [{} for _ in regions]
-        for m, a in moving.items():
-            terms[region_of[node_of(m)]][m] = a
+        for m, a in varying.items():
+            terms[region_of[set_of(m)]][m] = a
 
         def by_region(addends: Iterable[Addend]) -> list[list[Addend]]:
             """Return the addends of each region; constants belong to none."""
             addends_of: list[list[Addend]] = [[] for _ in regions]
             for addend in addends:
-                nodes = nodes_of(addend)
-                if nodes:
-                    addends_of[region_of[min(nodes)]].append(addend)
+                sets = sets_of(addend)
+                if sets:  # all of them are of one region, as the addend joins them
+                    addends_of[region_of[min(sets)]].append(addend)
             return addends_of
 
         yield from zip(terms, by_region(derived), by_region(original), strict=True)
 
-    def _nodes(self, moving: Terms) -> Callable[[Monomial], int]:
-        """Return a function term → number; coupled terms have the same number.
+    def _coupled_sets(self, varying: Terms) -> Callable[[Monomial], int]:
+        """Return a function of the terms that vary: the number of the coupled set of a term.
 
-        Kinetic blocks have the numbers below n, groups of blocks of potentials those from n on.
+        A term with momenta is in the set of its kinetic block, numbered below n. Terms of the
+        potential are in one set if they have blocks in common, directly or through others; these
+        sets have the numbers n + the least block, and terms in time alone the number 2 n.
         """
         n = len(self.support.p)
-        groups = connected_components(self.support.blocks(m) for m in moving
-                                      if not self.support(m)[0])
-        group_of = {a: n + min(group) for group in groups for a in group}
+        groups = connected_components(self.support.blocks(m) for m in varying
+                                      if not self.support(m).p)
+        group_of_block = {block: min(group) for group in groups for block in group}
 
-        def node(m: Monomial) -> int:
-            """Return the node of a monomial: its kinetic block, or its coordinates' group."""
-            if self.support(m)[0]:
+        def set_of(m: Monomial) -> int:
+            """Return the number of the coupled set of a term."""
+            if self.support(m).p:
                 return self.support.kinetic_block(m)
-            a = min(self.support.blocks(m), default=n)  # terms in time alone have one number
-            return group_of.get(a, n + a)
+            block = min(self.support.blocks(m), default=n)
+            return n + group_of_block.get(block, block)
 
-        return node
+        return set_of
 
     def _select(self, terms: Terms, derived: list[Addend], original: list[Addend]) -> list[Addend]:
         """Return the derived addends, or the original ones if these are equal and clearly cheaper.
@@ -216,8 +226,8 @@ class HamiltonianTerms:
 
     def _is_irreducible(self, terms: Terms) -> bool:
         """Whether the terms belong to at most one kinetic block and are all coupled."""
-        kinetic_blocks = {self.support.kinetic_block(m) for m in terms if self.support(m)[0]}
-        places = frozenset[int]().union(*(self.support(m)[1] for m in terms))
+        kinetic_blocks = {self.support.kinetic_block(m) for m in terms if self.support(m).p}
+        places = frozenset[int]().union(*(self.support(m).q_and_p for m in terms))
         return len(kinetic_blocks) <= 1 and self.support.coupling.are_coupled(places)
 
     # ------------------------------------------------------------ addends derived from the terms
@@ -233,7 +243,7 @@ class HamiltonianTerms:
         potential: Terms = {}
         constant: Terms = {}
         for m, a in remainder.items():
-            if self.support(m)[0]:
+            if self.support(m).p:
                 kinetic[self.support.kinetic_block(m)][m] = a
             elif is_constant(m):
                 constant[m] = a

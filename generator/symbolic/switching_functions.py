@@ -103,15 +103,29 @@ class Where(Switch):
 
 
 def _condition_text(e: Where, printer: Any, *, holds: bool = True) -> str:
-    """Return the text of the condition, or of its negation: a < b, or a product by ``every``."""
-    a, b = e.args[:2]
-    # a conjunction is 0 < Π steps, whose values are 1 or 0
-    steps = sp.Mul.make_args(b)
-    if a != 0 or not all(isinstance(s, Where) and set(s.args[2:]) == {ZERO, ONE} for s in steps):
+    """Return the text of the condition, or of its negation: a < b, or a conjunction."""
+    factors = _factors_of_conjunction(e)
+    if not factors:
+        a, b, _, _ = e.args
         return f"{printer.doprint(a)} {'<' if holds else '>='} {printer.doprint(b)}"
-    text = " and ".join(_condition_text(step, printer, holds=step.args[2] == 1)
-                        for step in sorted(steps, key=sp.default_sort_key))
+    texts = []
+    for factor in factors:
+        _, _, if_true, _ = factor.args
+        texts.append(_condition_text(factor, printer, holds=if_true == 1))
+    text = " and ".join(texts)
     return text if holds else f"not ({text})"
+
+
+def _factors_of_conjunction(e: Where) -> list[Where]:
+    """Return the factors of a condition 0 < Π factors, which ``every`` makes; else none.
+
+    The factor of a condition c is Where(c, 1, 0), of its negation Where(c, 0, 1).
+    """
+    a, b, _, _ = e.args
+    factors = sp.Mul.make_args(b)
+    is_conjunction = a == 0 and all(
+        isinstance(factor, Where) and set(factor.args[2:]) == {ZERO, ONE} for factor in factors)
+    return sorted(factors, key=sp.default_sort_key) if is_conjunction else []
 
 
 class _Extreme(Switch):
