@@ -442,10 +442,18 @@ def _second_derivatives(
 ) -> dict[str, Any]:
     """Return the tables of the entries of H_pp and of H_qp − F_p by momenta.
 
-    Momentum a has the ``block_count[a]`` entries of column a of H_pp from ``block_first[a]`` on, in
-    rows ``block_row``, and the entries of column a of H_qp − F_p from ``mixed_first[a]`` on, in
-    rows ``mixed_row``. The tables of ``energies`` and ``forces`` get the places of the entries of
-    their instances: ``mixed``, and ``pp_start`` of the first H_pp of a template.
+    Adds to the tables of each template, in ``energies`` and ``forces``, the places of the entries
+    of its instances.
+    """
+    return (_momentum_blocks(structure, energies)
+            | _mixed_derivatives(structure, energies, forces))
+
+
+def _momentum_blocks(structure: Structure, energies: list[dict[str, Any]]) -> dict[str, Any]:
+    """Return the table of the entries of H_pp: a full block for each instance.
+
+    Momentum a has the ``block_count[a]`` entries of column a from ``block_first[a]`` on, in rows
+    ``block_row``. Adds to ``energies`` ``pp_start``, the place of the first entry of a template.
     """
     n = structure.system.n
     block_first, block_count = [0] * n, [0] * n
@@ -454,20 +462,33 @@ def _second_derivatives(
         energy["pp_start"] = len(block_row)
         for instance in template.instances:
             for a in instance.p:
+                # kinetic blocks, and so instances, have no momentum in common
+                assert not block_count[a]
                 block_first[a], block_count[a] = len(block_row), len(instance.p)
                 block_row += instance.p
-    mixed = _mixed_columns(structure)
-    # columns of different length in one array: column a begins at first[a]
-    first = [0, *accumulate(map(len, mixed))]
+    return {"block_first": block_first, "block_count": block_count, "block_row": block_row,
+            "pp_entries": len(block_row)}
+
+
+def _mixed_derivatives(
+    structure: Structure, energies: list[dict[str, Any]], forces: list[dict[str, Any]]
+) -> dict[str, Any]:
+    """Return the table of the entries of H_qp − F_p, whose columns have different lengths.
+
+    Momentum a has the entries of its column from ``mixed_first[a]`` on, in rows ``mixed_row``. Adds
+    ``mixed`` to ``energies`` and ``forces``: for each instance the places of its entries in the
+    order of its kernel, for H_pq one momentum after another, for F_p one row after another.
+    """
+    place_in_column = _mixed_columns(structure)
+    first = [0, *accumulate(map(len, place_in_column))]
     for template, energy in zip(structure.templates, energies, strict=True):
-        energy["mixed"] = [[first[a] + mixed[a][b] for a in i.p for b in i.q]
+        energy["mixed"] = [[first[a] + place_in_column[a][b] for a in i.p for b in i.q]
                            for i in template.instances]
     for template, force in zip(structure.force_templates, forces, strict=True):
-        force["mixed"] = [[first[a] + mixed[a][row] for row in i.rows for a in i.p]
+        force["mixed"] = [[first[a] + place_in_column[a][row] for row in i.rows for a in i.p]
                           for i in template.instances]
-    return {"block_first": block_first, "block_count": block_count, "block_row": block_row,
-            "mixed_first": first, "mixed_row": [row for column in mixed for row in column],
-            "pp_entries": len(block_row), "mixed_entries": first[-1]}
+    return {"mixed_first": first, "mixed_entries": first[-1],
+            "mixed_row": [row for column in place_in_column for row in column]}
 
 
 def _mixed_columns(structure: Structure) -> list[dict[int, int]]:

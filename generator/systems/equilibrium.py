@@ -71,6 +71,17 @@ class _Triplets(NamedTuple):
     values: Array
 
 
+class _Part(NamedTuple):
+    """Elements of equal form: the gradient of an energy, or forces, and its share in r_x."""
+
+    template: ElementTemplate
+    sign: int  # of the share in the residual: 1 for a gradient, −1 for forces
+    rows: Array  # rows of the residual, shape (instances, rows of an instance)
+    columns: Array  # entries of q, shape (instances, coordinates of an instance)
+    entries: list[sp.Expr]  # the share of an instance, row by row
+    derivatives: _Sparse  # of these by the template's q
+
+
 class _Statics:
     """Residual and matrix of the equilibrium: gradient and Hessian of L = H + λ·g, less the forces.
 
@@ -96,11 +107,14 @@ class _Statics:
             forces=tuple(forces) if system.forces else (), time=system.time))
         self.time = {x: t for x in (system.time,) if x is not None}
         self.values = np.array([float(parameters[str(x)]) for x in system.parameters])
-        # template, sign in the residual, its entries, and their derivatives by the template's q
-        self.parts = [(template, 1.0, template.system.H_q, _Sparse.of(template.system.H_qq))
+        self.parts = [_Part(template, 1, _columns(template), _columns(template),
+                            template.system.H_q, _Sparse.of(template.system.H_qq))
                       for template in structure.templates if template.q]
-        self.parts += [(template, -1.0, list(template.expressions),
-                        _Sparse.of(jacobian(list(template.expressions), template.q)))
+        # forces act on rows of their own; a gradient has a row for each coordinate
+        self.parts += [_Part(template, -1,
+                             np.array([i.rows for i in template.instances], dtype=int),
+                             _columns(template), list(template.expressions),
+                             _Sparse.of(jacobian(list(template.expressions), template.q)))
                        for template in structure.force_templates]
         # H_p at p = 0, which must vanish at an equilibrium
         self.velocities = [(template, template.system.H_p)
@@ -141,29 +155,28 @@ class _Statics:
                    for template, expressions in self.velocities)
 
     def __call__(self, x: Array) -> tuple[Array, _Triplets]:
-        """Return the residual r at x = (q, λ), shape (n + m,), and its derivatives r_x, in units.
+        """Return the residual r = (H_q + Gᵀλ − F, g) at x = (q, λ), shape (n + m,), and r_x.
+
+        x, r and r_x are in the units of this object.
         """
-        nothing = np.zeros(0, dtype=int)
+        no_index = np.zeros(0, dtype=int)
         x = self.units * x
-        r, entries = np.zeros(len(x)), [(nothing, nothing, np.zeros(0))]
-        for template, sign, slopes, matrix in self.parts:
-            # shape (instances, coordinates of the template), and (instances, rows of it)
-            columns = np.array([i.q for i in template.instances], dtype=int)
-            # forces act on rows of their own; a gradient has a row for each coordinate
-            rows = columns if sign > 0 else np.array(
-                [i.rows for i in template.instances], dtype=int)
-            np.add.at(r, rows.T, sign * self._evaluate(template, slopes, x))
-            if not matrix.entries:  # forces that are constant
+        r, triplets = np.zeros(len(x)), [_Triplets(no_index, no_index, np.zeros(0))]
+        for part in self.parts:
+            np.add.at(r, part.rows.T, part.sign * self._evaluate(part.template, part.entries, x))
+            r_q = part.derivatives
+            if not r_q.entries:  # forces that are constant
                 continue
-            entries.append((rows[:, matrix.rows].ravel(), columns[:, matrix.columns].ravel(),
-                            sign * self._evaluate(template, matrix.entries, x).T.ravel()))
-        rows, columns, values = (np.concatenate(arrays) for arrays in zip(*entries, strict=True))
+            triplets.append(_Triplets(
+                part.rows[:, r_q.rows].ravel(), part.columns[:, r_q.columns].ravel(),
+                part.sign * self._evaluate(part.template, r_q.entries, x).T.ravel()))
+        rows, columns, values = map(np.concatenate, zip(*triplets, strict=True))
         return r / self.residual_units, _Triplets(
             rows, columns, values * self.units[columns] / self.residual_units[rows])
 
     def _evaluate(self, template: ElementTemplate, expressions: list[sp.Expr], x: Array) -> Array:
         """Return expressions of a template for all instances, shape (expressions, instances)."""
-        q = x[np.array([i.q for i in template.instances], dtype=int)]
+        q = x[_columns(template)]
         constants = self.values[np.array([i.constants for i in template.instances], dtype=int)]
         # at rest: momenta are 0; each symbol has a column of the values of all instances
         substitution: dict[sp.Symbol, Any] = dict.fromkeys(template.p, 0.0) | self.time
@@ -172,6 +185,11 @@ class _Statics:
         values = evaluate(expressions, substitution)
         return np.broadcast_to(values.reshape(len(expressions), -1),
                                (len(expressions), len(template.instances)))
+
+
+def _columns(template: ElementTemplate) -> Array:
+    """Return the indices in x of the coordinates of each instance."""
+    return np.array([i.q for i in template.instances], dtype=int)
 
 
 def equilibrium(
