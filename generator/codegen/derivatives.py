@@ -78,6 +78,24 @@ class _Kernels(NamedTuple):
     duals: list[Kernel]
 
 
+class _ParameterChain(NamedTuple):
+    """The chain rule from constants c of a run to parameters θ.
+
+    Attributes
+    ----------
+    slopes : list of expressions
+        The dc_i/dθ_j that are not 0.
+    entries : list of (int, int, str)
+        i, j and C of each slope.
+    functions : frozenset of str
+        Functions that this C calls.
+    """
+
+    slopes: list[sp.Expr]
+    entries: list[tuple[int, int, str]]
+    functions: frozenset[str]
+
+
 def derivatives_of(
     derived: Derived, constants_c: dict[str, str], elements: Elements | None,
     iteration: LaneIteration | None,
@@ -99,42 +117,39 @@ def derivatives_of(
     times = time_columns(scheme)
     # C has no arrays of length 0: without constants there is one column of zeros
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
-    templates = [] if elements is None else element_derivatives(derived, elements)
-    step = _step_kernels(derived, columns, has_templates=bool(templates))
-    kernels, lanes = _emit_kernels(derived, step, None if templates else iteration)
-    states = _state_kernels(derived)
+    element_tables = [] if elements is None else element_derivatives(derived, elements)
+    step = _step_kernels(derived, columns, has_templates=bool(element_tables))
+    # element templates are not linearised on lanes
+    kernels, lane_kernels = _emit_kernels(derived, step, None if element_tables else iteration)
+    state_kernels = _state_kernels(derived)
     # functions of one state are in the user's parameters, not in constants of a run
     kernels += [emit_kernel(kernel, Constants(system.parameters), real,
                             Target(real.c_type, constants="parameters_t", prefix=""))
-                for kernel in states if kernel is not None]
-    # dc_i/dθ_j, the chain rule from constants to parameters
-    printer = CPrinter(real, {p: f"par->{p}" for p in derived.constants.parameters}
-                       | {START: f"par->{system.time}"})
-    slopes = _slopes_of_constants([e for _, e in constants], system.parameters)
-    chain = [(i, j, printer.number(d)) for i, j, d in slopes]
+                for kernel in state_kernels if kernel is not None]
+    chain = _parameter_chain(derived, [e for _, e in constants])
     # second derivatives, and derivatives of flows that are not on lanes, are by dual numbers
-    needs_duals = derived.second or (isinstance(scheme, SplittingScheme) and not lanes)
-    duals = dual_kernels(derived, step.duals, [d for *_, d in slopes]) if needs_duals else None
-    called_functions = frozenset(printer.functions).union(
-        *(k.functions for k in kernels),
-        *(k["scalar"].functions for template in templates for k in template["own"]),
-        duals.functions if duals else ())
+    needs_duals = derived.second or (isinstance(scheme, SplittingScheme) and not lane_kernels)
+    duals = dual_kernels(derived, step.duals, chain.slopes) if needs_duals else None
     index_of = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,
         columns=len(columns),
         times=len(times),
-        chain=chain,
+        chain=chain.entries,
         inputs=[index_of.get(str(u), -1) for u in system.inputs],
-        functions=called_functions,
-        parts=templates,
-        lanes=lanes,
-        quantities=states.quantities is not None,
-        quantity_rates=states.rates is not None,
+        functions=chain.functions.union(
+            *(k.functions for k in kernels),
+            *(k["scalar"].functions for table in element_tables
+              for k in table["derivative_kernels"]),
+            duals.functions if duals else ()),
+        element_tables=element_tables,
+        lane_kernels=lane_kernels,
+        quantities=state_kernels.quantities is not None,
+        quantity_rates=state_kernels.rates is not None,
         duals=duals,
         second=derived.second,
-        impacts=states.impacts is not None,
-        switches=0 if states.switches is None else len(states.switches.outputs["w"]),
+        impacts=state_kernels.impacts is not None,
+        switches=0 if state_kernels.switches is None else len(state_kernels.switches.outputs["w"]),
     )
 
 
@@ -203,15 +218,18 @@ def _fits_lanes(derived: Derived) -> bool:
             and derived.system.n <= _MOST_COORDINATES)
 
 
-def _slopes_of_constants(
-    constants: Sequence[sp.Expr], parameters: Sequence[sp.Symbol]
-) -> list[tuple[int, int, sp.Expr]]:
-    """Return the nonzero (i, j, dc_i/dθ_j) of the constants c(θ) and the parameters θ."""
-    order = {p: j for j, p in enumerate(parameters)}
-    slopes: list[tuple[int, int, sp.Expr]] = []
+def _parameter_chain(derived: Derived, constants: Sequence[sp.Expr]) -> _ParameterChain:
+    """Return the slopes of the constants c(θ) by the user's parameters θ, constant by constant."""
+    system = derived.system
+    printer = CPrinter(derived.real, {p: f"par->{p}" for p in derived.constants.parameters}
+                       | {START: f"par->{system.time}"})
+    index_of = {p: j for j, p in enumerate(system.parameters)}
+    slopes: list[sp.Expr] = []
+    entries: list[tuple[int, int, str]] = []
     for i, e in enumerate(constants):
-        for p in sorted(e.free_symbols & order.keys(), key=order.__getitem__):
+        for p in sorted(e.free_symbols & index_of.keys(), key=index_of.__getitem__):
             slope = derivative(e, p)
             if slope != 0:
-                slopes.append((i, order[p], slope))
-    return slopes
+                slopes.append(slope)
+                entries.append((i, index_of[p], printer.number(slope)))
+    return _ParameterChain(slopes, entries, frozenset(printer.functions))

@@ -51,8 +51,8 @@ _PRODUCTS: dict[str, list[tuple[str, str, bool]]] = {
 def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, Any]]:
     """Return the tables of ``elements`` with the kernels of derivatives, one dict a template.
 
-    Key ``own`` has the additional kernels; ``groups`` maps a group of matrices that are evaluated
-    at one state to its tables (``_group``); ``kind`` is 0 for H, 1 for g, 2 for F.
+    Key ``derivative_kernels`` has the additional kernels; ``groups`` maps a group of matrices that
+    are evaluated at one state to its tables (``_group``); ``kind`` is 0 for H, 1 for g, 2 for F.
     """
     scheme, structure = derived.implicit, Structure(derived.scheme.system)
     emit, times = Emitter(derived.constants, derived.real), time_columns(scheme)
@@ -65,7 +65,7 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
             derivative_kernels = emit.template_kernels(table["name"], nonempty(
                 [(kernel, NUMBERS) for kernel in kernels_of(template, scheme, times)]))
             extended = table | {"kind": kind, "columns": table["nk"] + len(times),
-                                "own": derivative_kernels}
+                                "derivative_kernels": derivative_kernels}
             # a group may have kernels of the step itself, such as the Hessian of H
             by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
             groups: dict[str, dict[str, Any]] = {}

@@ -112,7 +112,8 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     context = {field.name: getattr(program, field.name) for field in fields(program)}
     context |= {"full": program.profile == "full", "iteration": program.iteration,
                 "identity": _IDENTITY,
-                "derivative_parts": program.derivatives.parts if program.derivatives else []}
+                "derivative_parts": program.derivatives.element_tables if program.derivatives
+                else []}
     kind = "control" if program.profile == "control" else "stepper"
     templates = (_environment().get_template(f"{kind}.{ending}.jinja") for ending in "hc")
     header, source = (wrap_lines(template.render(context)) for template in templates)
@@ -255,7 +256,7 @@ def _calls(
     of_derivatives = on_numbers
     if derivatives:
         on_numbers |= derivatives.functions
-        of_derivatives = on_numbers | _called_by(derivatives.lanes)
+        of_derivatives = on_numbers | _called_by(derivatives.lane_kernels)
     scalar_kernels = [k for k in step_kernels if not k.name.startswith("lanes_")]
     return _Calls(of_derivatives, of_derivatives | _called_by(step_kernels),
                   on_numbers | _called_by(scalar_kernels))

@@ -360,9 +360,9 @@ class Derivatives:
     inputs: list[int]
     functions: frozenset[str]
     #: For each element template, its table with the kernels by name.
-    parts: list[dict[str, Any]]
+    element_tables: list[dict[str, Any]]
     #: Kernels on lanes, which linearise one step a lane.
-    lanes: list[EmittedKernel]
+    lane_kernels: list[EmittedKernel]
     #: Whether there are kernels of the derivatives of quantities, and of their rates.
     quantities: bool
     quantity_rates: bool

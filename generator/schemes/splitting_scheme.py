@@ -332,33 +332,49 @@ def splitting_scheme(
         If H has no splitting, or the system does not permit the order or the composition.
     """
     splitting = split(system)
-    general = composition_named(named) if named else composition(order)
-    if splitting.highest_order is not None and general.order > splitting.highest_order:
-        raise InputError(f"order = {general.order} is not reached where forces depend on momenta "
-                         "other than by isotropic drag; choose order 2, or scheme G-L.")
+    requested = composition_named(named) if named else composition(order)
+    _refuse_composition(requested, system, splitting, named)
     # at parameters with equal moments, rotation is one exact flow, and more compositions serve
     symmetric = split(system, symmetric=True)
-    for_symmetric = general
     # force gradients only for the default of an order, without forces: their work has order 2
-    if not named and not system.forces and symmetric.has_gradient and _is_local(symmetric):
-        for_symmetric = composition(order, gradients=True)
-    if general.has_gradients and system.forces:
-        raise InputError(f"Composition {general.name} has force gradients, with which the work of "
-                         f"the forces of system {system.name!r} has order 2 only; give an order "
+    takes_gradients = (not named and not system.forces and symmetric.has_gradient
+                       and _is_local(symmetric))
+    of_exact_flows = composition(order, gradients=True) if takes_gradients else requested
+    # A step K(h/2) R K(h/2) of an asymmetric body is symmetric; other compositions need an exact R.
+    of_strang_steps = requested if named else _strang_composition(order)
+    if splitting.is_exact:  # T is one exact flow for all parameters
+        compositions = (of_exact_flows,)
+    elif symmetric.is_exact and of_exact_flows is not of_strang_steps:
+        # a run selects one of both by ``symmetric.conditions`` at its parameters
+        return SplittingScheme(reduced, splitting, symmetric, constants,
+                               compositions=(of_strang_steps, of_exact_flows))
+    else:
+        compositions = (of_strang_steps,)
+    return SplittingScheme(reduced, splitting, symmetric=splitting, constants=constants,
+                           compositions=compositions)
+
+
+def _refuse_composition(
+    requested: Composition, system: System, splitting: Splitting, named: str
+) -> None:
+    """Refuse a composition that does not suit the flows of a system.
+
+    ``named`` is its name if the user gave it, and empty for the default of an order.
+    """
+    if splitting.highest_order is not None and requested.order > splitting.highest_order:
+        raise InputError(f"order = {requested.order} is not reached where forces depend on momenta "
+                         "other than by isotropic drag; choose order 2, or scheme G-L.")
+    if requested.has_gradients and system.forces:
+        raise InputError(f"Composition {requested.name} has force gradients, with which the work "
+                         f"of the forces of system {system.name!r} has order 2 only; give an order "
                          "instead.")
-    if splitting.is_exact:  # T is one exact flow for all parameters: one composition is enough
-        return SplittingScheme(reduced, splitting, symmetric=splitting, constants=constants,
-                               compositions=(for_symmetric,))
-    if named and not _has_strang_steps(general):
+    if named and not splitting.is_exact and not _has_strang_steps(requested):
         raise InputError(f"Composition {named} is for bodies whose rotation is one exact flow, and "
                          f"system {system.name!r} has others; give an order instead, or choose a "
                          "composition of Strang steps such as KL8.")
-    # A step K(h/2) R K(h/2) of an asymmetric body is symmetric; other compositions need an exact R.
-    if not named:
-        general = next(stored for stored in COMPOSITIONS.values()
-                       if stored.order == order and _has_strang_steps(stored))
-    # with two compositions, a run selects by ``symmetric.conditions`` at its parameters
-    if for_symmetric is general or not symmetric.is_exact:
-        return SplittingScheme(reduced, splitting, symmetric=splitting, constants=constants,
-                               compositions=(general,))
-    return SplittingScheme(reduced, splitting, symmetric, constants, (general, for_symmetric))
+
+
+def _strang_composition(order: int) -> Composition:
+    """Return the stored composition of Strang steps; there is one for each even order up to 10."""
+    return next(stored for stored in COMPOSITIONS.values()
+                if stored.order == order and _has_strang_steps(stored))
