@@ -38,6 +38,9 @@ if TYPE_CHECKING:
 
 __all__ = ["hits_of", "impact_step"]
 
+#: Rows of a direction: the length of a part of a step, and the time at its start.
+_LENGTH, _TIME = -2, -1
+
 
 @dataclass(frozen=True)
 class Hit:
@@ -53,7 +56,7 @@ class Hit:
         The user's impact, with its restitution e as a number.
     parameter : int or None
         Row of a direction that has de, where e is a parameter.
-    q, before, after : array, shape (n,)
+    q, p_before, p_after : array, shape (n,)
         q, p⁻ and p⁺ at the impact.
     impulse : number
         μ, the impulse of the gap.
@@ -64,8 +67,8 @@ class Hit:
     impact: Impact
     parameter: int | None
     q: Array
-    before: Array
-    after: Array
+    p_before: Array
+    p_after: Array
     impulse: Any
 
 
@@ -122,20 +125,25 @@ def impact_step(stepper: Stepper, run: RunArguments, step: int, q: Array, p: Arr
     """Return step number ``step`` of a run, which has impacts, from the state (q, p) before it.
 
     Its ``matrix``, M = ∂(q₁, p₁)/∂(q, p, parameters, Δt, t₀), shape (2 n, rows), is the product of
-    the derivatives of the partial steps from impact to impact and of the jumps between them.
+    the derivatives of the partial steps from impact to impact and of the jumps between them. The
+    columns of ``directions`` are derivatives of the present state, of the parameters and of the
+    time at the start of a part; v is the derivative of its end by its length.
     """
     binding, n = stepper._derivative_binding(), stepper.binding.n
     start = run.t0 + step * run.dt
     arguments = replace(run.at_step(step), steps=1, every=1, inputs=None, stored_steps=None,
                         hits=None)
-    # rows: q, p, parameters, the length and the time of a part; t = t0 + step Δt at the start
     directions = np.eye(binding.rows, dtype=q.dtype)
-    d_step, d_part_start = directions[-2].copy(), 0 * directions[-1]
-    directions[-2], directions[-1] = 0, directions[-1] + step * d_step
-    part_start, state = 0 * run.dt, (q, p)
+    d_step = directions[_LENGTH].copy()
+    # the row of the length stays 0: lengths enter through v; the step begins at t0 + step Δt
+    directions[_LENGTH] = 0
+    directions[_TIME] += step * d_step
+    d_part_start = 0 * d_step
+    # 0 in the type of Δt
+    part_start, q_start, p_start = 0 * run.dt, q, p
     for hit in (run.hits or {})[step]:
         t = start + hit.since
-        partial_run = replace(arguments, q=state[0], p=state[1], dt=hit.since - part_start,
+        partial_run = replace(arguments, q=q_start, p=p_start, dt=hit.since - part_start,
                               t0=start + part_start)
         _, dZ, v = _linearised_part(stepper, partial_run, directions)
         # φ stays 0 at the end of this part: dh = −(φ_q dZ + φ_θ dθ + φ_t dt)/(φ_q v + φ_t)
@@ -143,11 +151,12 @@ def impact_step(stepper: Stepper, run: RunArguments, step: int, q: Array, p: Arr
         rate = rate_of(Point(step, hit.since, normal, hit.impact.name), v)
         d_length = -(normal @ np.concatenate([dZ, directions[2 * n :]])) / rate
         directions[: 2 * n] = dZ + np.outer(v, d_length)
-        directions[-1], d_part_start = directions[-1] + d_length, d_part_start + d_length
+        directions[_TIME] += d_length
+        d_part_start = d_part_start + d_length
         directions[: 2 * n] = _jump(stepper, arguments, t, hit) @ directions
-        part_start, state = hit.since, (hit.q, hit.after)
+        part_start, q_start, p_start = hit.since, hit.q, hit.p_after
     # the last part ends with the step, however the impacts move: its length changes by the rest
-    partial_run = replace(arguments, q=state[0], p=state[1], dt=run.dt - part_start,
+    partial_run = replace(arguments, q=q_start, p=p_start, dt=run.dt - part_start,
                           t0=start + part_start)
     end, dZ, v = _linearised_part(stepper, partial_run, directions)
     # zeros for the unknowns, in place of which this step has a matrix
@@ -166,7 +175,8 @@ def _linearised_part(
     """
     partial_step = SingleStep(stepper, run)
     # one more direction, the length h alone, gives v
-    along_length = np.eye(len(directions), dtype=directions.dtype)[:, -2:-1]
+    along_length = np.zeros_like(directions[:, :1])
+    along_length[_LENGTH] = 1
     dz_end = partial_step.tangent(np.concatenate([directions, along_length], axis=1))
     return partial_step.end, dz_end[:, :-1], dz_end[:, -1]
 
@@ -178,7 +188,7 @@ def _gap_derivatives(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> A
     """
     binding = stepper._derivative_binding()
     derivatives = binding.quantity_derivatives(
-        binding.module.parameters(run.parameters, t), t, hit.q, hit.before)
+        binding.module.parameters(run.parameters, t), t, hit.q, hit.p_before)
     if derivatives is None:
         raise _error_of_gaps(stepper)
     return derivatives
@@ -205,7 +215,8 @@ class _JumpEquations:
         self._parameters = self._binding.module.parameters(run.parameters, t)
         quantities = _gap_derivatives(stepper, run, t, hit)
         self.phi_q, self._quantity_count = quantities[hit.gap, :n], len(quantities)
-        g, self.f_before = self._binding.constraint_derivatives(self._parameters, hit.q, hit.before)
+        g, self.f_before = self._binding.constraint_derivatives(
+            self._parameters, hit.q, hit.p_before)
         self.G, self.f_p = g[:, :n], self.f_before[:, n : 2 * n]
         self.W = self.f_p @ self.G.T
         #: dq and dp⁻ are rows of the unit matrix.
@@ -216,10 +227,10 @@ class _JumpEquations:
         """Return y of f(q, p⁻ − Gᵀ y) = 0 and λ of Gᵀ λ = p⁺ − p⁻ − φ_qᵀ μ, shape (m,) each."""
         hit, primal = self._hit, self._stepper.binding
         f = primal.defects(primal.parameters(run.parameters, self._t), hit.q[None],
-                           hit.before[None])[1][0]
+                           hit.p_before[None])[1][0]
         # f is affine in p with the derivative W by −y; λ by the normal equations of Gᵀ
         y = solve(self.W, f[: len(self.W)])  # behind f come conditions of velocities
-        impulse = hit.after - hit.before - self.phi_q * hit.impulse
+        impulse = hit.p_after - hit.p_before - self.phi_q * hit.impulse
         return y, solve(self.G @ self.G.T, self.G @ impulse)
 
     def f_derivatives(self, p: Array) -> Array:
@@ -290,9 +301,9 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     e = as_real("restitution", hit.impact.restitution, stepper.binding.number)
     y, lam = jump.constraint_impulses(run)
     # dp⁺ at dμ = dλ = 0
-    dp_fixed = jump.dp_before + jump.impulse_derivatives(hit.before, hit.impulse, lam)
+    dp_fixed = jump.dp_before + jump.impulse_derivatives(hit.p_before, hit.impulse, lam)
     # r is taken at momenta that keep f = 0: p − Gᵀ y
-    projected_before, projected_after = (p - G_T @ y for p in (hit.before, hit.after))
+    projected_before, projected_after = (p - G_T @ y for p in (hit.p_before, hit.p_after))
     d_projection = jump.impulse_derivatives(projected_before, mu=0, lam=y)
     d_projection = d_projection + G_T @ solve(jump.W, along(
         jump.f_derivatives(projected_before), jump.dp_before - d_projection))
@@ -303,8 +314,8 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     if hit.parameter is not None:
         # r de. C returns derivatives of r alone, but r is affine in p: its jump, −(1 + e) r, is
         # r_p (p⁺ − p⁻)
-        rate_residual[0, hit.parameter] -= (r_p @ (hit.after - hit.before))[0] / (1 + e)
-    f_residual = (along(jump.f_derivatives(hit.after), dp_fixed)
+        rate_residual[0, hit.parameter] -= (r_p @ (hit.p_after - hit.p_before))[0] / (1 + e)
+    f_residual = (along(jump.f_derivatives(hit.p_after), dp_fixed)
                   - along(jump.f_before, jump.dp_before))
     residual = np.concatenate([rate_residual, f_residual])
     R = np.concatenate([jump.phi_q[:, None], G_T], axis=1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import pairwise
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
@@ -34,23 +34,33 @@ _LOST = 1e-3
 def pieces(stepper: Stepper, run: RunArguments, kept_run: Any) -> Iterator[KeptSteps]:
     """Yield the steps of a run from the first on, at most ``PIECE`` at a time.
 
-    ``kept_run`` is the run at its start, and is advanced. A step with impacts is a piece of its
-    own, an ``ImpactStep``. Raises StepFailed as the run itself does.
+    ``kept_run``, a ``KeptRun`` at the start of the run, takes the steps before the first impact;
+    after each step with impacts another one begins. Such a step is a piece of its own, an
+    ``ImpactStep``. Raises StepFailed as the run itself does.
     """
+    # impacts.py imports this module
+    impact_step = function_of("runtime.derivatives.impacts", "impact_step")
+    between_impacts = kept_run
     for step in [*run.impact_steps, run.steps]:
-        while kept_run.steps_done < step:
-            steps, status = kept_run.keep(min(PIECE, step - kept_run.steps_done))
+        while between_impacts.steps_done < step:
+            steps, status = between_impacts.keep(min(PIECE, step - between_impacts.steps_done))
             if status:
-                stepper._run(run)  # says why it fails, with everything before
-                raise linearisation_error(kept_run.steps_done, status)
+                _raise_failure(stepper, run, between_impacts.steps_done, status)
             yield steps
         # a step with impacts consists of partial steps and jumps, which are linearised one by one
         if step < run.steps:
-            impact_step = function_of("runtime.derivatives.impacts", "impact_step")(
-                stepper, run, step, kept_run.state.q.copy(), kept_run.state.p.copy())
-            yield impact_step
-            kept_run = kept_run.binding.begin(
-                run.continue_from(step + 1, impact_step.q[1], impact_step.p[1]), step + 1)
+            state = between_impacts.state
+            impacts = impact_step(stepper, run, step, state.q.copy(), state.p.copy())
+            yield impacts
+            (_, q_end), (_, p_end) = impacts.q, impacts.p
+            between_impacts = kept_run.binding.begin(
+                run.continue_from(step + 1, q_end, p_end), step + 1)
+
+
+def _raise_failure(stepper: Stepper, run: RunArguments, step: int, status: int) -> NoReturn:
+    """Raise the error of a step that failed: StepFailed with all before it, if the run fails."""
+    stepper._run(run)
+    raise linearisation_error(step, status)
 
 
 def split(steps: KeptSteps, boundaries: Array) -> list[KeptSteps]:

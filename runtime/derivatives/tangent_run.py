@@ -58,7 +58,7 @@ def tangents_of(
 ) -> TangentRows:
     """Return the tangents of a checked run at the states that it stores.
 
-    Raises InputError for directions that are none; StepFailed as the run itself does.
+    Raises InputError for directions that the run does not have; StepFailed as the run itself does.
     """
     return _propagate(stepper, run, tangents, points=()).rows
 
@@ -70,16 +70,18 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
     directions are taken. The run is integrated once more, from its start to its last point.
     """
     if not isinstance(tangents, (Tangents, TangentRows)):
-        raise InputError(f"tangents = {shown(tangents)} are none; give gyrospark.Tangents(...).")
+        raise InputError(f"tangents = {shown(tangents)} are no directions; give "
+                         "gyrospark.Tangents(...).")
     rows = rows_of(stepper, trajectory, trajectory._origin.run)
     events = [point for points in rows.events.values() for point in points]
-    stored_tangents, directions, times = _propagate(stepper, rows.run, tangents,
-                                                    [*rows.points, *events])
+    stored_tangents, at_points, point_times = _propagate(stepper, rows.run, tangents,
+                                                         [*rows.points, *events])
     count = len(rows.points)
-    tangent_rows = stored_tangents.of_others(*_directions_of_rows(
-        rows, stored_tangents, directions[:count], times[:count]))
-    at_events = _tangents_at_events(rows, stored_tangents, directions[count:], times[count:])
-    return replace_fields(trajectory, tangents=replace(tangent_rows, events=at_events))
+    directions, times = _directions_of_rows(
+        rows, stored_tangents, at_points[:count], point_times[:count])
+    at_events = _tangents_at_events(rows, stored_tangents, at_points[count:], point_times[count:])
+    return replace_fields(trajectory, tangents=replace(
+        stored_tangents.of_others(directions, times), events=at_events))
 
 
 def _tangents_at_events(

@@ -181,6 +181,21 @@ def _turning_steps(
     return row + start, event
 
 
+def _steps_on_level(differences: Array) -> Array:
+    """Whether each step begins or ends with a value on its level, shape (rows − 1, events).
+
+    A step between two zeros does only if the value came to its level in the step before: then the
+    value rests there, and the steps after have no event of their own. ``differences`` are the
+    values less their levels, (rows, events); those before row 0 count as off the level.
+    """
+    is_zero: Array = differences == 0
+    begins, ends = is_zero[:-1], is_zero[1:]
+    rests = np.zeros_like(begins)
+    rests[1:] = begins[:-1] & begins[1:] & ends[1:]
+    on_level: Array = (begins | ends) & ~rests
+    return on_level
+
+
 @dataclass(frozen=True)
 class Memory:
     """Memory of detection, from which a run resumes.
@@ -289,35 +304,36 @@ class EventDetector:
     def _bracket_crossings(
         self, first_step: int, first_row: int, q: Array, p: Array, differences: Array
     ) -> None:
-        """Bracket the steps from row ``first_row`` on in which a value changes its sign.
+        """Bracket the steps from row ``first_row`` on in which a value crosses or meets its level.
 
-        The first of a terminal event, if its sign change is certain, sets ``ends_in``.
+        ``differences``, x − level, have the shape (rows, events). Their signs at the ends of a step
+        say what it has:
+
+            + −   − +    a crossing, in the direction of the event
+            0 ±   ± 0    perhaps a crossing (``_steps_on_level``)
+            0 0          the same, if the value came to its level in the step before
+
+        The first crossing of a terminal event sets ``ends_in``. Of steps with perhaps a crossing,
+        location decides whether they end the run.
         """
         before, after = differences[first_row:-1], differences[first_row + 1:]
         falls = (before > 0) & (after < 0) & (self._directions <= 0)
         rises = (before < 0) & (after > 0) & (self._directions >= 0)
-        nonzero_before = np.concatenate([np.full((1, len(self._directions)), True),
-                                         differences != 0])
-        # a step between two zeros has no event of its own, unless the value came there in the step
-        # before: it rests on its level
-        arrived = nonzero_before[first_row : first_row + len(before)]
-        on_level = np.where(before == 0, (after != 0) | arrived, after == 0)
+        on_level = _steps_on_level(differences)[first_row:]
         # the start of a run may be off its level by rounding: the first change decides
         if not first_step + first_row:
             on_level[0] |= (falls | rises)[0] & (
                 abs(before[0]) <= _AT_START * abs(after[0] - before[0]))
-        row, event = np.nonzero(falls | rises | on_level)
-        # a step that begins or ends on the level may have no crossing: a terminal event there ends
-        # the run only when it is located
-        is_certain = ~on_level[row, event]
+        step, event = np.nonzero(falls | rises | on_level)
+        row, is_certain = step + first_row, ~on_level[step, event]
         is_end = self._is_terminal[event] & is_certain
         if is_end.any():
             end = int(row[is_end].min())
-            self.ends_in = first_step + first_row + end
+            self.ends_in = first_step + end
             up_to_end = row <= end
             row, event, is_certain = row[up_to_end], event[up_to_end], is_certain[up_to_end]
         for mask, is_on_level in ((is_certain, False), (~is_certain, True)):
-            self._add_brackets(first_step, row[mask] + first_row, event[mask], q, p, differences,
+            self._add_brackets(first_step, row[mask], event[mask], q, p, differences,
                                on_level=is_on_level)
 
     def _bracket_turnings(

@@ -98,13 +98,7 @@ def project_start(
     binding = stepper.binding
     if not binding.conditions:
         return ProjectedStart(q, p)
-    # constraints depend on no input, γ or rate of a frame: any number serves for a γ that a search
-    # is to find, and rates by a rule are left out, which makes them 0
-    values: dict[str, Any] = dict.fromkeys(binding.input_names, 0.0)
-    for name, number_or_rule in parameters.items():
-        is_search = isinstance(number_or_rule, Rule) and number_or_rule.name not in MEANS
-        if not isinstance(number_or_rule, Rule) or is_inertia_parameter(name):
-            values[name] = Rule("m", number_or_rule.inertia) if is_search else number_or_rule
+    values = dict.fromkeys(binding.input_names, 0.0) | _stand_in_values(parameters)
     try:
         state = stepper._state(q, p)
         t0 = as_real("t", t, binding.number)
@@ -121,6 +115,21 @@ def project_start(
     q1, p1 = (x[: binding.shown] for x in projected_state)
     return ProjectedStart(q1, p1, text_of_move(binding, state[0], q1, system.coordinates)
                           or text_of_move(binding, state[1], p1, system.momenta))
+
+
+def _stand_in_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values of parameters with which a start is projected, without a search.
+
+    Constraints depend on no γ, α or rate of a frame, so that any number serves for these.
+    """
+    values: dict[str, Any] = {}
+    for name, value in parameters.items():
+        if not isinstance(value, Rule):
+            values[name] = value
+        elif is_inertia_parameter(name):  # a mean in place of a search
+            values[name] = value if value.name in MEANS else Rule("m", value.inertia)
+        # the rate of a frame by a rule is left out, which makes it 0
+    return values
 
 
 def text_of_move(binding: Binding, start: Array, end: Array, names: Sequence[str]) -> str:

@@ -72,7 +72,7 @@ class Table:
 
     Attributes
     ----------
-    along : dict of str to int
+    dimensions : dict of str to int
         The leading dimensions and their lengths.
     inner : dict of str to tuple of str
         Name of each array → its other dimensions.
@@ -90,9 +90,11 @@ class Table:
         Name of an array of the bodies → headings of its columns.
     parts : list of Table
         Events, and numbers of an ensemble with one entry per trajectory.
+    event : str or None
+        Name of the event whose crossings are the rows.
     """
 
-    along: dict[str, int]
+    dimensions: dict[str, int]
     inner: dict[str, tuple[str, ...]]
     descriptions: dict[str, dict[str, Any]]
     read: Callable[[], Iterator[Block]]
@@ -101,6 +103,12 @@ class Table:
     labels: dict[str, tuple[list[str], str]] = field(default_factory=dict)
     titles: dict[str, list[str]] = field(default_factory=dict)
     parts: list[Table] = field(default_factory=list)
+    event: str | None = None
+
+    @property
+    def events(self) -> list[Table]:
+        """The parts that are tables of events."""
+        return [part_table for part_table in self.parts if part_table.event is not None]
 
     def in_memory(self) -> dict[str, Array]:
         """Return the arrays in memory, NaN (0 of whole numbers) where no block has rows."""
@@ -108,7 +116,7 @@ class Table:
         for index, arrays in self.read():
             for name, array in arrays.items():
                 if name not in filled:
-                    filled[name] = np.full((*self.along.values(), *array.shape[1:]),
+                    filled[name] = np.full((*self.dimensions.values(), *array.shape[1:]),
                                            _missing_value(array), array.dtype)
                 filled[name][index] = array
         return filled
@@ -123,7 +131,7 @@ class Table:
             count = len(next(iter(arrays.values())))
             # an ensemble's block is of one trajectory, whose number becomes a column
             index_columns = {name: np.full(count, i)
-                             for name, i in zip(self.along, index, strict=True)
+                             for name, i in zip(self.dimensions, index, strict=True)
                              if not isinstance(i, slice)}
             by_name = index_columns | arrays
             matrices = {name: array.reshape(count, math.prod(array.shape[1:]))
@@ -309,22 +317,23 @@ def _table_of_event(
     ``crossings`` has those of each run; ``by_trajectory`` adds a column with the run's number. The
     names of its arrays begin with ``event_NAME_``, so that one file holds several events.
     """
-    along = f"event_{name}"
+    dimension = f"event_{name}"
     columns = [run_crossings.columns for run_crossings in crossings]
-    arrays = {f"{along}_{column}": np.concatenate([by_column[column] for by_column in columns])
+    arrays = {f"{dimension}_{column}": np.concatenate([by_column[column] for by_column in columns])
               for column in columns[0]}
-    arrays[f"{along}_rising"] = arrays[f"{along}_rising"].astype(np.int8)  # NetCDF has no bool
-    descriptions = {f"{along}_{column}": description_of_column(manifest, name, column)
+    arrays[f"{dimension}_rising"] = arrays[f"{dimension}_rising"].astype(np.int8)  # NetCDF: no bool
+    descriptions = {f"{dimension}_{column}": description_of_column(manifest, name, column)
                     for column in columns[0]}
     if by_trajectory:
-        arrays = {f"{along}_trajectory": np.repeat(np.arange(len(crossings)),
-                                                   [*map(len, crossings)])
+        arrays = {f"{dimension}_trajectory": np.repeat(np.arange(len(crossings)),
+                                                       [*map(len, crossings)])
                   } | arrays
-        descriptions[f"{along}_trajectory"] = {"long_name": f"trajectory of {name}"}
+        descriptions[f"{dimension}_trajectory"] = {"long_name": f"trajectory of {name}"}
     inner_dimensions: dict[str, tuple[str, ...]] = {
-        name: ("coordinate",) if array.ndim > 1 else () for name, array in arrays.items()}
-    return Table({along: sum(map(len, crossings))}, inner_dimensions, descriptions,
-                 lambda: iter([((slice(None),), arrays)]), manifest)
+        array_name: ("coordinate",) if array.ndim > 1 else ()
+        for array_name, array in arrays.items()}
+    return Table({dimension: sum(map(len, crossings))}, inner_dimensions, descriptions,
+                 lambda: iter([((slice(None),), arrays)]), manifest, event=name)
 
 
 # ---------------------------------------------------------------- in memory
@@ -347,14 +356,14 @@ def as_dataset(table: Table, attributes: Mapping[str, Any]) -> xarray.Dataset:
     package = _import_package("xarray", "storage", "Datasets")
     variables: dict[str, Any] = {}
     coordinates: dict[str, Any] = {}
-    if "trajectory" in table.along:
-        coordinates["trajectory"] = np.arange(table.along["trajectory"])
+    if "trajectory" in table.dimensions:
+        coordinates["trajectory"] = np.arange(table.dimensions["trajectory"])
     for part_table in (table, *table.parts):
         # numbers that a trajectory has once select trajectories, as its index does
-        single = [*part_table.along] == ["trajectory"]
+        single = [*part_table.dimensions] == ["trajectory"]
         for name, array in part_table.in_memory().items():
             target = coordinates if name == "time" or single else variables
-            target[name] = ([*part_table.along, *part_table.inner[name]], array,
+            target[name] = ([*part_table.dimensions, *part_table.inner[name]], array,
                             part_table.descriptions[name])
     used_dimensions = {dimension for dimensions, *_ in variables.values()
                        for dimension in dimensions}
@@ -377,7 +386,7 @@ def as_frame(table: Table, selection: Any = None) -> pandas.DataFrame:
                               for name in blocks[0]})
     if frame["time"].dtype == np.longdouble:  # pandas finds no long double in an index
         frame["time"] = frame["time"].astype(object)
-    return frame.set_index([*(name for name in table.along if name == "trajectory"), "time"])
+    return frame.set_index([*(name for name in table.dimensions if name == "trajectory"), "time"])
 
 
 # ---------------------------------------------------------------- files
@@ -401,9 +410,8 @@ def save_table(table: Table, path: Path, description: str, selection: Any = None
                                                   (columns for _, columns in blocks)))
         else:
             _write_parquet(table.columns(selection), partial_file)
-    events = [event for event in table.parts if next(iter(event.along)).startswith("event_")]
-    if form.tabular and events:
-        titles, event_blocks = _event_blocks(table.manifest.system, events)
+    if form.tabular and table.events:
+        titles, event_blocks = _event_blocks(table.manifest.system, table.events)
         with result_file(events_path(path), description) as partial_file:
             if form.ending == ".csv":
                 write_csv(partial_file, titles, event_blocks)
@@ -435,9 +443,9 @@ def _event_blocks(
 
 def _event_columns(event: Table) -> tuple[str, dict[str, Array]]:
     """Return the name of an event, and its columns under their names."""
-    along, = event.along
-    return along.removeprefix("event_"), {
-        column.removeprefix(f"{along}_"): array for column, array in event.in_memory().items()}
+    assert event.event is not None
+    return event.event, {column.removeprefix(f"event_{event.event}_"): array
+                         for column, array in event.in_memory().items()}
 
 
 def _flat(columns: list[Array]) -> list[Array]:
@@ -468,11 +476,30 @@ def _write_parquet(blocks: Iterable[tuple[list[str], list[Array]]], path: Path) 
 def _write_blocks(file: Any, table: Table) -> None:
     """Write the variables of a table to an open NetCDF file, block by block."""
     # trajectories end after different numbers of states: the whole arrays have NaN there
-    blocks = table.read() if len(table.along) == 1 else iter([
+    blocks = table.read() if len(table.dimensions) == 1 else iter([
         ((slice(None),) * 2, table.in_memory())])
     for index, arrays in blocks:
         for variable in _netcdf_variables(table, arrays):
             _write_rows(file, table, index, *variable)
+
+
+def _refuse_dimension_names(table: Table) -> None:
+    """Refuse events whose names cannot be dimensions of a NetCDF file."""
+    event_of_variable = {variable: event_table.event for event_table in table.events
+                         for variable in event_table.descriptions}
+    for event_table in table.events:
+        (dimension,) = event_table.dimensions
+        if "/" in dimension:
+            fault = "'/' would part groups"
+        elif "\0" in dimension:
+            fault = "a name cannot contain the null character"
+        elif dimension in event_of_variable:
+            fault = f"the event {event_of_variable[dimension]!r} has a variable {dimension!r}"
+        else:
+            continue
+        raise InputError(f"The event {event_table.event!r} cannot name a dimension of a NetCDF "
+                         f"file: {fault}; give it another name, as in "
+                         'gs.Event(..., name="landing"), or save .npz or .csv.')
 
 
 def _write_netcdf(table: Table, path: Path) -> None:
@@ -480,21 +507,15 @@ def _write_netcdf(table: Table, path: Path) -> None:
     import h5netcdf
     import h5py
 
-    variables = {name for part_table in table.parts for name in part_table.descriptions}
-    for along in (next(iter(part_table.along)) for part_table in table.parts):
-        if "/" in along or "\0" in along or along in variables:
-            raise InputError(f"The event {along.removeprefix('event_')!r} names a dimension of a "
-                             "NetCDF file, where '/' parts groups and a variable of another event "
-                             "may have the same name; give it another name, as in "
-                             'gs.Event(..., name="landing"), or save .npz or .csv.')
+    _refuse_dimension_names(table)
     try:
         with h5netcdf.File(path, "w") as file:
             file.attrs.update({name: _plain(x) for name, x in table.attributes.items()})
             for part_table in (table, *table.parts):
                 _write_blocks(file, part_table)
-            if "trajectory" in table.along:
+            if "trajectory" in table.dimensions:
                 file.create_variable("trajectory", ("trajectory",),
-                                     data=np.arange(table.along["trajectory"]))
+                                     data=np.arange(table.dimensions["trajectory"]))
             for dimension, (names, meaning) in table.labels.items():
                 if dimension in file.dimensions:
                     labels = file.create_variable(dimension, (dimension,),
@@ -519,8 +540,8 @@ def _write_rows(
     # HDF5 takes texts of any length as Python's objects
     is_text = array.dtype.kind == "U"
     if name not in file.variables:
-        shape = *table.along.values(), *array.shape[len(index):]
-        dimensions = *table.along, *inner_dimensions
+        shape = *table.dimensions.values(), *array.shape[len(index):]
+        dimensions = *table.dimensions, *inner_dimensions
         for dimension, length in zip(dimensions, shape, strict=True):
             if dimension not in file.dimensions:
                 file.dimensions[dimension] = length

@@ -98,9 +98,10 @@ class TangentRows:
         return np.concatenate(blocks, axis=1)
 
     def of_others(self, columns: Array, t: Array) -> TangentRows:
-        """Return the same directions at other states and times.
+        """Return the tangents of other states along the same directions of the start.
 
-        ``columns``, shape (rows, 2 n + multipliers, k), are as from ``together``.
+        ``columns``, shape (rows, 2 n + multipliers, k), are as from ``together``; ``t`` has the
+        derivatives of the states' times, (rows, k).
         """
         n, k = self.q.shape[1], columns.shape[2]
         multipliers = None
