@@ -60,10 +60,8 @@ class EventStore:
         """The names of the arrays."""
         return set(self._arrays)
 
-    def grow(self, counts: Mapping[str, int]) -> set[str]:
-        """Resize the arrays of each event, and drop later rows.
-
-        Returns the names of the resized arrays.
+    def resize(self, counts: Mapping[str, int]) -> set[str]:
+        """Give the arrays of each event ``counts[name]`` rows; return the names of changed arrays.
         """
         lengths_to_change = [(array_name, count) for name, count in counts.items()
                              for array_name in names_of(self._fields[name])

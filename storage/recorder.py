@@ -164,7 +164,7 @@ class Recorder:
                                                     count=1)[0]
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
-            EventStore(self.group, self.manifest, self._event_attributes).grow(
+            EventStore(self.group, self.manifest, self._event_attributes).resize(
                 dict(zip(names, self.counts.tolist(), strict=True)))
 
     def _start(self) -> _ResumePoint:

@@ -60,9 +60,9 @@ def save_store(run: Trajectory, path: Path) -> Path:
         group = open_group(fresh, write=True)
         _write_fields(group, fields, arrays, len(run))
         events = EventStore(group, run.manifest, _event_attributes(run))
-        grown = events.grow({name: len(x) for name, x in run.events.items()})
+        resized = events.resize({name: len(x) for name, x in run.events.items()})
         write_chunks(events.chunks(dict.fromkeys(run.events, 0), run.events | run.impacts))
-        consolidate(fresh, grown)
+        consolidate(fresh, resized)
     return path
 
 

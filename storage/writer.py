@@ -125,8 +125,8 @@ class Writer:
     def _commit(self, batch: Batch) -> None:
         """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
-        self._changed |= self._event_store.grow({name: batch.counts[name] + len(crossings)
-                                                 for name, crossings in batch.found.items()})
+        self._changed |= self._event_store.resize({name: batch.counts[name] + len(crossings)
+                                                   for name, crossings in batch.found.items()})
         write_chunks(states + self._event_store.chunks(batch.counts, batch.found))
         write_chunks([Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
         consolidate(self._path, self._changed, batch.attributes)  # in one go, and in one file

@@ -246,6 +246,21 @@ class RecordingRun(AdvancingRun):
 
 
 @explain_arguments
+class _SimulationLock:
+    """The lock of a simulation, for which a second thread is refused in place of waiting."""
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+
+    def __enter__(self) -> None:
+        if not self._lock.acquire(blocking=False):
+            raise InputError("This simulation is in use by another thread; give each thread its "
+                             "own, by copy().")
+
+    def __exit__(self, *_: object) -> None:
+        self._lock.release()
+
+
 class Simulation(FixedAttributes):
     """Trajectory advanced by its caller: ``Stepper.start`` makes it, ``advance`` takes steps.
 
@@ -270,7 +285,7 @@ class Simulation(FixedAttributes):
                              "step.start(start, dt=...), which checks it and returns one.")
         self._stepper = stepper
         self._run = (RecordingRun if record else AdvancingRun)(stepper.binding, run)
-        self._lock = threading.Lock()
+        self._lock = _SimulationLock()
         self.dt = run.dt
         self._present = _PresentState(self)
         self._bodies: dict[str | None, PresentBody | PresentPlaced] = {}
@@ -312,14 +327,11 @@ class Simulation(FixedAttributes):
         if type(steps) is not int or not 0 <= steps <= FIRST_STEPS:
             steps = as_positive_count("steps", steps)
         values = self._inputs(inputs) if inputs else None
-        self._acquire()
-        try:
+        with self._lock:
             if values is not None:
                 self._run.set_inputs(values)
             status = (self._run.advance(steps) if steps <= FIRST_STEPS
                       else self._advance_in_chunks(steps))
-        finally:
-            self._lock.release()
         if status:
             raise self._failure(status)
 
@@ -371,12 +383,6 @@ class Simulation(FixedAttributes):
             raise Stopped(f"{ended_at(steps_done, steps)} The simulation is there.",
                           interrupts.signal)
         return status
-
-    def _acquire(self) -> None:
-        """Acquire the lock; raise InputError, in place of waiting, if another thread holds it."""
-        if not self._lock.acquire(blocking=False):
-            raise InputError("This simulation is in use by another thread; give each thread its "
-                             "own, by copy().")
 
     # ------------------------------------------------------------ what there is
 
@@ -433,11 +439,8 @@ class Simulation(FixedAttributes):
         if not self._records:
             raise AbsentError("This simulation keeps its last state alone; start it by "
                               "step.start(..., record=True) for sim.trajectory.")
-        self._acquire()
-        try:
+        with self._lock:
             trajectory = self._run.trajectory(self._stepper.manifest)
-        finally:
-            self._lock.release()
         return trajectory.made_by(self._stepper)
 
     @property
@@ -511,11 +514,8 @@ class Simulation(FixedAttributes):
     def _set_inputs(self, inputs: Mapping[str, Number]) -> None:
         """Give inputs that hold from the next step on."""
         values = self._inputs(inputs)
-        self._acquire()
-        try:
+        with self._lock:
             self._run.set_inputs(values)
-        finally:
-            self._lock.release()
 
     def quantity(self, name: str) -> Any:
         """Return a quantity of the system, at the state and the time reached.
@@ -570,11 +570,8 @@ class Simulation(FixedAttributes):
             refuse_inconsistent(present_run.binding, stepper.manifest,
                                 replace(present_run.run, q=present_run.q, p=present_run.p,
                                         parameters=checked_parameters))
-        self._acquire()
-        try:
+        with self._lock:
             present_run.set_parameters(checked_parameters)
-        finally:
-            self._lock.release()
 
     # ------------------------------------------------------------ copies
 
@@ -600,11 +597,8 @@ class Simulation(FixedAttributes):
 
     def _image(self) -> tuple[Any, ...]:
         """Return state and memory of the run between two steps."""
-        self._acquire()
-        try:
+        with self._lock:
             return self._run.image
-        finally:
-            self._lock.release()
 
     # ------------------------------------------------------------ inside
 
