@@ -39,8 +39,8 @@ class _ManifoldStates(NamedTuple):
 
     q: Floats  # shape (n, states), as the next three
     p: Floats
-    minus_p_rate: Floats  # H_q − F
-    velocity: Floats  # H_p
+    minus_p_rate: Floats  # H_q − F, −ṗ without constraints
+    H_p: Floats
     G: Floats  # g_q, shape (m, n, states)
 
 
@@ -142,14 +142,14 @@ class RandomPoints:
         dJ/dt = (Aᵀp)·H_p − (H_q − F)·X, X = A q + a, and g_q X = 0 is needed. They are evaluated on
         the constraints in doubles, and for all q and p in arithmetic of 60 digits.
         """
-        q, p, force, speed, G = self._on_constraints
+        q, p, minus_p_rate, H_p, G = self._on_constraints
         # only entries that the field moves: others would be terms 0 of a sum
         moved_coordinates = sorted({i for i, _ in field.weights})
         X = (field.A @ q + field.a[:, None])[moved_coordinates]
         constraint_rate = max((_relative(row * X) for row in G[:, moved_coordinates]), default=0.0)
         rotated_momenta = sorted({j for _, j in field.weights if j < field.n})
-        rate = np.concatenate([(field.A.T @ p)[rotated_momenta] * speed[rotated_momenta],
-                               -force[moved_coordinates] * X])
+        rate = np.concatenate([(field.A.T @ p)[rotated_momenta] * H_p[rotated_momenta],
+                               -minus_p_rate[moved_coordinates] * X])
         on_constraints = max(_relative(rate), constraint_rate)
         if on_constraints > NEAR or not q.shape[1]:  # no claim where nothing can be evaluated
             return max(on_constraints, 1.0), True
@@ -162,10 +162,10 @@ class RandomPoints:
     def _precise_terms(self, field: LinearField) -> Iterator[list[Any]]:
         """Yield the terms of {J, H} + J_p·F at a few states, in many digits."""
         weights, n = _numbers(field, self._context), field.n
-        for q, p, force, speed in self._precise:
+        for q, p, minus_p_rate, H_p in self._precise:
             # column n of (A | a) is a, which belongs to no coordinate
-            kinetic = [x * p[i] * speed[j] for (i, j), x in weights if j < n]
-            potential = [-x * force[i] * (q[j] if j < n else 1) for (i, j), x in weights]
+            kinetic = [x * p[i] * H_p[j] for (i, j), x in weights if j < n]
+            potential = [-x * minus_p_rate[i] * (q[j] if j < n else 1) for (i, j), x in weights]
             yield kinetic + potential
 
     @cached_property
@@ -198,14 +198,18 @@ class RandomPoints:
 
     @cached_property
     def _on_constraints(self) -> _ManifoldStates:
-        """Random states on the constraints at which all functions are finite."""
+        """Random states on the constraints at which all functions are finite.
+
+        Others are left out: any sample of states can show that a field is no symmetry.
+        """
         system, symbol_values = self.system, self.points(self.point_count, manifold=True)
-        q, p = (_at_points(s, symbol_values) for s in (system.q, system.p))
-        force, speed = (_at_points(e, symbol_values) for e in (system.minus_p_rate, system.H_p))
-        G = _at_points([e for row in system.G for e in row], symbol_values)
-        usable = np.isfinite(np.concatenate([q, p, force, speed, G])).all(axis=0)
-        q, p, force, speed, G = (array[:, usable] for array in (q, p, force, speed, G))
-        return _ManifoldStates(q, p, force, speed, G.reshape(system.m, system.n, q.shape[1]))
+        entries_of_G = [e for row in system.G for e in row]
+        arrays = [_at_points(e, symbol_values) for e in (
+            system.q, system.p, system.minus_p_rate, system.H_p, entries_of_G)]
+        usable = np.isfinite(np.concatenate(arrays)).all(axis=0)
+        q, p, minus_p_rate, H_p, G = (array[:, usable] for array in arrays)
+        return _ManifoldStates(q, p, minus_p_rate, H_p,
+                               G.reshape(system.m, system.n, q.shape[1]))
 
     # ------------------------------------------------------------ combinations
 
@@ -216,11 +220,11 @@ class RandomPoints:
         matrix.
         """
         span = _orthonormal(np.array([field.matrix.ravel() for field in fields]).T)
-        q, p, force, speed, G = self._on_constraints
+        q, p, minus_p_rate, H_p, G = self._on_constraints
         ones, zeros = np.ones((1, q.shape[1])), np.zeros((1, q.shape[1]))
         # with (q, 1) and (H_p, 0), dJ/dt = Σ_ij (A | a)_ij (p_i (H_p, 0)_j − (H_q − F)_i (q, 1)_j)
-        q1, v0 = np.concatenate([q, ones]), np.concatenate([speed, zeros])
-        conditions = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", force, q1)]
+        q1, v0 = np.concatenate([q, ones]), np.concatenate([H_p, zeros])
+        conditions = [np.einsum("ik,jk->kij", p, v0) - np.einsum("ik,jk->kij", minus_p_rate, q1)]
         conditions += [np.einsum("ik,jk->kij", row, q1) for row in G]
         return np.asarray(span @ _null_space(np.concatenate([_normalise_rows(condition) @ span
                                                              for condition in conditions])))

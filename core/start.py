@@ -134,7 +134,9 @@ class Start(FixedAttributes):
         self._nominal = False
         #: Parameters that some steppers of the system do not have.
         self._spare: frozenset[str] = frozenset()
-        #: H + e of a state in scaled time: 0 at the start of a run, and changed by its steps.
+        #: H + e in scaled time, with the momentum e of t: 0 at the start of a run, where e = −H,
+        #: and changed by the steps. A row has it, so that a run from (q, −p) leads back to the
+        #: start of the run.
         self._excess: Any = 0.0
 
     def __repr__(self) -> str:
@@ -203,8 +205,7 @@ class Start(FixedAttributes):
     def replace(self, **changes: Any) -> Start:
         """Return a start with other ``q``, ``p``, ``parameters``, ``t`` or ``inputs``.
 
-        In scaled time a row of a run keeps H + e, which its steps made other than 0: with −p in
-        place of p it leads back to the start of the run.
+        All else of a model or of a row of a run stays, such as bodies, rules and events.
         """
         present_values = {name: getattr(self, name)
                           for name in ("q", "p", "parameters", "t", "inputs")}

@@ -254,7 +254,7 @@ def _energy_lines(result: dict[str, Any]) -> list[str]:
 def _motion_lines(result: dict[str, Any]) -> list[str]:
     """Return the lines on the fastest rotation, the work and the quantities at the end."""
     lines = []
-    if "energy_waits" in result:
+    if "energy_waits" in result:  # steps which no small θ makes exact: a later one makes up for it
         lines.append("  energy waits            in "
                      f"{count_text(result['energy_waits'], 'step')} without a small θ")
     if "radians_per_step" in result:

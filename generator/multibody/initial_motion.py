@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import sympy as sp
@@ -302,6 +303,15 @@ class _Target:
     axes: Array  # (k, k): from space to the axes in which the velocity is given
 
 
+class _Block(NamedTuple):
+    """The blocks of B and S of one body's angular velocity, or of its velocity."""
+
+    rows: slice  # of p
+    columns: slice  # of u
+    B: Array
+    S: Array
+
+
 class Velocities:
     """Velocities of all bodies at the start: angular velocities and velocities in space, stacked.
 
@@ -330,8 +340,7 @@ class Velocities:
         self.slots: dict[tuple[Body, str], slice] = {}
         # p = B u, and S = Lᵀ of M = L Lᵀ, so that |S u|² = uᵀ M u is twice the kinetic energy;
         # a quaternion has four momenta for three rates, so that B has a column for each unit spin
-        # rows of p, rows of u, block of B, block of S
-        self._blocks: list[tuple[slice, slice, Array, Array]] = []
+        self._blocks: list[_Block] = []
         u, count, row_count = [], 0, 0
         for body in bodies:
             pose = poses[body]
@@ -346,29 +355,30 @@ class Velocities:
                 else:
                     M = masses[body] * np.eye(unknowns)
                     block = M
-                self._blocks.append((slice(row_count, row_count + len(block)),
-                                     self.slots[body, quantity], block, np.linalg.cholesky(M).T))
+                self._blocks.append(_Block(
+                    slice(row_count, row_count + len(block)), self.slots[body, quantity], block,
+                    np.linalg.cholesky(M).T))
                 u.append(getattr(pose, quantity))
                 count, row_count = count + unknowns, row_count + len(block)
         self.u = np.concatenate(u)
 
     def _momenta(self, u: Array) -> Array:
         """Return B u, for each column of u."""
-        return np.concatenate([block @ u[columns] for _, columns, block, _ in self._blocks])
+        return np.concatenate([block.B @ u[block.columns] for block in self._blocks])
 
     def _velocities(self, p: Array) -> Array:
         """Return the u with B u nearest to p."""
-        return np.concatenate([np.linalg.lstsq(block, p[rows], rcond=None)[0]
-                               for rows, _, block, _ in self._blocks])
+        return np.concatenate([np.linalg.lstsq(block.B, p[block.rows], rcond=None)[0]
+                               for block in self._blocks])
 
     def _scale(self, u: Array) -> Array:
         """Return S u."""
-        return np.concatenate([root @ u[columns] for _, columns, _, root in self._blocks])
+        return np.concatenate([block.S @ u[block.columns] for block in self._blocks])
 
     def _unscale(self, y: Array) -> Array:
         """Return S⁻¹ y, for each column of y."""
-        return np.concatenate([np.linalg.inv(root) @ y[columns]
-                               for _, columns, _, root in self._blocks])
+        return np.concatenate([np.linalg.inv(block.S) @ y[block.columns]
+                               for block in self._blocks])
 
     def list_targets(self, links: Sequence[Connection]) -> list[_Target]:
         """Return the velocities that the user gives to bodies, and the rates of joints.
@@ -441,16 +451,18 @@ class Velocities:
         return self._momenta(u)
 
     def _scaled_targets(self, targets: Sequence[_Target]) -> tuple[Array, Array]:
-        """Return R and d of R y = d for the given velocities D u = d, with y = S u.
+        """Return R and r of R y = r, the given velocities D u = d in y = S u.
 
-        R = D S⁻¹ has rows of length 1: velocities and angular velocities then compare.
+        |y|² is twice the kinetic energy. Rows of D S⁻¹ y = d are divided by their lengths:
+        velocities and angular velocities then compare. No row is 0, as each target has a velocity
+        of u.
         """
         R = np.concatenate([np.zeros((0, len(self.u))), *(target.rows for target in targets)])
-        for _, columns, _, root in self._blocks:
-            R[:, columns] = R[:, columns] @ np.linalg.inv(root)
-        sizes = np.linalg.norm(R, axis=1)
+        for block in self._blocks:
+            R[:, block.columns] = R[:, block.columns] @ np.linalg.inv(block.S)
+        lengths = np.linalg.norm(R, axis=1)
         d = np.concatenate([np.zeros(0), *(target.value for target in targets)])
-        return R / sizes[:, None], d / sizes
+        return R / lengths[:, None], d / lengths
 
     def _fit_on_constraints(self, numbers: NumericSystem, q: Array, R: Array, d: Array) -> Array:
         """Return the y = S u on the constraints with the least |R y − d|, nearest to y₀ = S u₀.

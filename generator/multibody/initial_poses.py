@@ -48,7 +48,7 @@ class RigidMotion:
 
     @classmethod
     def about(cls, axis: Array, angle: float, point: Array) -> RigidMotion:
-        """Return the rotation by an angle about an axis through a point.
+        """Return the rotation by an angle about an axis, of length 1, through a point.
 
         q has half the angle: one whole turn changes its sign.
         """

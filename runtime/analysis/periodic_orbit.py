@@ -121,19 +121,21 @@ class PeriodicOrbit:
         """The time steps · dt of one revolution."""
         return self.steps * self.dt
 
+    @property
+    def _multiplier_texts(self) -> str:
+        """The first multipliers as text; one text stands for a conjugate pair."""
+        return few(_text(value) for value in self.multipliers if value.imag >= 0)
+
     def __repr__(self) -> str:
-        # the text of a multiplier stands for its conjugate too
-        multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
         return (f"<PeriodicOrbit of {self._stepper.name}: period {float(self.period):.12g} s, "
-                f"{count_text(self.steps, 'step')}; multipliers {multipliers}; closed to "
-                f"{self.residuals[-1]:.1e} after {self.iterations} iterations>")
+                f"{count_text(self.steps, 'step')}; multipliers {self._multiplier_texts}; closed "
+                f"to {self.residuals[-1]:.1e} after {self.iterations} iterations>")
 
     def _repr_html_(self) -> str:
         """Return HTML for notebooks: the period, the multipliers and the last defect."""
-        multipliers = few(_text(value) for value in self.multipliers if value.imag >= 0)
         return card(f"Periodic orbit of {self._stepper.name}", table([
             ("period", f"{float(self.period):.12g} s"), ("steps", f"{self.steps:,}"),
-            ("multipliers", multipliers), ("defect", f"{self.residuals[-1]:.1e}")]))
+            ("multipliers", self._multiplier_texts), ("defect", f"{self.residuals[-1]:.1e}")]))
 
     def run(self, periods: int = 1, every: int = 1) -> Trajectory:
         """Return the trajectory of this number of revolutions."""

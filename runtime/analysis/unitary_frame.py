@@ -181,6 +181,8 @@ def _second_differences(
     scale: np.float64
 ) -> tuple[Array, float]:
     """Return the second differences of H by p of size s = ``scale``, shape (n, n), and max |H|/s².
+
+    They are forward differences, which are H_pp if H is quadratic in p.
     """
     primal, n = binding.primal, binding.n
     # rows: p; p + e_i for each i; p + e_i + e_j for each pair

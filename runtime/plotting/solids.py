@@ -58,26 +58,21 @@ def mesh_of(shape: Shape, around: int = _AROUND) -> Mesh:
     """Return the triangles of a shape in body axes; a circle has ``around`` segments."""
     a, b, c = shape.size
     r = max(a, b)
+    # a surface of revolution is made with circles, which the scale makes ellipses
     scale = np.array([a / r, b / r, 1.0])
     if shape.kind == "box":
-        unit, scale = _box(shape.size), np.ones(3)
+        mesh, scale = _box(shape.size), np.ones(3)
     elif shape.kind == "sphere":
-        # from pole to pole
-        angles = np.linspace(0, np.pi, around // 3 + 1)
-        unit = _revolve(_column(np.sin(angles), -np.cos(angles)), sectors=4, around=around)
-        scale = shape.size
+        mesh, scale = _unit_sphere(around), shape.size
     elif shape.kind == "bar":
-        angles = np.linspace(0, np.pi / 2, 5)
-        lower = _column(r * np.sin(angles), -c - r * np.cos(angles))
-        unit = _revolve(lower + [(x, -z) for x, z in reversed(lower)], sectors=0,
-                        around=min(around, 18))
+        mesh = _bar(r, c, min(around, COARSE))
     else:
-        unit = _revolve(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), sectors=6,
+        mesh = _revolve(_wheel(r, c) if c < _WHEEL * r else _cylinder(r, c), sectors=6,
                         around=around)
     # a surface scaled by S has the normals S⁻¹ n
-    normals = unit.normals / scale @ shape.axes.T
+    normals = mesh.normals / scale @ shape.axes.T
     length = np.linalg.norm(normals, axis=1, keepdims=True)
-    return replace(unit, points=shape.centre + unit.points * scale @ shape.axes.T,
+    return replace(mesh, points=shape.centre + mesh.points * scale @ shape.axes.T,
                    normals=normals / np.where(length, length, 1.0))
 
 
@@ -130,6 +125,19 @@ def mesh_of_file(shape: Shape, mesh: IndexedMesh) -> Mesh:
 def _column(radii: Array, heights: Array) -> Profile:
     """Return a profile, a list of (radius, height), from an array of each."""
     return list(zip(radii.tolist(), heights.tolist(), strict=True))
+
+
+def _unit_sphere(around: int) -> Mesh:
+    """Return a sphere of radius 1, with quarters of two tints that show how it turns."""
+    polar_angles = np.linspace(0, np.pi, around // 3 + 1)
+    return _revolve(_column(np.sin(polar_angles), -np.cos(polar_angles)), sectors=4, around=around)
+
+
+def _bar(r: float, half: float, around: int) -> Mesh:
+    """Return a cylinder of radius r with half spheres at ``half`` before and behind its centre."""
+    polar_angles = np.linspace(0, np.pi / 2, 5)
+    lower = _column(r * np.sin(polar_angles), -half - r * np.cos(polar_angles))
+    return _revolve(lower + [(x, -z) for x, z in reversed(lower)], sectors=0, around=around)
 
 
 def _cylinder(r: float, half: float) -> Profile:

@@ -84,7 +84,8 @@ class RegularPrecession:
         return np.stack([across * np.sin(psi), across * np.cos(psi), along], axis=-1)
 
     def axis(self, t: ArrayLike) -> Array:
-        """Return (sin θ₀ sin φ̇t, −sin θ₀ cos φ̇t, cos θ₀), shape (N, 3)."""
+        """Return the body's axis in space, (sin θ₀ sin φ̇t, −sin θ₀ cos φ̇t, cos θ₀), shape (N, 3).
+        """
         phi = self.rate * _times(t)
         sine, cosine = np.sin(self.nutation), np.cos(self.nutation)
         return np.stack(
