@@ -96,6 +96,8 @@ def _system(derived: Derived, program: Program) -> SystemManifest:
         velocity_constraints=_velocity_constraints(system),
         rigid_body=system.rigid_body,
         forces=tuple(text_of(f) for f in system.forces),
+        # three questions: whether the motion depends on time, by forces too; whether the compiled
+        # H or g does; whether functions of quantities have t among their arguments
         time=str(system.time) if system.is_nonautonomous else None,
         inputs=_texts(system.inputs),
         time_in_H_or_g=system.is_time_dependent,

@@ -159,7 +159,7 @@ class Constants:
         return self.definitions[e]
 
     def _is_nonzero(self, e: sp.Expr) -> bool | None:
-        """Return ``e.is_nonzero``, cached for all expressions that differ only in names."""
+        """Return ``e.is_nonzero``, cached for expressions that are equal up to names, in order."""
         renaming = {s: sp.Symbol(f"_{i}", **s.assumptions0)
                     for i, s in enumerate(sorted(e.free_symbols, key=name_of))}
         renamed = e.xreplace(renaming)

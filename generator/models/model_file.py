@@ -140,8 +140,9 @@ def read_model(
 ) -> ModelFile:
     """Return the contents of a text, with other values for some of its keys.
 
-    A key of ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text
-    as it would stand in the file, quotes left out. Raises InputError with file, key and cure, for
+    ``rep`` is the caller's representation of rotations, in place of the file's. A key of
+    ``settings`` is a parameter, or a table and a key: ``"start.euler"``; a value is text as it
+    would stand in the file, quotes left out. Raises InputError with file, key and cure, for
     whatever in the file is no model.
     """
     with capture_warnings() as messages:

@@ -200,7 +200,7 @@ class _Differences:
             has_parts = e.is_Add or e.is_Mul
             joint = self._joint_argument(e) if has_parts else e
             if joint == e and (has_parts or selects_side(e, self.symbols)):
-                raise _not_piecewise(e, reason) from None
+                raise _piecewise_error(e, reason) from None
             if joint == e:  # a function of an argument with conditions
                 return self._combine_arguments(e)
             self.conditional.add(joint)
@@ -232,7 +232,7 @@ def _refuse_unknown(e: sp.Expr) -> None:
                      "write H with these, or choose IMS or a SPARK method.")
 
 
-def _not_piecewise(e: sp.Expr, reason: NotPiecewiseError) -> InputError:
+def _piecewise_error(e: sp.Expr, reason: NotPiecewiseError) -> InputError:
     """Return the error of a function without an exact difference, with the reason."""
     return InputError(
         f"No exact difference is known for {shorten(str(e), 200)}: {reason}. The discrete gradient "

@@ -133,17 +133,19 @@ class StartKernels:
         return inverse
 
     def momenta(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
-        """Return p = C D^-1 (u - a)."""
+        """Return p = C D⁻¹ (u − a); only if ``exists``."""
         assert self._inverse_D is not None
         _, a = self._velocity_map
         y = self._inverse_D * sp.Matrix([u - e for u, e in zip(velocities, a, strict=True)])
-        return self._times_columns(list(y), factor=1)
+        return self._times_columns(list(y))
 
     def rates(self, velocities: Sequence[sp.Expr]) -> list[sp.Expr]:
         """Return q' = B u."""
         return self._times_columns(velocities, factor=sp.Rational(1, 4))
 
-    def _times_columns(self, vector: Sequence[sp.Expr], factor: sp.Expr | int) -> list[sp.Expr]:
+    def _times_columns(
+        self, vector: Sequence[sp.Expr], factor: sp.Expr | int = 1
+    ) -> list[sp.Expr]:
         """Return C times a vector; columns of quaternions, with 4 entries, are times ``factor``."""
         product: list[sp.Expr] = [sp.Integer(0)] * self.system.n
         for column, x in zip(self._columns, vector, strict=True):

@@ -353,6 +353,7 @@ def _degree(e: sp.Expr, symbols: Sequence[sp.Symbol]) -> float:
 
 def _refuse_switching(system: LagrangianSystem) -> None:
     """Refuse a mass matrix with switching functions: velocities M⁻¹(p − b) would jump."""
+    # the entries are second derivatives, which are computed only if L switches at all
     switching = switches_of(system.mass_entries) if switches_of([system.L]) else []
     if switching:
         raise InputError(f"The mass matrix of system {system.name!r} switches at "

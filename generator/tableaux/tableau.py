@@ -34,7 +34,7 @@ __all__ = ["FIELDS", "NumericTableau", "Tableau"]
 MAX_DIGITS = 1000
 
 #: The tables of a tableau, in the order of files, C and reports, each with the node sets of its
-#: rows and columns ("s" stages, "p" constraint nodes).
+#: rows and columns ("s": s stages, "p": p + 1 constraint nodes).
 FIELDS: dict[str, str] = {
     "A": "ss",
     "A_hat": "ss",

@@ -255,14 +255,17 @@ class _Reader:
     # ------------------------------------------------------------ shapes
 
     def check_shapes(self, content: dict[str, Any]) -> None:
-        """Refuse coefficients of other sizes than s of ``b`` and p + 1 of ``b_tilde``."""
-        size = {"s": self.length("b", content["b"], "s", low=1, high=MAX_STAGES)}
+        """Refuse coefficients whose shapes do not follow from the lengths of ``b`` and ``b_tilde``.
+
+        ``check_keys`` refuses coefficients of constraints without ``b_tilde``.
+        """
+        length_of = {"s": self.length("b", content["b"], "s", low=1, high=MAX_STAGES)}
         if "b_tilde" in content:
-            size["p"] = self.length("b_tilde", content["b_tilde"], "p + 1", low=2,
-                                    high=MAX_STAGES + 1)
-        for key, kinds in FIELDS.items():
+            length_of["p"] = self.length("b_tilde", content["b_tilde"], "p + 1", low=2,
+                                         high=MAX_STAGES + 1)
+        for key, node_sets in FIELDS.items():
             if key in content:
-                self.check_shape(key, content[key], [size[kind] for kind in kinds])
+                self.check_shape(key, content[key], [length_of[nodes] for nodes in node_sets])
 
     def length(self, key: str, entries: Any, meaning: str, low: int, high: int) -> int:
         """Return the number of entries of a list, which must be from ``low`` to ``high``.
