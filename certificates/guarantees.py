@@ -474,7 +474,7 @@ class MeanGuarantees:
         if proof or not self.scheme.discrete:
             return proof
         comparison = compare([powers[-1]], [-sp.Add(*powers[:-1])],
-                             [*scheme.differences[0], *scheme.differences[1]], thorough=False)
+                             [*scheme.differences.q, *scheme.differences.p], thorough=False)
         return comparison.how if comparison.holds else ""
 
     def _field(self, J: MomentumMap) -> tuple[list[sp.Expr], list[sp.Expr]]:

@@ -45,8 +45,8 @@ def _energy(scheme: MeanScheme) -> Condition:
     if isinstance(scheme, LagrangianEMS):  # its H has no formula in q and p
         return _condition("energy", law, scheme.balance())
     variables = with_time(
-        [*scheme.system.q, *scheme.system.p], [*scheme.means[0], *scheme.means[1]],
-        [*scheme.differences[0], *scheme.differences[1]], scheme.system.clock)
+        [*scheme.system.q, *scheme.system.p], [*scheme.means.q, *scheme.means.p],
+        [*scheme.differences.q, *scheme.differences.p], scheme.system.clock)
     slope = [*scheme.mean_gradient[0], *scheme.mean_gradient[1],
              *([scheme.mean_energy_rate] if time_dependent else [])]
     return _condition("energy", law, _increments([scheme.system.H], [slope], *variables))
@@ -64,7 +64,7 @@ def _constraint(scheme: MeanScheme) -> Condition:
     return _condition(
         "constraint work", "g_k − g_(k−1) = Ḡ·Δq" + " + ḡ_t Δt" * system.is_time_dependent,
         _increments(system.constraints, slopes, *with_time(
-            system.q, scheme.means[0], scheme.differences[0],
+            system.q, scheme.means.q, scheme.differences.q,
             system.clock)))
 
 

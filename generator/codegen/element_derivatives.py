@@ -15,7 +15,13 @@ import sympy as sp
 from ..kernels.statements import Kernel
 from ..schemes.derivative_kernels import derivative_rows, time_columns
 from ..schemes.step_equations import MeanScheme, SparkScheme
-from ..schemes.system_differences import mean_gradient_of, time_input, vector
+from ..schemes.system_differences import (
+    differences_of_states,
+    mean_gradient_of,
+    means_of_states,
+    time_input,
+    vector,
+)
 from ..systems.jacobians import jacobian, transposed_product
 from ..systems.repeated_structure import ElementTemplate, Structure
 from .elements import NUMBERS, Emitter, local_inputs, mean_jacobian, nonempty, term_kernels
@@ -172,8 +178,9 @@ def _energy_derivatives(
         return [state]
     # IMS and EMS
     nq, np = len(template.q), len(template.p)
-    qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
-    D_q, D_p = mean_gradient_of(element, (qm, pm), (dq, dp), scheme.discrete)
+    means, differences = means_of_states(nq, np), differences_of_states(nq, np)
+    (qm, pm), (dq, dp) = means, differences
+    D_q, D_p = mean_gradient_of(element, means, differences, scheme.discrete)
     arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": template.constants}
     mean = Kernel("mean_by_start", "derivatives of D_q and D_p by qm and pm", arguments,
                   {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm),

@@ -20,10 +20,13 @@ from ..kernels.kernel import Constants, Target, emit_kernel
 from ..kernels.statements import Kernel
 from ..schemes.step_equations import MeanScheme, SparkScheme
 from ..schemes.system_differences import (
+    StateSymbols,
     by_increment,
+    differences_of_states,
     increment_of,
     mean_gradient_of,
     mean_slopes_of,
+    means_of_states,
     time_input,
     vector,
 )
@@ -306,8 +309,9 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
     ``dp``; derivatives are by q₁ and p₁ at fixed q₀ and p₀, ½ ∂/∂qm + ∂/∂dq.
     """
     nq, np = len(template.q), len(template.p)
-    qm, pm, dq, dp = (vector("qm", nq), vector("pm", np), vector("dq", nq), vector("dp", np))
-    D_q, D_p = mean_gradient_of(template.system, (qm, pm), (dq, dp), discrete)
+    means, differences = means_of_states(nq, np), differences_of_states(nq, np)
+    (qm, pm), (dq, dp) = means, differences
+    D_q, D_p = mean_gradient_of(template.system, means, differences, discrete)
     arguments = {"qm": qm, "pm": pm, "dq": dq, "dp": dp, "k": template.constants}
     kernels = [
         (Kernel("mean_gradient", "mean gradient of H between two states", arguments,
@@ -321,7 +325,7 @@ def mean_term_kernels(template: ElementTemplate, discrete: bool) -> list[Placed]
         rate = sp.Integer(0)  # of a term without time
         if template.system.is_time_dependent:
             # the slope by t follows the slopes by q and p
-            *_, rate = mean_slopes_of(template.system, (qm, pm), (dq, dp), discrete)
+            *_, rate = mean_slopes_of(template.system, means, differences, discrete)
         kernels.append((Kernel("mean_energy_rate", "mean of dH/dt between two states", arguments,
                                {"D_t": rate}), BOTH))
     return nonempty(kernels)
@@ -364,7 +368,8 @@ def mean_jacobian(
     p, pm, dp = (vector(name, n) for name in ("unused", "pm", "dp"))
     systems = [ElementSystem(template.q, tuple(p), template.constants, g, time=template.time)
                for g in template.expressions]
-    slopes = [mean_slopes_of(system, (qm, pm), (dq, dp), discrete) for system in systems]
+    means, differences = StateSymbols(qm, pm), StateSymbols(dq, dp)
+    slopes = [mean_slopes_of(system, means, differences, discrete) for system in systems]
     # rows of D by q, by the unused p, and by t if there is one
     return [row[:n] for row in slopes], [sp.Add(*row[2 * n:]) for row in slopes]
 

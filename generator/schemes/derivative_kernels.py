@@ -316,7 +316,7 @@ def _discrete_lagrangian_kernels(
     are by those in ``columns``.
     """
     system, (v0, v1) = scheme.system, scheme.ends
-    arguments = {"qm": scheme.means[0], "dq": scheme.differences[0], "v0": v0, "v1": v1}
+    arguments = {"qm": scheme.means.q, "dq": scheme.differences.q, "v0": v0, "v1": v1}
     R = scheme.mean_generalised_force
     momentum = {"q": list(system.q), "v": list(system.velocities)}
     kernels = [
@@ -324,7 +324,7 @@ def _discrete_lagrangian_kernels(
                {"momentum_c": derivative_rows(system.L_v, columns)}),
         Kernel("mean_generalised_force_by_state", "derivatives of R by qm, v0, v1 and constants",
                arguments | time_input(system),
-               {"R_q": derivative_rows(R, scheme.means[0]), "R_v0": derivative_rows(R, v0),
+               {"R_q": derivative_rows(R, scheme.means.q), "R_v0": derivative_rows(R, v0),
                 "R_v1": derivative_rows(R, v1), "R_c": derivative_rows(R, columns)}),
     ]
     return [Kernel(k.name, k.doc, k.inputs, k.outputs, factors=not system.is_long)

@@ -238,8 +238,8 @@ class FastSystem:
 
     def mean_kernels(self, scheme: MeanScheme) -> list[Kernel]:
         """Return the kernels of the fixed-point iteration of IMS or EMS, on lanes."""
-        inputs = {"qm": scheme.means[0], "pm": scheme.means[1],
-                  "dq": scheme.differences[0], "dp": scheme.differences[1]}
+        inputs = {"qm": scheme.means.q, "pm": scheme.means.p,
+                  "dq": scheme.differences.q, "dp": scheme.differences.p}
         D_q, D_p = ([self.folds(e) for e in side] for side in scheme.mean_rates)
         minus_forces = " - F(qm, pm, t)" if self.system.forces else ""
         kernels = [
@@ -256,7 +256,7 @@ class FastSystem:
         if not self.system.m:
             return []
         return [Kernel("mean_constraint", "G between q0 and q1",
-                       {"qm": scheme.means[0], "dq": scheme.differences[0]},
+                       {"qm": scheme.means.q, "dq": scheme.differences.q},
                        {"G": scheme.mean_constraint})]
 
     def _multiplier_kernels(self) -> list[Kernel]:

@@ -104,7 +104,7 @@ class LagrangianEMS(LagrangianIMS):
     def _slopes(self) -> list[sp.Expr]:
         """DΛ by q and, with explicit time, by t."""
         return discrete_gradient(self.discrete_lagrangian, *with_time(
-            self.system.q, self.means[0], self.differences[0], self.system.clock))
+            self.system.q, self.means.q, self.differences.q, self.system.clock))
 
     @cached_property
     def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
@@ -118,7 +118,7 @@ class LagrangianEMS(LagrangianIMS):
         if not self.system.forces:
             return slopes
         at_mean = dict(zip([*self.system.q, *self.system.velocities],
-                           [*self.means[0], *self.mean_velocity], strict=True))
+                           [*self.means.q, *self.mean_velocity], strict=True))
         forces = substitute(self.system.forces, at_mean)
         return [d + f for d, f in zip(slopes, forces, strict=True)]
 
@@ -146,7 +146,7 @@ class LagrangianEMS(LagrangianIMS):
         H = p·v − L and p = L_v at both ends.
         """
         system = self.system
-        symbols, means, steps = with_time(system.q, self.means[0], self.differences[0],
+        symbols, means, steps = with_time(system.q, self.means.q, self.differences.q,
                                           system.clock)
         momenta, energies = [], []
         # q and t at the ends are q̄ ∓ Δq/2 and t̄ ∓ Δt/2
@@ -160,7 +160,7 @@ class LagrangianEMS(LagrangianIMS):
         momentum_terms = (v * (p1 - p0)
                           for v, p0, p1 in zip(self.mean_velocity, *momenta, strict=True))
         coordinate_terms = (-slope * step for slope, step in zip(self._slopes, steps, strict=True))
-        small = self.differences[0] + [TIME_STEP] * system.is_time_dependent
+        small = self.differences.q + [TIME_STEP] * system.is_time_dependent
         return compare([energies[1] - energies[0]], [sp.Add(*momentum_terms, *coordinate_terms)],
                        small)
 
@@ -185,7 +185,7 @@ class LagrangianEMS(LagrangianIMS):
         """
         n = self.system.n
         wq, wv = vector("wq", n), vector("wv", n)
-        variables = [*self.means[0], *self.differences[0], *self.ends[1]]
+        variables = [*self.means.q, *self.differences.q, *self.ends[1]]
         change = along(self.mean_generalised_force, variables, [*(x / 2 for x in wq), *wq, *wv])
         at_one_end = [k for k in newton_kernels(self.system) if k.name == "force_derivative"]
         return [*at_one_end, *self._as_long([
@@ -197,7 +197,7 @@ class LagrangianEMS(LagrangianIMS):
     def _arguments(self) -> dict[str, list[Any]]:
         """The inputs of kernels between two states: q̄, Δq, v₀ and v₁."""
         v0, v1 = self.ends
-        return {"qm": self.means[0], "dq": self.differences[0], "v0": v0, "v1": v1}
+        return {"qm": self.means.q, "dq": self.differences.q, "v0": v0, "v1": v1}
 
     def _as_long(self, kernels: list[Kernel]) -> list[Kernel]:
         """Return the kernels of a long L without a search for common factors, which takes long."""

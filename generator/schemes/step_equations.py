@@ -46,12 +46,15 @@ from ..tableaux.tableau import Tableau
 from .lagrangian_kernels import motion_kernels, newton_kernels, state_kernels
 from .system_differences import (
     TIME_STEP,
+    StateSymbols,
     by_increment,
     constraint_increment,
+    differences_of_states,
     discrete_jacobian,
     discrete_slopes,
     mean_gradient_of,
     mean_slopes_of,
+    means_of_states,
     time_input,
     vector,
 )
@@ -203,14 +206,14 @@ class MeanScheme:
         return 0
 
     @cached_property
-    def means(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+    def means(self) -> StateSymbols:
         """The symbols of q̄ and p̄."""
-        return vector("qm", self.system.n), vector("pm", self.system.n)
+        return means_of_states(self.system.n, self.system.n)
 
     @cached_property
-    def differences(self) -> tuple[list[sp.Symbol], list[sp.Symbol]]:
+    def differences(self) -> StateSymbols:
         """The symbols of Δq and Δp."""
-        return vector("dq", self.system.n), vector("dp", self.system.n)
+        return differences_of_states(self.system.n, self.system.n)
 
     @cached_property
     def mean_gradient(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
@@ -224,7 +227,7 @@ class MeanScheme:
         if not self.system.forces:
             return D_q, D_p
         variables = [*self.system.q, *self.system.p]
-        at_mean = dict(zip(variables, [*self.means[0], *self.means[1]], strict=True))
+        at_mean = dict(zip(variables, [*self.means.q, *self.means.p], strict=True))
         forces = [f.xreplace(at_mean) for f in self.system.forces]
         return [d - f for d, f in zip(D_q, forces, strict=True)], D_p
 
@@ -233,8 +236,8 @@ class MeanScheme:
         """Ḡ, m × n: discrete for EMS, g_q at the midpoint for IMS."""
         # EMS differs g itself between the ends: g(q₁) − g(q₀) = Ḡ Δq exactly
         if self.discrete:
-            return discrete_jacobian(self.system, self.means[0], self.differences[0])
-        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+            return discrete_jacobian(self.system, self.means.q, self.differences.q)
+        at_mean = dict(zip(self.system.q, self.means.q, strict=True))
         return [[e.xreplace(at_mean) for e in row] for row in self.system.G]
 
     @cached_property
@@ -246,9 +249,9 @@ class MeanScheme:
     def mean_constraint_rate(self) -> list[sp.Expr]:
         """ḡ_t, m entries: discrete for EMS, g_t at the midpoint for IMS."""
         if self.discrete:
-            slopes = discrete_slopes(self.system, self.means[0], self.differences[0])
+            slopes = discrete_slopes(self.system, self.means.q, self.differences.q)
             return [row[-1] for row in slopes]
-        at_mean = dict(zip(self.system.q, self.means[0], strict=True))
+        at_mean = dict(zip(self.system.q, self.means.q, strict=True))
         return [e.xreplace(at_mean) for e in self.system.g_t]
 
     @cached_property
@@ -274,7 +277,7 @@ class MeanScheme:
     def _consistency(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
         """D for Δ = 0, and the gradient."""
         system = self.system
-        at_mean = dict(zip([*system.q, *system.p], [*self.means[0], *self.means[1]], strict=True))
+        at_mean = dict(zip([*system.q, *system.p], [*self.means.q, *self.means.p], strict=True))
         gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)
         return substitute(self._D, self._no_step), gradient
 
@@ -310,13 +313,13 @@ class MeanScheme:
     def _differences(self) -> list[sp.Symbol]:
         """The symbols of Δq and Δp, and of Δt where H or g depends on time."""
         time_step = [TIME_STEP] if self.system.is_time_dependent else []
-        return [*self.differences[0], *self.differences[1], *time_step]
+        return [*self.differences.q, *self.differences.p, *time_step]
 
     def kernels(self) -> list[Kernel]:
         """Return the mean gradient and its derivatives by Δq and Δp."""
         system = self.system
-        inputs = {"qm": self.means[0], "pm": self.means[1],
-                  "dq": self.differences[0], "dp": self.differences[1]}
+        inputs = {"qm": self.means.q, "pm": self.means.p,
+                  "dq": self.differences.q, "dp": self.differences.p}
         inputs |= time_input(system)
         D_q, D_p = self.mean_rates
         kind = "gradient at the midpoint"
@@ -339,11 +342,11 @@ class MeanScheme:
             return []
         lam = vector("lambda", self.system.m)
         force = transposed_product(self.mean_constraint, lam)
-        inputs = {"qm": self.means[0], "dq": self.differences[0]}
+        inputs = {"qm": self.means.q, "dq": self.differences.q}
         return [
             Kernel("mean_constraint", "G between q0 and q1", inputs, {"G": self.mean_constraint}),
             Kernel("mean_curvature", "K = d(G^T lambda)/d(dq)", inputs | {"lambda": lam},
-                   {"K": by_increment(force, self.means[0], self.differences[0])}),
+                   {"K": by_increment(force, self.means.q, self.differences.q)}),
         ]
 
     def energy_rate_kernels(self) -> list[Kernel]:
@@ -359,7 +362,7 @@ class MeanScheme:
         if not (self.system.is_time_dependent and self.system.m):
             return []
         return [Kernel("mean_constraint_rate", "g_t between q0 and q1",
-                       {"qm": self.means[0], "dq": self.differences[0]},
+                       {"qm": self.means.q, "dq": self.differences.q},
                        {"g_t": self.mean_constraint_rate})]
 
 

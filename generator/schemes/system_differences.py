@@ -6,7 +6,7 @@ g(q + d) − g(q) has no cancellation for small d, and ΔH = D_qH·Δq + D_pH·�
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import sympy as sp
 
@@ -14,12 +14,30 @@ from ..systems.jacobians import jacobian
 from ..systems.system import System
 from .discrete_gradient import discrete_gradient
 
-__all__ = ["TIME_STEP", "by_increment", "constraint_increment", "discrete_jacobian",
-           "discrete_slopes", "increment_of", "mean_gradient_of", "mean_slopes_of",
-           "time_input", "vector", "with_time"]
+__all__ = ["TIME_STEP", "StateSymbols", "by_increment", "constraint_increment",
+           "differences_of_states", "discrete_jacobian", "discrete_slopes", "increment_of",
+           "mean_gradient_of", "mean_slopes_of", "means_of_states", "time_input", "vector",
+           "with_time"]
 
 #: Δt between the ends of a difference, if H or g depends on time.
 TIME_STEP = sp.Symbol("_dt", real=True)
+
+
+class StateSymbols(NamedTuple):
+    """Symbols for two states: the means q̄ and p̄, or the differences Δq and Δp."""
+
+    q: list[sp.Symbol]
+    p: list[sp.Symbol]
+
+
+def means_of_states(q_count: int, p_count: int) -> StateSymbols:
+    """Return the symbols of q̄ and p̄."""
+    return StateSymbols(vector("qm", q_count), vector("pm", p_count))
+
+
+def differences_of_states(q_count: int, p_count: int) -> StateSymbols:
+    """Return the symbols of Δq and Δp."""
+    return StateSymbols(vector("dq", q_count), vector("dp", p_count))
 
 
 def vector(name: str, count: int) -> list[sp.Symbol]:
@@ -71,8 +89,7 @@ def discrete_slopes(
 
 
 def mean_gradient_of(
-    system: System, means: tuple[list[sp.Symbol], list[sp.Symbol]],
-    differences: tuple[list[sp.Symbol], list[sp.Symbol]], discrete: bool
+    system: System, means: StateSymbols, differences: StateSymbols, discrete: bool
 ) -> tuple[list[sp.Expr], list[sp.Expr]]:
     """Return D_qH and D_pH in terms of means and differences; see ``mean_slopes_of``."""
     D = mean_slopes_of(system, means, differences, discrete)
@@ -81,18 +98,16 @@ def mean_gradient_of(
 
 
 def mean_slopes_of(
-    system: System, means: tuple[list[sp.Symbol], list[sp.Symbol]],
-    differences: tuple[list[sp.Symbol], list[sp.Symbol]], discrete: bool
+    system: System, means: StateSymbols, differences: StateSymbols, discrete: bool
 ) -> list[sp.Expr]:
     """Return D_qH, D_pH and, if H or g depends on time, D_tH, in one list.
 
-    ``means`` are (q̄, p̄), ``differences`` (Δq, Δp). D is the discrete gradient of EMS if
-    ``discrete``, else the gradient at the midpoint.
+    D is the discrete gradient of EMS if ``discrete``, else the gradient at the midpoint.
     """
-    variables, all_means = [*system.q, *system.p], [*means[0], *means[1]]
+    variables, all_means = [*system.q, *system.p], [*means.q, *means.p]
     if discrete:
         return discrete_gradient(system.H, *with_time(
-            variables, all_means, [*differences[0], *differences[1]], system.clock))
+            variables, all_means, [*differences.q, *differences.p], system.clock))
     at_mean = dict(zip(variables, all_means, strict=True))
     time = [] if system.clock is None else [system.H_t]
     return [e.xreplace(at_mean) for e in (*system.H_q, *system.H_p, *time)]
