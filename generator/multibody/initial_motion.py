@@ -400,16 +400,18 @@ class Velocities:
                     targets.append(
                         _Target(f"The {name} of {body.name!r}", rows, axes @ value, axes.T))
         for link in links:
-            targets += [self._rate(rate) for rate in link.start_rates(self.poses)]
+            targets += [target for rate in link.start_rates(self.poses)
+                        if (target := self._rate(rate)) is not None]
         return targets
 
-    def _rate(self, rate: StartRate) -> _Target:
+    def _rate(self, rate: StartRate) -> _Target | None:
         """Return the row of D of a given rate Σ (c_v·v + c_ω·ω), and its value d.
 
         Frames with a prescribed motion, which are no part of u, have their share subtracted from d.
+        None if no velocity of u changes the rate and it is the given one; else InputError.
         """
-        name, value, coefficients = rate
-        row = np.zeros((1, len(self.u)))
+        name, given_value, coefficients = rate
+        value, row = given_value, np.zeros((1, len(self.u)))
         for frame, gradients in coefficients.items():
             for quantity, gradient in zip(("v", "spin"), gradients, strict=True):
                 columns = self.slots.get((frame, quantity)) if isinstance(frame, Body) else None
@@ -419,6 +421,15 @@ class Velocities:
                 # the ground and moving points; a body with a fixed point has no velocity v
                 elif len(gradient) == len(prescribed):
                     value = value - float(gradient @ prescribed)
+        size = max(float(np.abs(gradient).max(initial=0.0))
+                   for gradients in coefficients.values() for gradient in gradients)
+        if np.abs(row).max() <= ROUNDING * size:
+            share = given_value - value
+            if abs(value) > ROUNDING * max(abs(given_value), abs(share)):
+                raise InputError(f"The rate of {name!r} is given as {given_value:.9g}, but no "
+                                 f"motion of its bodies changes it from {share:.9g}; give this "
+                                 "number, or leave it out.")
+            return None
         return _Target(f"The rate of {name!r}", row, np.array([value]), np.eye(1))
 
     def keep(

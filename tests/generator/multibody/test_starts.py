@@ -175,6 +175,20 @@ def test_contradicting_joints_are_refused(hinges, message):
         four_bar(**hinges).model(redundant="leave out")
 
 
+def test_a_speed_that_no_motion_changes_is_refused_unless_it_is_that_speed():
+    """A top's fixed point lies on the axis of a slider: it turns about the axis, and never slides.
+    """
+    def start(**speed):
+        build = gs.Multibody("top")
+        build.top("t", mass=1.0, inertia=(1, 1, 1), centre=(0, 0, 1), angular_velocity=(0, 0, 2))
+        build.cylindrical("c", "t", "ground", axis=(0, 0, 1), at=(0, 0, 1), **speed)
+        return build.model(redundant="leave out").start
+
+    with pytest.raises(InputError, match=r"'c'.* 0\.5\b.* 0\b"):
+        start(speed=0.5)
+    assert np.array_equal(start(speed=0.0).p, start().p)
+
+
 def test_degrees_and_positions_that_are_moved_are_warned_of():
     with pytest.warns(InputWarning, match=r"45.*radians.*0\.785398"):
         rod(angle=45)
