@@ -114,19 +114,6 @@ class QuadBinding(Binding):
         """Return 1: the parameters belong to one run."""
         return 1
 
-    def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:
-        """Set the time in the parameter struct to t0 + steps dt."""
-        if self.time is not None:
-            time = binary128.quad(t0) + steps * binary128.quad(dt)
-            offset = len(self.parameter_names) * binary128.BYTES
-            cast(_Block, parameters).write(offset, binary128.pack([time]))
-
-    def feed(self, parameters: ParameterStruct, row: Array) -> None:
-        """Put the inputs of a step into the parameter struct."""
-        for name, value in zip(self.input_names, row, strict=True):
-            offset = self.parameter_names.index(name) * binary128.BYTES
-            cast(_Block, parameters).write(offset, binary128.pack([value]))
-
     def options(
         self, tolerance: float | None, max_iterations: int, solver: SolverName
     ) -> OptionStruct:

@@ -198,12 +198,6 @@ class Compiled:
             fields = [*map(self._cffi_value, fields)]
         return ParameterStruct(self.ffi.new(self._types["parameters"], fields))
 
-    def set_time(self, parameters: ParameterStruct, t0: Any, steps: int, dt: Any) -> None:
-        """Set the time in the parameter struct to t0 + steps dt."""
-        if self.time is not None:
-            fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
-            fields[-1] = self.dtype(t0) + steps * self.dtype(dt)
-
     def work(self) -> WorkMemory:
         """Return zeroed solver memory of one run; it persists between calls that continue the run.
         """
@@ -355,12 +349,6 @@ class Compiled:
         if inputs is None:
             return [self.ffi.NULL, 0, 0]
         return [self.pointer(inputs.values), inputs.hold, inputs.stride]
-
-    def feed(self, parameters: ParameterStruct, row: Array) -> None:
-        """Put the inputs of a step into the parameter struct."""
-        fields = np.frombuffer(self.ffi.buffer(parameters), dtype=self.dtype)
-        for name, value in zip(self.input_names, row, strict=True):
-            fields[self.parameter_names.index(name)] = value
 
     def batch_memory(self) -> BatchMemory:
         """Return the memory of ``integrate_lanes`` for one thread."""

@@ -73,18 +73,22 @@ class ConstantsOfRun(RunConstants):
 
 def advance(binding, constants, steps, every, state, rows):
     """Advance as ``Compiled.integrate`` does, with ``newton_step`` for each step."""
-    run, parameters, q, p, report = constants.run, constants.parameters, state.q, state.p, \
-        state.record
-    iterations_max = 0
-    for k in range(1, steps + 1):
-        binding.set_time(parameters, run.t0, int(report.steps), run.dt)
+    run, q, p, report, iterations_max = constants.run, state.q, state.p, state.record, 0
+
+    def parameters_at(ends):
+        step, inputs = int(report.steps), {}
         if run.inputs is not None:
-            binding.feed(parameters, run.inputs.at(int(report.steps)))
+            inputs = dict(zip(run.inputs.names, run.inputs.at(step), strict=True))
+        return binding.parameters({**run.parameters, **inputs}, binding.times(
+            run.t0, run.dt, np.array([step + ends]))[0])
+
+    for k in range(1, steps + 1):
+        parameters = parameters_at(0)
         status, q[:], p[:], multipliers, iterations, work = newton_step(
             binding, parameters, run.tolerance, run.max_iterations, run.dt, q, p, state.work)
         if status:
             return status
-        binding.set_time(parameters, run.t0, int(report.steps) + 1, run.dt)
+        parameters = parameters_at(1)
         iterations_max = max(iterations_max, iterations)
         if binding.has_forces:
             add_work(binding, report, work)
