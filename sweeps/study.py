@@ -96,11 +96,6 @@ class Study:
         return int(np.prod(self.shape, dtype=np.int64))
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Names of the schemes that vary; none where one is common to all."""
-        return next((axis.labels for axis in self.axes if axis.labels), ())
-
-    @property
     def step_name(self) -> str:
         """Name of the step: "dt", in scaled time "dtau"."""
         return "dtau" if self.steppers[0].binding.clocked else "dt"

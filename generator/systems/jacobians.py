@@ -49,9 +49,7 @@ def jacobian(expressions: Sequence[sp.Expr], symbols: Sequence[sp.Symbol]) -> li
 def difference(
     minuend: list[list[sp.Expr]], subtrahend: list[list[sp.Expr]]
 ) -> list[list[sp.Expr]]:
-    """Return minuend − subtrahend, entry by entry; an empty subtrahend stands for 0."""
-    if not subtrahend:
-        return minuend
+    """Return minuend − subtrahend, entry by entry."""
     return [[a - b for a, b in zip(*rows, strict=True)]
             for rows in zip(minuend, subtrahend, strict=True)]
 

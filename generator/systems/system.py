@@ -389,12 +389,12 @@ class System:
 
     @cached_property
     def minus_p_rate_by_q(self) -> list[list[sp.Expr]]:
-        """H_qq − F_q, n × n."""
+        """H_qq − F_q, n × n, of a system with forces."""
         return difference(self.H_qq, jacobian(self.forces, self.q))
 
     @cached_property
     def minus_p_rate_by_p(self) -> list[list[sp.Expr]]:
-        """H_qp − F_p, n × n: the transpose of H_pq only without forces."""
+        """H_qp − F_p, n × n, of a system with forces: not the transpose of H_pq."""
         transposed = [list(column) for column in zip(*self.H_pq, strict=True)]
         return difference(transposed, jacobian(self.forces, self.p))
 

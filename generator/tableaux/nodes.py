@@ -51,8 +51,6 @@ def lobatto_polynomial(s: int) -> sp.Poly:
 @lru_cache
 def radau_polynomial(s: int) -> sp.Poly:
     """Return the polynomial whose s roots are the nodes of Radau IIA, 1 included."""
-    if s < 1:
-        raise TableauError(f"A Radau quadrature has at least 1 node, not {s}.")
     return _rodrigues(s - 1, s, s - 1)
 
 
