@@ -24,6 +24,7 @@ from .options import (
     check_no_file,
     completing,
     frame_option,
+    is_given,
     spec_from,
     stepper_options,
 )
@@ -87,7 +88,7 @@ def _specs(
 ) -> list[Spec]:
     """Return the steppers of the options: all of the paper, as of --check alone, or the chosen one.
     """
-    has_choices = any([*choice.values(), profile])
+    has_choices = any(map(is_given, [*choice.values(), profile]))
     if not (everything or (check and not has_choices)):
         return [spec_from(**choice).with_profile(profile)]
     if has_choices:

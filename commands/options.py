@@ -28,8 +28,9 @@ from ..generator.spec import Spec
 from ..generator.tableaux.compositions import COMPOSITIONS
 
 __all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
-           "check_writable", "completing", "frame_option", "json_option", "method_options",
-           "optional", "real_number", "solver_from", "spec_from", "stepper_options", "whole_number"]
+           "check_writable", "completing", "frame_option", "is_given", "json_option",
+           "method_options", "optional", "real_number", "solver_from", "spec_from",
+           "stepper_options", "whole_number"]
 
 Number = TypeVar("Number", int, float)
 
@@ -113,6 +114,11 @@ def json_option(function: Callable[..., Any]) -> Callable[..., Any]:
 
     return click.option("--json", "as_json", is_flag=True, callback=silence,
                         help="Print one JSON document and nothing else.")(function)
+
+
+def is_given(argument: Any) -> bool:
+    """Return whether an option is given: an empty text is, as of a shell variable that is unset."""
+    return argument is not None and argument is not False
 
 
 def spec_from(

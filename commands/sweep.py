@@ -17,7 +17,14 @@ from ..core.arguments import count_text
 from ..core.errors import GyrosparkError, InputError, Stopped
 from ..core.interrupts import catch_signals
 from . import exit_code_of
-from .options import check_ending, check_picture, check_writable, json_option, whole_number
+from .options import (
+    check_ending,
+    check_picture,
+    check_writable,
+    is_given,
+    json_option,
+    whole_number,
+)
 
 if TYPE_CHECKING:
     from ..sweeps.cost_estimate import Estimate
@@ -61,7 +68,7 @@ def sweep(
     store = out if out is not None else Path(f"{study.stem}.zarr")
     _check_targets(store, plot)
     for option, value in (("--plot", plot), ("--resume", resume), ("--dask", dask)):
-        if dry_run and value:
+        if dry_run and is_given(value):
             raise InputError(f"{option} belongs to cells that are computed, and --dry-run leaves "
                              "them out; leave one out.")
     loaded = load_study(study)

@@ -23,6 +23,7 @@ from ..generator.tableaux.compositions import composition as composition_of
 from .options import (
     check_picture,
     frame_option,
+    is_given,
     json_option,
     optional,
     real_number,
@@ -115,8 +116,8 @@ def _compositions(target: str | None, choice: dict[str, Any]) -> list[Compositio
     names_composition = any(choice[key] is not None for key in composed) and (
         choice["scheme"] in (None, SPLITTING))
     # with a system, a representation or the like it is a stepper of that composition
-    has_other_options = any(option not in (None, False)
-                            for key, option in choice.items() if key not in composed)
+    has_other_options = any(is_given(option) for key, option in choice.items()
+                            if key not in composed)
     if target is not None or not names_composition or has_other_options:
         return []
     if choice["composition"] is None and choice["order"] is None:
@@ -132,7 +133,7 @@ def _compositions(target: str | None, choice: dict[str, Any]) -> list[Compositio
 
 def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
     """Return the specifications that the target or the options name; the paper's without either."""
-    if target is None and not any(choice.values()):
+    if target is None and not any(map(is_given, choice.values())):
         return list(PAPER_SPECS)
     if target is None:
         return [spec_from(**choice)]
@@ -141,7 +142,7 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
                          "--model (a certificate) or --system (the tableau's conditions), with "
                          "--scheme.")
     for key in ("scheme", "stages", "order", "composition", "tableau", "energy"):
-        if choice[key]:
+        if is_given(choice[key]):
             raise InputError(f"{target!r} is given besides --{key}, which names another stepper; "
                              "give one.")
     # a file is a tableau, anything else the name of a stepper
@@ -149,7 +150,7 @@ def _specs(target: str | None, choice: dict[str, Any]) -> list[Spec]:
         return [Spec.from_arguments(rep=choice["rep"], system=choice["system"],
                                     real=choice["real"], tableau=Path(target))]
     for key in ("rep", "system", "real"):
-        if choice[key]:
+        if is_given(choice[key]):
             raise InputError(f"--{key} {choice[key]!r} is given besides {target!r}, which says it "
                              "too; give one.")
     return [spec_of_name(target)]

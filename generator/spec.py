@@ -170,7 +170,7 @@ def _system_source(system: str | None, rep: Any) -> _SystemSource:
     rep_name = "" if rep is None else choose("representation", rep, REPS)
     if system is not None and is_model_file(system):
         return _SystemSource(system, Path(system), rep_name)
-    name = (system or "heavy_top").replace("-", "_")
+    name = ("heavy_top" if system is None else system).replace("-", "_")
     if name not in {*SYSTEMS, *MODELS}:
         problem = PROBLEMS.get(name.replace("_", "-"))
         if problem is not None:

@@ -151,6 +151,11 @@ def test_bad_cone_is_refused(setting, gyrospark):
     (["generate", "--all", "--profile", "control"], ["--all"]),
     (["generate", "--profile", "contrl"], ["'contrl'", "control, run or full"]),
     (["generate", "--profile", "control", "--real", "long-double"], ["float or double"]),
+    # an empty text, of a shell variable that is unset, is no default
+    *((arguments, [f"{kind} ''"]) for arguments, kind in (
+        (["verify", "--scheme", ""], "scheme"), (["verify", "--system", ""], "system"),
+        (["generate", "--system", ""], "system"), (["generate", "--check", "--rep", ""],
+                                                   "representation"))),
 ])
 def test_bad_command_is_refused(arguments, fragments, gyrospark):
     refused(gyrospark(*arguments), *fragments)
