@@ -341,7 +341,7 @@ BAD = [
         '<extension><plugin plugin="p"><instance name="i"><config key="k" value="/etc/passwd"/>'
         '</instance></plugin></extension>')),
     (one("<geom", '<flexcomp name="f" type="mesh" file="/f.obj"/><geom'), "folder"),
-    (one("<geom", '<replicate count="100" offset="1 0 0"><replicate count="1000"><site/>'
+    (one("<geom", '<replicate count="30000" offset="1 0 0"><replicate count="30000"><site/>'
                   "</replicate></replicate><geom"), "50000"),
     ('<asset><model name="x" file="many.xml"/></asset>'
      + one("<geom", '<attach model="x" body="b" prefix="p"/>' * 9 + "<geom"), "50000"),

@@ -67,6 +67,14 @@ def test_an_arm_has_its_masses_weight_and_damper(arm):
     assert force @ motion.dq == pytest.approx(-0.3 * 1.1**2, rel=1e-12)  # -c ω²
 
 
+def test_a_base_of_mass_zero_is_one_without_inertial(arm, tmp_path):
+    moments = " ".join(f'{key}="0"' for key in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    massless = changed(tmp_path, ('<link name="base"/>', '<link name="base"><inertial><mass '
+                                  f'value="0"/><inertia {moments}/></inertial></link>'))
+    model, expected = (gs.load_model(path, ignore="limits", **START) for path in (massless, arm))
+    assert model.parameters == expected.parameters
+
+
 def files_of_robots():
     """Return name → path of the robots of PyPI's example-robot-data, none without that package."""
     try:
