@@ -399,10 +399,12 @@ def _why_singular(system: Constrained, G: Array) -> str:
         return f"The gradient of {quote(flat)} vanishes here; start elsewhere."
     involved, left_out = dependent_rows(G)
     if not involved:
-        return "G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p."
+        return ("G H_pp Gᵀ is singular: momenta cannot meet the constraints; H needs all of p, and "
+                "lengths a unit in which they are near 1.")
     return (f"The constraints depend on each other here: {quote(names[i] for i in involved)}; "
             f"leave out {quote(names[i] for i in left_out)} if others say the same, or start "
-            "elsewhere: where parts lie in a line, turn one of them a little.")
+            "elsewhere: where parts lie in a line, turn one of them a little. Lengths far from 1 "
+            "need another unit.")
 
 
 def _names(system: Any) -> list[str]:

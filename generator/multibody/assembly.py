@@ -146,7 +146,9 @@ class Assembly:
 
     def redundancy(self, t: float) -> Redundancy:
         """Return the constraints that depend on others at the start, at time t."""
-        return find_redundant(self.components.name, self._constraints_at(t), self.q0)
+        lengths = np.array([x not in getattr(body, "q", ())
+                            for body in self.components.bodies for x in body.coordinates])
+        return find_redundant(self.components.name, self._constraints_at(t), self.q0, lengths)
 
     def _constraints_at(self, t: float) -> NumericConstraints:
         """Return the constraints and the velocity constraints at time t."""

@@ -34,6 +34,8 @@ EPS = float(np.finfo(float).eps)
 
 #: Entries of g_q; a system with more is not examined at random points, which would take seconds.
 _LARGEST_SEARCH = 20_000
+#: Arms beyond this, or below one over it, are not of the size of 1 in their unit.
+_USUAL_ARM = 1e4
 #: Points of g = 0 that are examined, and random starts at most.
 _POINTS, _TRIES = 3, 12
 #: Relative singular values of g_q that count as zero in a projection onto g = 0.
@@ -87,7 +89,9 @@ class Redundancy:
                              f"same{cure}.")
 
 
-def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Redundancy:
+def find_redundant(
+    owner: str, constraints: NumericConstraints, q: Array, lengths: Array
+) -> Redundancy:
     """Return the constraints that others imply; refuse a singular position.
 
     Parameters
@@ -96,6 +100,8 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
         Name of the model.
     q : ndarray, shape (n,)
         The start; it need not be on g = 0 exactly.
+    lengths : ndarray of bool, shape (n,)
+        Which coordinates are lengths, beside numbers such as quaternions.
 
     Raises
     ------
@@ -115,7 +121,8 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
         infinite = [i for i, row in enumerate(G) if not np.isfinite(row).all()]
         raise InputError(f"The constraints {_names_of(names, infinite)} of {owner!r} have no "
                          "finite gradient at the start; start elsewhere, or in other units.")
-    involved, left_out = dependent_rows(G)
+    units = _units_of_columns(G, lengths)
+    involved, left_out = dependent_rows(_scale_columns(G, units))
     if not involved:
         return Redundancy(owner, tuple(names))
     if point is None or _are_contradictory(constraints, point, left_out):
@@ -124,7 +131,7 @@ def find_redundant(owner: str, constraints: NumericConstraints, q: Array) -> Red
                          "points, axes and lengths, turn parts that lie in a line a little, or "
                          f"leave out {_names_of(names, left_out)}.")
     # dependent here and independent nearby: a dead centre, not a superfluous constraint
-    if _is_singular(constraints, point, len(left_out)):
+    if _is_singular(constraints, point, len(left_out), units):
         raise InputError(f"{owner!r} starts in a singular position, where its constraints "
                          f"{_names_of(names, involved)} depend on each other although they do not "
                          "elsewhere; start in another position.")
@@ -321,11 +328,40 @@ def _are_contradictory(constraints: NumericConstraints, q: Array, left_out: Sequ
     return len(dependent_rows(rows)[1]) < len(left_out)
 
 
-def _is_singular(constraints: NumericConstraints, q: Array, dependent_count: int) -> bool:
+def _units_of_columns(G: Array | csr_array, lengths: Array) -> Array:
+    """Return units of the coordinates in which lengths and numbers have entries of one size.
+
+    In a row of both, the largest entry of numbers over that of lengths is an arm. Units are 1 but
+    for arms of molecules or planets: there one part of a row would be round-off of the other.
+    """
+    sizes = [abs(G[:, columns]).max(axis=1) if columns.any() else np.zeros(G.shape[0])
+             for columns in (~lengths, lengths)]
+    numbers_of_rows, lengths_of_rows = (
+        x if isinstance(x, np.ndarray) else x.toarray().ravel() for x in sizes)
+    has_both = (numbers_of_rows > 0) & (lengths_of_rows > 0)
+    arm = (numbers_of_rows[has_both] / lengths_of_rows[has_both]).max(initial=0.0)
+    is_usual = 1 / _USUAL_ARM < arm < _USUAL_ARM or arm == 0
+    return np.where(lengths, 1.0 if is_usual else arm, 1.0)
+
+
+def _scale_columns(G: Array | csr_array, units: Array) -> Array | csr_array:
+    """Return G with its columns multiplied by units."""
+    if isinstance(G, np.ndarray):
+        return G * units
+    from scipy.sparse import diags_array
+
+    scaled: csr_array = (G @ diags_array(units)).tocsr()
+    return scaled
+
+
+def _is_singular(
+    constraints: NumericConstraints, q: Array, dependent_count: int, units: Array
+) -> bool:
     """Whether fewer rows than at q, ``dependent_count``, depend on others at a point nearby.
 
     At such a q the rank of G drops: a singular configuration, such as a stretched parallelogram.
-    The point is at a tenth of the size of q along a random tangent, projected onto g = 0.
+    The point is at a tenth of the size of q along a random tangent, projected onto g = 0; ``units``
+    are those of the columns of G.
     """
     rng = np.random.default_rng(21)
     # the largest entry is taken out of the root of squares, which may be beyond 1e308
@@ -339,7 +375,8 @@ def _is_singular(constraints: NumericConstraints, q: Array, dependent_count: int
         direction *= 0.1 * mean_size * np.sqrt(len(q)) / max(np.linalg.norm(direction), EPS)
         neighbour = nearest_point(constraints, q + direction)
         if neighbour is not None:
-            return len(dependent_rows(constraints.rows(neighbour))[1]) < dependent_count
+            G = _scale_columns(constraints.rows(neighbour), units)
+            return len(dependent_rows(G)[1]) < dependent_count
     return False
 
 

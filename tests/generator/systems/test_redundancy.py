@@ -3,11 +3,17 @@
 import numpy as np
 import pytest
 import sympy as sp
+from scipy.sparse import csr_array
 
 import gyrospark as gs
+from gyrospark.core.projection import as_dense
 from gyrospark.generator.multibody.initial_poses import rotation
 from gyrospark.generator.systems import redundant_constraints
-from gyrospark.generator.systems.redundant_constraints import refuse_redundant_anywhere
+from gyrospark.generator.systems.redundant_constraints import (
+    _scale_columns,
+    _units_of_columns,
+    refuse_redundant_anywhere,
+)
 
 x, y, z, w, a, b, c, d = sp.symbols("x y z w a b c d", real=True)
 k = sp.Symbol("k", positive=True)
@@ -20,11 +26,13 @@ def system(*constraints, parameters=(), names=()):
                      constraint_names=names)
 
 
-def four_bar(points, closed=True):
-    """Return the builder of a linkage through four points of the plane z = 0."""
+def four_bar(points, closed=True, unit=1.0):
+    """Return the builder of a linkage through four points of the plane z = 0, in a unit of length.
+    """
     build = gs.Multibody("linkage", gravity=(0, -9.81, 0))
-    points = [np.array([*point, 0.0]) for point in points]
-    bars = [build.body(f"bar{i}", mass=1.0, inertia=(0.01, 0.02, 0.02),
+    points = [np.array([*point, 0.0]) * unit for point in points]
+    inertia = np.array([0.01, 0.02, 0.02]) * unit**2
+    bars = [build.body(f"bar{i}", mass=1.0, inertia=inertia,
                        position=(points[i] + points[i + 1]) / 2) for i in range(3)]
     frames = [build.ground, *bars, build.ground]
     for i, point in enumerate(points if closed else points[:3]):
@@ -49,6 +57,24 @@ def test_closed_loop_names_three_to_leave_out():
     with pytest.raises(gs.InputError, match="1 of the 21 "):
         four_bar(SQUARE).model(without=to_remove[:2])
     assert four_bar(SQUARE, closed=False).model().system.m == 18
+
+
+@pytest.mark.parametrize("unit", [2.0**-33, 2.0**33])
+def test_redundant_constraints_are_those_of_any_unit_of_length(unit):
+    """The parts of a row, of positions and of quaternions, are not round-off of each other."""
+    with pytest.raises(gs.InputError) as caught:
+        four_bar(SQUARE).model()
+    with pytest.raises(gs.InputError) as again:
+        four_bar(SQUARE, unit=unit).model()
+    assert str(again.value) == str(caught.value)
+
+
+def test_units_of_sparse_rows_are_those_of_dense_ones():
+    G, lengths = np.array([[1e7, 0, 1.0], [0, 2.0, 0], [3e6, 1.0, 0]]), np.array([0, 0, 1]) > 0
+    for rows in (G, csr_array(G)):
+        units = _units_of_columns(rows, lengths)
+        assert units.tolist() == [1, 1, 1e7]
+        assert np.array_equal(as_dense(_scale_columns(rows, units)), G * units)
 
 
 @pytest.mark.parametrize("far", [1.5, 5.0])
