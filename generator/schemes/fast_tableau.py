@@ -38,14 +38,13 @@ class FastTableau:
     def refusal(self) -> str | None:
         """Return why a tableau has no fast path; None if it has one."""
         coefficients = self.centres
-        p = self.tableau.p
         if 0 in [*coefficients["b"], *coefficients["b_hat"]]:
             return "a weight b_i is zero, and the scaled stages divide by it"
-        if 0 in coefficients["b_tilde"][:p]:
+        if 0 in coefficients["b_tilde"][: self.tableau.p]:
             return "a weight b~_j is zero, and the scaled multipliers divide by it"
         if any(coefficients["A_bar"][0]):
             return "the first constraint node is not the start of the step"
-        if p and self._inverse is None:
+        if self._inverse is None:
             return "the matrix A- A~ of the multipliers is singular"
         return None
 
@@ -111,8 +110,6 @@ class FastTableau:
         mu, mu_hat = _round_pairs(exact["mu"], exact["mu_hat"], bits, tolerance)
         onward = _extrapolation_weights(coefficients["c"], coefficients["b"],
                                         list(range(self.tableau.s)), bits)
-        if not self.tableau.p:
-            return {"mu": mu, "mu_hat": mu_hat, "onward": onward}
         nu, nu_tilde = _round_pairs(exact["nu"], exact["nu_tilde"], bits, tolerance)
         return {
             "mu": mu,
@@ -184,8 +181,6 @@ class FastTableau:
         rounded = self.tables(real)
         errors: list[Fraction] = []
         for name, table in self.scaled_coefficients.items():
-            if name not in rounded:  # without constraints there are no tables of nodes
-                continue
             for rounded_row, row in zip(rounded[name], self._in_lanes(name, table), strict=True):
                 errors += [x - y for x, y in zip(rounded_row, row, strict=True)]
         return errors

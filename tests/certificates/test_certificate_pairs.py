@@ -27,7 +27,9 @@ from gyrospark.certificates.guarantees import (
 )
 from gyrospark.certificates.momentum_maps import momentum_maps
 from gyrospark.certificates.observed_order import observed_order
+from gyrospark.core.real_types import REALS
 from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
+from gyrospark.generator.schemes.fast_tableau import FastTableau
 from gyrospark.generator.tableaux.conditions import check_tableau
 from gyrospark.generator.tableaux.tableau_file import read_tableau
 
@@ -365,6 +367,20 @@ def test_tableaux_in_decimals(read: Callable[..., Any], size: float) -> None:
 def test_the_order_of_decimals_is_measured_in_steps_whose_errors_exceed_their_rounding(
         read: Callable[..., Any]) -> None:
     assert observed_order(read(decimals(12))) == pytest.approx(4, abs=0.1)
+
+
+def test_the_fast_path_of_decimals_is_symplectic_to_the_bit(read: Callable[..., Any]) -> None:
+    """Rounded pairs add up to 1, though those of decimals do not; a late first node has none."""
+    double = REALS["double"]
+    rounded, exact = FastTableau(read(decimals(16))), FastTableau(gs.tableau("G-L", 2))
+    assert rounded.refusal is None
+    assert rounded.is_symplectic(double)
+    for name in ("mu", "mu_hat", "nu", "nu_tilde", "inverse"):
+        for row, exact_row in zip(*(x.tables(double)[name] for x in (rounded, exact)), strict=True):
+            for entry, exact_entry in zip(row, exact_row, strict=True):
+                assert abs(entry - exact_entry) < 1e-14 * max(1, abs(exact_entry)), name
+    assert "first" in str(FastTableau(read(decimals(16) | {
+        "A_bar": [["0.1", "0.1"], ["0.5", "0"], ["0.5", "0.5"]]})).refusal)
 
 
 @pytest.mark.slow  # a stepper of one tableau
