@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 from scipy.spatial.transform import Rotation
 
 import gyrospark as gs
@@ -152,6 +153,36 @@ def test_two_angles_of_a_loop_that_agree_are_taken():
     both = four_bar(h0={"angle": 0.5}, h3={"angle": -turn.as_rotvec()[2]}).model(
         redundant="leave out")
     np.testing.assert_allclose(both.q0, model.q0, atol=ROUNDING)
+
+
+def test_an_angle_and_a_travel_of_a_slider_crank_are_moved_by_their_last_digits_alone():
+    """The nearest start has the least sin²(θ − θ₀) + (s − s₀)² on s = cos θ + √(4 − sin² θ) − 3."""
+    def start(travel):
+        build = gs.Multibody("crank", gravity=(0, 0, 0))
+        for name, x in (("crank", 0.5), ("slider", 3.0)):
+            build.body(name, **BODY, position=(x, 0, 0))
+        build.revolute("hinge", "ground", "crank", axis=(0, 0, 1), at=(0, 0, 0), angle=0.5)
+        build.prismatic("slide", "ground", "slider", axis=(1, 0, 0), at=(3, 0, 0), travel=travel)
+        build.rod("rod", "crank", "slider", on_a=(0.5, 0, 0), on_b=(0, 0, 0))
+        q = build.model().q0
+        return 2 * math.atan2(q[3], q[0]), q[11] - 3
+
+    def travel_of(angle):
+        return math.cos(angle) + math.sqrt(4 - math.sin(angle) ** 2) - 3
+
+    exact = travel_of(0.5)
+    assert start(exact) == pytest.approx((0.5, exact), abs=ROUNDING)
+    with pytest.warns(InputWarning, match=f"'hinge'.*'slide'.*{exact:.7f}"):
+        angle, travel = start(round(exact, 7))
+    assert travel == pytest.approx(travel_of(angle), abs=ROUNDING)
+    h = 1e-4
+    slope = (travel_of(angle + h) - travel_of(angle - h)) / (2 * h)
+    assert math.sin(angle - 0.5) + (travel - round(exact, 7)) * slope == pytest.approx(0, abs=1e-15)
+    far = exact + 0.05
+    nearest = minimize_scalar(lambda x: math.sin(x - 0.5) ** 2 + (travel_of(x) - far) ** 2,
+                              bounds=(0.3, 0.6), options={"xatol": 1e-12}).x
+    with pytest.raises(InputError, match=f"'hinge' {str(nearest)[:7]}.*0.5.*'slide'.*{far:.9g}"):
+        start(far)
 
 
 def test_a_rate_is_kept_where_a_quaternion_is_off_by_round_off():
