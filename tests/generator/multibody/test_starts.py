@@ -171,7 +171,8 @@ def test_an_angle_and_a_travel_of_a_slider_crank_are_moved_by_their_last_digits_
         return math.cos(angle) + math.sqrt(4 - math.sin(angle) ** 2) - 3
 
     exact = travel_of(0.5)
-    assert start(exact) == pytest.approx((0.5, exact), abs=ROUNDING)
+    for travel in (exact, None):  # without a warning
+        assert start(travel) == pytest.approx((0.5, exact), abs=ROUNDING)
     with pytest.warns(InputWarning, match=f"'hinge'.*'slide'.*{exact:.7f}"):
         angle, travel = start(round(exact, 7))
     assert travel == pytest.approx(travel_of(angle), abs=ROUNDING)
