@@ -21,7 +21,10 @@ from gyrospark.references.problem import Attempt, largest_error
 from gyrospark.references.problem_registry import REFERENCES
 from gyrospark.references.results_page import page, reached
 from gyrospark.references.work_precision import LIMIT, measure
+from gyrospark.runtime.rigid_body.quaternion import left_matrix, rotation_matrix
 from processes import ROOT
+from robots import Motion
+from strategies import EPS
 
 every = pytest.mark.parametrize("name", REFERENCES)
 #: Results of another code: mpmath with 32 to 40 digits, extrapolated modified midpoint with two
@@ -95,6 +98,21 @@ def test_digits_are_made_by_the_script(name):
     assert list(true.values) == [x for names in problem.groups.values() for x in names]
     assert all(len(re.sub(r"\D", "", text).lstrip("0")) == 24 for text in true.values.values())
     assert name in make_digits.WAYS
+
+
+@pytest.mark.parametrize("name", ["kovalevskaya", "goryachev-chaplygin", "dzhanibekov",
+                                  "free-body"])
+def test_integrals_of_tops_have_no_rate_at_any_state(name):
+    """The top of Goryachev and Chaplygin has its own where l_z = 0."""
+    model, draw = REFERENCES[name].make().in_type(float), np.random.default_rng(5)
+    q, m = draw.normal(size=4), draw.normal(size=3)
+    q /= np.linalg.norm(q)
+    if name == "goryachev-chaplygin":
+        vertical = rotation_matrix(q)[2]  # in body axes
+        m -= vertical * (vertical @ m)
+    motion = Motion(replace(model, q0=q, p0=2 * left_matrix(q).T @ m))
+    for quantity in model.system.quantities:
+        assert abs(motion.acceleration(quantity)) < 64 * EPS, quantity
 
 
 @pytest.mark.parametrize("name", [
