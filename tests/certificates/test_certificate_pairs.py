@@ -410,3 +410,19 @@ def test_a_central_force_with_ems() -> None:
         assert means.energy().guaranteed
         assert not means.energy().refuted
         assert not means.loop().guaranteed
+
+
+def test_momentum_constraints_that_are_not_linear_are_not_promised() -> None:
+    system = systems.case("relativistic").system
+    numbers = {x: sp.Integer(1) for x in system.parameters}
+    assert not MeanGuarantees(system, numbers, "EMS", 2).momentum_constraint().guaranteed
+
+
+def test_constraints_that_turn_into_one_another_with_ems() -> None:
+    """G-L keeps the momentum of two joined points; of EMS algebra does not see it."""
+    system = gs.System((x, y, z, s), (px, py, pz, d), (k,), (px**2 + py**2 + pz**2 + d**2) / 2
+                       + k * (x**2 + y**2 + z**2 + s**2), (x - z, y - s), name="joined")
+    (J,) = momentum_maps(system, {"k": 1.5}, [0.6, -0.3, 0.6, -0.3], [0.2, 0.5, 0.2, 0.5])
+    numbers = {k: sp.Rational(3, 2)}
+    assert SparkGuarantees(system, numbers, gs.tableau("G-L", 2)).momentum(J).guaranteed
+    assert not MeanGuarantees(system, numbers, "EMS", 2).momentum(J).guaranteed

@@ -276,6 +276,11 @@ def test_a_derivative_that_vanishes_says_nothing_of_a_step():
     assert not Structure(gs.System((x,), (u,), (k,), sp.Abs(u) + x**2)).is_quadratic
 
 
+def test_switches_by_a_floor_alone_are_where_the_floor_jumps():
+    whole = sp.floor(x)
+    assert switches_of([as_switches(sp.sign(whole - sp.Rational(1, 2)))]) == [x]
+
+
 def test_constraints_by_complex_steps():
     """|q| is analytic on each of its sides: Im g(q + iε)/ε is its derivative."""
     g = as_switches(sp.Abs(x) ** 3 + sp.Max(0, y) ** 2 + P((x, x < y), (y, True)) - 1)
