@@ -21,7 +21,7 @@ import gyrospark as gs
 import systems
 from gyrospark.generator.pipeline import generate
 from gyrospark.generator.spec import Spec
-from gyrospark.generator.symmetry.rotations import rotation_of
+from gyrospark.generator.symmetry.rotations import rotate_coordinates, rotation_of
 from python_newton import integrate
 from steady_motions import STEADY
 
@@ -390,6 +390,9 @@ def test_a_rotation_turns_at_a_rate_that_binary_holds(rate, is_one):
     assert (rotation is not None) == is_one
     if rotation is not None:
         assert list(rotation.blocks) == [rate]
+        x, y, cosine, sine = sp.symbols("x y cosine sine")
+        assert rotate_coordinates([x, y], [rotation], [sp.S.One], {rate: cosine}, {rate: sine}) == [
+            cosine * x - sine * y, cosine * y + sine * x]
 
 
 @cache

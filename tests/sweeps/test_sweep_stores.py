@@ -114,9 +114,9 @@ def test_another_sweep_is_not_resumed(tmp_path):
             ({"steps": 6}, "steps was 5"), ({"dt": 2e-3}, r"dt was 0\.001"),
             ({"scheme": "IMS"}, "steppers"), ({"parameters": {"mgl": 0.5}}, r"parameters\.mgl"),
             ({"over": {"gamma": [1e-3, 3e-3]}}, r"axes\.gamma"), ({"keep": ["q"]}, "results"),
-            ({"tolerance": 1e-9}, "tolerance")):
+            ({"tolerance": 1e-9}, "tolerance"), ({"resume": "no"}, "resume = 'no'")):
         with pytest.raises(gs.InputError, match=words):
-            gs.sweep(TOP, **(arguments | change), out=path, resume=True)
+            gs.sweep(TOP, **({"resume": True} | arguments | change), out=path)
 
 
 def test_a_store_in_other_tiles_is_not_resumed(tmp_path, monkeypatch):
