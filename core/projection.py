@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -233,8 +233,15 @@ def project_momenta(system: Constrained, q: Array, p: Array) -> Array:
                      f"its rate stays at {abs(f[worst]):.3e}; give a nearer start.")
 
 
-def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
-    """Return (all rows of G that depend on others, a smallest set of rows to leave out).
+class DependentRows(NamedTuple):
+    """Indices of rows of a matrix: all that depend on others, and a smallest set to leave out."""
+
+    involved: list[int]
+    left_out: list[int]
+
+
+def dependent_rows(G: Array | csr_array) -> DependentRows:
+    """Return the rows of G that depend on others, and a smallest set of rows to leave out.
 
     Rows are taken at length one. Of dependent rows the later ones are left out, which belong
     to the joints that were added last, but only rows with a large coefficient in the dependency.
@@ -243,14 +250,14 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
     """
     if not isinstance(G, np.ndarray):
         if G.shape[0] <= G.shape[1] and _has_independent_rows(G):
-            return [], []
+            return DependentRows([], [])
         G = G.toarray()
     largest = np.abs(G).max(axis=1, initial=0.0)  # first, for its square may be beyond 1e308
     rows = G / np.where(largest > 0, largest, 1.0)[:, None]
     sizes = np.linalg.norm(rows, axis=1)
     rows /= np.where(sizes > 0, sizes, 1.0)[:, None]
     if len(G) <= G.shape[1] and _is_well_conditioned(rows):
-        return [], []
+        return DependentRows([], [])
     U, singular_values, _ = np.linalg.svd(rows)
     rank = int(np.sum(singular_values > RANK_TOLERANCE * max(singular_values.max(initial=0.0),
                                                              RANK_TOLERANCE)))
@@ -267,7 +274,7 @@ def dependent_rows(G: Array | csr_array) -> tuple[list[int], list[int]]:
         # one dependency is resolved by leaving out the pivot; go on with those without it
         direction = null_rows[pivot] / coefficients[pivot]
         null_rows = null_rows - np.outer(null_rows @ direction, direction)
-    return involved, sorted(left_out)
+    return DependentRows(involved, sorted(left_out))
 
 
 def _is_well_conditioned(rows: Array) -> bool:

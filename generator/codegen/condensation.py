@@ -121,8 +121,10 @@ def condensation_of(
     # joints of a body to each other, which widens the band of a body with many joints.
     bands = {coordinates: _band(structure, scheme, elements, nonzero, coordinates)
              for coordinates in (free_q, frozenset[int]())}
-    eliminated, band = min(bands.items(), key=lambda choice: choice[1].half_width)
-    nonzero.sort(key=lambda entry: entry[1] not in eliminated)  # stable: eliminated columns first
+    eliminated = min(bands, key=lambda coordinates: bands[coordinates].half_width)
+    band = bands[eliminated]
+    # stable: eliminated columns first
+    nonzero.sort(key=lambda row_and_column: row_and_column[1] not in eliminated)
     place_of = {entry: k for k, entry in enumerate(stored)}
     first = [0, *accumulate(map(len, columns))]
     return Condensation(

@@ -229,7 +229,8 @@ def _start_parameters(derived: Derived, elements: Elements | None) -> list[str]:
 def _hamiltonian(system: System, elements: Elements | None) -> str:
     """Return H as text: in full, or the number of terms of each element template."""
     if isinstance(system, LagrangianSystem):
-        return system.texts()[0]
+        H, _ = system.texts()
+        return H
     if elements is None:
         return text_of(energy_of(system))
     return " + ".join(f"{form['count']} x [{form['text'][-1]}]" for form in elements.energies)
@@ -245,7 +246,8 @@ def _lagrangian(system: System) -> dict[str, Any]:
         return {}
     placed = {name: PlacedManifest(**{key: tuple(names) for key, names in lists.items()})
               for name, lists in system.placed.items()}
-    return {"lagrangian": system.texts()[1], "velocity_names": _texts(system.velocities),
+    _, L = system.texts()
+    return {"lagrangian": L, "velocity_names": _texts(system.velocities),
             "indefinite": not system.is_definite, "placed": placed}
 
 

@@ -57,7 +57,8 @@ class CPrinter:
 
     def __call__(self, expression: sp.Expr) -> str:
         """Return C text for the expression."""
-        return self._text(expression)[0]
+        text, _ = self._text(expression)
+        return text
 
     def number(self, e: sp.Expr) -> str:
         """Return C text of the kernel's type: on lanes, a number becomes ``splat(number)``.
@@ -210,7 +211,7 @@ class CPrinter:
             if integer_power.startswith("-"):
                 integer_power = f"({integer_power})"
             self.operations["mul"] += 1
-            return f"{integer_power}*{self._text(sp.sqrt(base))[0]}", _PRODUCT
+            return f"{integer_power}*{self(sp.sqrt(base))}", _PRODUCT
         return self._call("pow", base, exponent), _ATOM
 
 

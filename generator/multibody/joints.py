@@ -138,7 +138,7 @@ class StartValue:
 class StartRate(NamedTuple):
     """A rate given at the start: Σ (c_v·v + c_ω·ω) over bodies = ``value``.
 
-    ``coefficients`` has (c_v, c_ω), shape (3,) each, of each body; v and ω are in space.
+    ``coefficients`` has (c_v, c_ω) of each body, of the lengths of its v and ω, in space.
     """
 
     joint: str

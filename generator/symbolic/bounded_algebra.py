@@ -42,8 +42,8 @@ def can_be_factored(e: sp.Expr) -> bool:
     if not is_small(e) or not e.is_rational_function():
         return False
     denominators = {power.base for power in e.atoms(sp.Pow) if power.exp.is_negative}
-    common = math.prod(_expanded_size(d)[0] for d in denominators)
-    return common * _expanded_size(e)[0] <= MAX_NUMERATOR_TERMS
+    term_counts = [terms for terms, _ in map(_expanded_size, (e, *denominators))]
+    return math.prod(term_counts) <= MAX_NUMERATOR_TERMS
 
 
 @lru_cache(maxsize=2**14)

@@ -73,7 +73,8 @@ def is_refuted(
     left: Sequence[sp.Expr], right: Sequence[sp.Expr], small: Sequence[sp.Symbol] = ()
 ) -> bool:
     """Return whether ``compare`` refutes equality; nothing is proved."""
-    return any(difference > _TOLERANCE for difference in _differences(left, right, small)[1])
+    _, differences = _differences(left, right, small)
+    return any(difference > _TOLERANCE for difference in differences)
 
 
 def _differences(

@@ -122,7 +122,8 @@ def _product(a: _Polynomial, b: _Polynomial) -> _Polynomial:
     """Return the product of two polynomials, whose monomials are numbers that add up."""
     product: dict[int, int] = {}
     get = product.get
-    for m, x in a[0].items():
-        for n, y in b[0].items():
+    (a_terms, a_denominator), (b_terms, b_denominator) = a, b
+    for m, x in a_terms.items():
+        for n, y in b_terms.items():
             product[m + n] = get(m + n, 0) + x * y
-    return product, a[1] * b[1]
+    return product, a_denominator * b_denominator

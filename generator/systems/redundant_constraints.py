@@ -325,7 +325,7 @@ def _are_contradictory(constraints: NumericConstraints, q: Array, left_out: Sequ
     (A, a) as of A, ``left_out``, depend on the others.
     """
     rows = np.column_stack([as_dense(constraints.rows(q)), constraints.drift(q)])
-    return len(dependent_rows(rows)[1]) < len(left_out)
+    return len(dependent_rows(rows).left_out) < len(left_out)
 
 
 def _units_of_columns(G: Array | csr_array, lengths: Array) -> Array:
@@ -376,7 +376,7 @@ def _is_singular(
         neighbour = nearest_point(constraints, q + direction)
         if neighbour is not None:
             G = _scale_columns(constraints.rows(neighbour), units)
-            return len(dependent_rows(G)[1]) < dependent_count
+            return len(dependent_rows(G).left_out) < dependent_count
     return False
 
 

@@ -460,9 +460,9 @@ def _independent(
     q, values = random_point(system, symbols_of(flat))
     substitution: Mapping[sp.Symbol, Any] = dict(zip(system.q, q, strict=True)) | values
     numbers = evaluate(flat, substitution).reshape(len(rows), system.n + 1)
-    implied = {*dependent_rows(numbers)[1]}
+    implied = {*dependent_rows(numbers).left_out}
     # the row depends on others without a₀ and not with it: a v = −a₀ has no solution
-    contradictory = {*dependent_rows(numbers[:, :-1])[1]} - implied
+    contradictory = {*dependent_rows(numbers[:, :-1]).left_out} - implied
     if contradictory:
         row = velocity_constraints[max(contradictory) - system.m]
         raise InputError(f"The constraint {shorten(str(row), 60)} = 0 on the velocities of "

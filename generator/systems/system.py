@@ -505,12 +505,14 @@ class System:
     @cached_property
     def A(self) -> list[list[sp.Expr]]:
         """The coefficients of the velocities in the velocity constraints, m' × n."""
-        return self._velocity_rows[0]
+        A, _ = self._velocity_rows
+        return A
 
     @cached_property
     def a(self) -> list[sp.Expr]:
         """The velocity constraints at rest, m' entries: A(q, t) q̇ + a(q, t) = 0."""
-        return self._velocity_rows[1]
+        _, a = self._velocity_rows
+        return a
 
     @cached_property
     def _velocity_rows(self) -> tuple[list[list[sp.Expr]], list[sp.Expr]]:

@@ -12,7 +12,7 @@ Kim, Slotine, IEEE Robot. Autom. Lett. 3, 2018). All other parameters move as th
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -30,6 +30,13 @@ _LARGEST = 0.7
 #: Least principal values of Σ, as shares of tr(J): of any Σ, against round-off, and of that of a
 #: first guess, because no step leads away from 0.
 _FLOOR, _INSIDE = 1e-12, 1e-2
+
+
+class _BodyParameters(NamedTuple):
+    """Values of a body's parameters, and their derivatives by the entries of its factor L."""
+
+    values: list[float]
+    by_factor: Array  # shape (names, entries)
 
 
 @dataclass(frozen=True)
@@ -60,7 +67,7 @@ class Inertia:
         L: Array = np.linalg.cholesky((axes * second_moments) @ axes.T)
         return L
 
-    def parameters_of(self, L: Array) -> tuple[list[float], Array]:
+    def parameters_of(self, L: Array) -> _BodyParameters:
         """Return the parameters of J(LLᵀ), and their derivatives by the moving entries of L.
 
         dJ = tr(dΣ) 1 − dΣ with dΣ = dL Lᵀ + L dLᵀ, and dK = −K dJ K for K = J⁻¹. Shape (names,
@@ -79,9 +86,11 @@ class Inertia:
             unit[i, j] = 1.0
             J_by_L.append(inertia_of(unit @ L.T + L @ unit.T))
         if len(self.names) == 3:
-            return np.diag(J).tolist(), np.array([np.diag(dJ) for dJ in J_by_L]).T
+            return _BodyParameters(np.diag(J).tolist(),
+                                   np.array([np.diag(dJ) for dJ in J_by_L]).T)
         K, upper = np.linalg.inv(J), np.triu_indices(3)
-        return K[upper].tolist(), np.array([-(K @ dJ @ K)[upper] for dJ in J_by_L]).T
+        return _BodyParameters(K[upper].tolist(),
+                               np.array([-(K @ dJ @ K)[upper] for dJ in J_by_L]).T)
 
 
 class Coordinates:
@@ -112,7 +121,7 @@ class Coordinates:
             # bodies that are well inside keep the bits of their parameters
             inner_factor = body.factor(parameters, least_share=_INSIDE)
             if not np.array_equal(L, inner_factor):
-                moved_parameters.update(zip(body.names, body.parameters_of(inner_factor)[0],
+                moved_parameters.update(zip(body.names, body.parameters_of(inner_factor).values,
                                             strict=True))
         return moved_parameters
 
@@ -127,7 +136,7 @@ class Coordinates:
         for body in self._bodies:
             indices = [self.free.index(name) for name in body.names]
             size = len(indices)
-            block = body.parameters_of(body.factor(parameters))[1]
+            block = body.parameters_of(body.factor(parameters)).by_factor
             jacobian[indices, column : column + size] = block
             column += size
         for i, name, positive in self._single:
@@ -146,7 +155,7 @@ class Coordinates:
             L = body.factor(parameters)
             size = len(body.names)
             L[body.entries] += y[column : column + size]
-            moved_parameters.update(zip(body.names, body.parameters_of(L)[0], strict=True))
+            moved_parameters.update(zip(body.names, body.parameters_of(L).values, strict=True))
             column += size
         for _, name, positive in self._single:
             moved_parameters[name] = parameters[name] * float(np.exp(y[column])) if positive else (

@@ -357,8 +357,9 @@ class OrbitSearch:
             columns.append((B.T @ by_step)[:, None])
             start_derivatives.append(np.zeros((2 * self.stepper.n, 1)))
         if self.free is not None:
-            columns.append((B.T @ (by_parameter[1] - by_parameter[0]))[:, None])
-            start_derivatives.append(by_parameter[0][:, None])
+            start_by_parameter, end_by_parameter = by_parameter
+            columns.append((B.T @ (end_by_parameter - start_by_parameter))[:, None])
+            start_derivatives.append(start_by_parameter[:, None])
         A, D = np.hstack(columns), np.hstack(start_derivatives)
         right_side = [*(-B.T @ (guess.gap.astype(float) / guess.units))]
         rows: list[tuple[Array, float]] = []  # slope by the unknowns, and its right side

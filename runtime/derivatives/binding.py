@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -96,6 +96,13 @@ class ImpactStep(KeptSteps):
                              "multipliers out.")
 
 
+class ConstraintDerivatives(NamedTuple):
+    """Derivatives of g and of f at a state, shape (m, rows) each."""
+
+    g: Array
+    f: Array
+
+
 class DerivativeBinding:
     """Calls into the module of derivatives; ``module`` makes its structs, ``primal`` integrates."""
 
@@ -115,7 +122,7 @@ class DerivativeBinding:
 
     def constraint_derivatives(
         self, parameters: ParameterStruct, q: Array, p: Array
-    ) -> tuple[Array, Array]:
+    ) -> ConstraintDerivatives:
         """Return ∂g and ∂f, shape (m, ``rows``) each.
 
         Column j is the derivative by entry j of a direction, (q, p, parameters, Δt, t).
@@ -127,7 +134,7 @@ class DerivativeBinding:
             binding.function("constraint_derivatives")(
                 parameters, binding.pointer(q), binding.pointer(p), binding.pointer(g),
                 binding.pointer(f), memory)
-        return g, f
+        return ConstraintDerivatives(g, f)
 
     def quantity_derivatives(
         self, parameters: ParameterStruct, t: Any, q: Array, p: Array, *, energy: bool = False

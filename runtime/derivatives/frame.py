@@ -61,14 +61,14 @@ class FrameMotion:
         """
         n = self.n
         parameters = self._binding.module.parameters(run.parameters, run.t0)
-        G = self._binding.constraint_derivatives(parameters, run.q, run.p)[0][:, :n]
+        G = self._binding.constraint_derivatives(parameters, run.q, run.p).g[:, :n]
         for lifted in self._lifted:
             # half a radian: constraints that are invariant have the same G there, in the frame's
             # axes
             S = self._exponential(lifted / 2)
             z = S @ np.concatenate([run.q, run.p])
             turned = self._binding.constraint_derivatives(
-                parameters, z[:n].copy(), z[n:].copy())[0][:, :n] @ S[:n, :n]
+                parameters, z[:n].copy(), z[n:].copy()).g[:, :n] @ S[:n, :n]
             if float(np.abs(turned - G).max()) > 1e-6 * float(np.abs(G).max()):
                 refuse_together(multiplier_derivatives="derivatives of multipliers",
                                 turning_frame="this co-moving frame")

@@ -615,7 +615,10 @@ def _back_from_checkpoints(
     _check(stepper, run, kept_run, status=0, end=end)
     for checkpoint in reversed(checkpoints):
         kept_run.state.assign(kept_run.binding.module, checkpoint)
-        yield kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))[0]
+        # the same steps as before, to the bit
+        steps, status = kept_run.keep(min(piece_steps, run.steps - kept_run.steps_done))
+        assert not status
+        yield steps
 
 
 def _back_through_impacts(
@@ -677,24 +680,24 @@ def _iterate_backwards(
     if end is None:
         trajectory = stepper._run(replace(run, every=max(run.steps, 1)))
         end = _last_state(trajectory)
-    # ``state`` is the state after ``remaining`` steps of the run
-    binding, state, remaining = stepper._derivative_binding(), end, run.steps
+    # (q, p) is the state after ``remaining`` steps of the run
+    binding, (q, p), remaining = stepper._derivative_binding(), end, run.steps
     while remaining:
         # a step of −Δt is the inverse of one of Δt to round-off for the symmetric schemes: states
         # run back, and each piece forward again for its unknowns
         count = min(PIECE, remaining)
         reverse_run = stepper._run(replace(
-            run, q=state[0].copy(), p=state[1].copy(), dt=-run.dt, steps=count, every=count,
+            run, q=q.copy(), p=p.copy(), dt=-run.dt, steps=count, every=count,
             t0=run.t0 + remaining * run.dt))
-        state = _last_state(reverse_run)
+        q, p = _last_state(reverse_run)
         remaining -= count
-        forward = binding.begin(replace(run, q=state[0].copy(), p=state[1].copy(), steps=count,
+        forward = binding.begin(replace(run, q=q.copy(), p=p.copy(), steps=count,
                                         t0=run.t0 + remaining * run.dt))
         steps, status = forward.keep(count)
         if status:
             raise linearisation_error(remaining, status)
         yield replace(steps, first=remaining)
-    _refuse_mismatch(state, (run.q, run.p), "running backwards does not lead to the start; give "
+    _refuse_mismatch((q, p), (run.q, run.p), "running backwards does not lead to the start; give "
                      "memory=\"256 MB\", and the steps are kept")
 
 

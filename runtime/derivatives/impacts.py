@@ -226,8 +226,8 @@ class _JumpEquations:
     def constraint_impulses(self, run: RunArguments) -> tuple[Array, Array]:
         """Return y of f(q, p⁻ − Gᵀ y) = 0 and λ of Gᵀ λ = p⁺ − p⁻ − φ_qᵀ μ, shape (m,) each."""
         hit, primal = self._hit, self._stepper.binding
-        f = primal.defects(primal.parameters(run.parameters, self._t), hit.q[None],
-                           hit.p_before[None])[1][0]
+        _, (f,) = primal.defects(primal.parameters(run.parameters, self._t), hit.q[None],
+                                 hit.p_before[None])
         # f is affine in p with the derivative W by −y; λ by the normal equations of Gᵀ
         y = solve(self.W, f[: len(self.W)])  # behind f come conditions of velocities
         impulse = hit.p_after - hit.p_before - self.phi_q * hit.impulse
@@ -235,15 +235,17 @@ class _JumpEquations:
 
     def f_derivatives(self, p: Array) -> Array:
         """Return the derivatives of f at (q, p), shape (m, rows)."""
-        return self._binding.constraint_derivatives(self._parameters, self._hit.q, p)[1]
+        return self._binding.constraint_derivatives(self._parameters, self._hit.q, p).f
 
     def impulse_derivatives(self, p: Array, mu: Any, lam: Array) -> Array:
         """Return the derivatives of φ_qᵀ μ + Gᵀ λ at fixed μ and λ, shape (n, rows)."""
-        return self._module_derivatives(p, mu, lam)[0]
+        impulses, _ = self._module_derivatives(p, mu, lam)
+        return impulses
 
     def rate_derivatives(self, p: Array) -> Array:
         """Return the derivatives of the rate r(q, p) of the gap, shape (1, rows)."""
-        return self._module_derivatives(p, mu=0, lam=self._allocate(len(self.G)))[1]
+        _, rates = self._module_derivatives(p, mu=0, lam=self._allocate(len(self.G)))
+        return rates
 
     def along(self, derivatives: Array, dp: Array) -> Array:
         """Return f_q dq + f_p dp + f_θ dθ of a function f, whose p moves by ``dp``, unlike p⁻.

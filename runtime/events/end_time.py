@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,6 +27,14 @@ __all__ = ["EndTimeObserver"]
 
 #: Partial steps at most: three or four are usual, and as many bisections separate two doubles.
 _MOST = 60
+
+
+class _TimePoint(NamedTuple):
+    """A state near t_end: τ since the state before the end, and t there."""
+
+    tau: Any
+    overshoot: Any  # t − t_end
+    slope: Any  # dτ/dt = 1/σ
 
 
 class EndTimeObserver:
@@ -105,8 +113,7 @@ class EndTimeObserver:
         low, high = 0 * self._run.dt, self._run.dt
         scales = binding.time_scales(constants.parameters, np.stack([state.q, row.q[0]]),
                                      np.stack([state.p, row.p[0]]))
-        # τ since the state, t − t_end and 1/σ
-        near_point, new_point = ((tau, t - t_end, 1 / scale) for tau, t, scale in zip(
+        near_point, new_point = (_TimePoint(tau, t - t_end, 1 / scale) for tau, t, scale in zip(
             (low, high), (state.q[-1], row.q[0, -1]), scales, strict=True))
         resolution = epsilon_of_times(self._stepper) * max(abs(state.q[-1]), abs(t_end))
         best_overshoot: Any = np.inf
@@ -126,8 +133,8 @@ class EndTimeObserver:
                 break
             low, high = (low, tau) if self._ahead * overshoot > 0 else (tau, high)
             scale = binding.time_scales(constants.parameters, row.q, row.p)[0]
-            near_point = min(near_point, new_point, key=lambda point: abs(point[1]))
-            new_point = tau, overshoot, 1 / scale
+            near_point = min(near_point, new_point, key=lambda point: abs(point.overshoot))
+            new_point = _TimePoint(tau, overshoot, 1 / scale)
         assert best_step is not None
         return best_step
 
@@ -164,7 +171,7 @@ class EndTimeObserver:
         return replace_fields(trajectory, events=crossings)
 
 
-def _zero(a: tuple[Any, Any, Any], b: tuple[Any, Any, Any]) -> Any:
+def _zero(a: _TimePoint, b: _TimePoint) -> Any:
     """Return τ(0) by the cubic τ(t) through (τ, t, dτ/dt) of two points: Hermite interpolation.
 
     With h = t_b − t_a, the ``width``, and x = −t_a/h: τ_a + (τ_b − τ_a) x² (3 − 2x) +

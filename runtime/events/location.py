@@ -513,7 +513,8 @@ def _next_place(
 
 def _where(condition: Array, a: tuple[Array, Array], b: tuple[Array, Array]) -> tuple[Array, Array]:
     """Return the points (x, y) of a where the condition holds, else of b."""
-    return np.where(condition, a[0], b[0]), np.where(condition, a[1], b[1])
+    (x_a, y_a), (x_b, y_b) = a, b
+    return np.where(condition, x_a, x_b), np.where(condition, y_a, y_b)
 
 
 def _zero_and_one(work: _Work, indices: Array) -> tuple[Array, Array]:

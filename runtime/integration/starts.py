@@ -355,4 +355,6 @@ def steps_of_all(
                         for count, remainder in (min(spans), max(spans)))
         raise InputError(f"t_end = {shown(t_end)} is after {fewest} of one trajectory and after "
                          f"{most} of another; give steps, or runs of their own.")
-    return spans[0][0], [remainder for _, remainder in spans]
+    # all spans have the same number of steps
+    (count, _), *_ = spans
+    return count, [remainder for _, remainder in spans]

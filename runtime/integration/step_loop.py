@@ -237,12 +237,12 @@ def advance_and_detect(
 
     ``rows`` get each ``every``-th state; the status is returned.
     """
-    first_step, start = state.steps, (state.q.copy(), state.p.copy())
+    first_step, q, p = state.steps, state.q.copy(), state.p.copy()
     visited = rows if every == 1 else detector.scratch_rows(steps)
     # events are sought in every state, also between two stored ones
     status = binding.integrate(constants, steps, every=1, state=state, rows=visited)
     count = state.steps - first_step
-    detector.detect(first_step, start[0][None], start[1][None])
+    detector.detect(first_step, q[None], p[None])
     detector.detect(first_step + 1, visited.q[:count], visited.p[:count])
     if every > 1:
         thin(visited, count, every, rows)

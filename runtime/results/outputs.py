@@ -7,7 +7,7 @@ An output is a number, or an array of them, for each stored state. To add one: a
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -84,7 +84,7 @@ class States:
         return self.t.astype(self.binding.dtype)
 
     @property
-    def defects(self) -> tuple[Array, Array]:
+    def defects(self) -> DefectSizes:
         """The largest |g| and the largest momentum-constraint error of each state."""
         return defect_sizes(self.binding, self.parameters, self.q, self.p, self._times)
 
@@ -217,8 +217,8 @@ OUTPUTS = (
            body_units="kg m2 s-1", labels="momenta"),
     Output("energy", "energies", "Hamiltonian of the stepper's own form", lambda at: at.energies,
            body_units="J"),
-    Output("g_error", "g_errors", "largest |g(q)|", lambda at: at.defects[0]),
-    Output("f_error", "f_errors", "largest |g_q H_p|; |q.p| of a body", lambda at: at.defects[1]),
+    Output("g_error", "g_errors", "largest |g(q)|", lambda at: at.defects.g),
+    Output("f_error", "f_errors", "largest |g_q H_p|; |q.p| of a body", lambda at: at.defects.f),
     Output("iterations", "iterations", "most iterations of a step since the last state",
            lambda at: at.iterations, dtype="i4", of_steps=True),
     Output("multipliers", "multipliers", "multipliers of the step that ends here",
@@ -344,16 +344,23 @@ def flat_multipliers(trajectory: Any) -> Array:
     return np.concatenate(parts, axis=1)
 
 
+class DefectSizes(NamedTuple):
+    """The largest |g| and the largest momentum-constraint error of each state."""
+
+    g: Array
+    f: Array
+
+
 def defect_sizes(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array, t: Array | None = None
-) -> tuple[Array, Array]:
+) -> DefectSizes:
     """Return the largest |g| and the largest momentum-constraint error of each row, (rows,) each.
 
     q and p have the shape (rows, n); ``t`` are times of the rows, or None for that of
     ``parameters``.
     """
     g, f = binding.defects(parameters, q, p, t)
-    return np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0)
+    return DefectSizes(np.abs(g).max(axis=1, initial=0), np.abs(f).max(axis=1, initial=0))
 
 
 def place_of_quantity(manifest: Manifest, name: Any) -> int:

@@ -268,17 +268,15 @@ class Evaluation(FixedAttributes):
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        start_state, compiled_parameters = self._at_start(start, p, parameters, t)
-        projected_state = self._project(*start_state, compiled_parameters)
+        (q0, p0), compiled_parameters = self._at_start(start, p, parameters, t)
+        q1, p1 = self._project(q0, p0, compiled_parameters)
         # in scaled time the last coordinate is t
-        numeric = CompiledConstraints(self.binding, self.manifest, compiled_parameters,
-                                      start_state[0][-1])
+        numeric = CompiledConstraints(self.binding, self.manifest, compiled_parameters, q0[-1])
         # three rows: the start; the projected q with the p of the start, whose f is the one before
         # the projection of p; the projected state
-        (q0, p0), (q1, p1) = start_state, projected_state
         states = np.stack([q0, q1, q1]), np.stack([p0, p0, p1])
         g, f = self.binding.defects(compiled_parameters, *map(np.ascontiguousarray, states))
-        before, after = ((x[: self.n], y[: self.n]) for x, y in (start_state, projected_state))
+        before, after = ((q[: self.n], p[: self.n]) for q, p in ((q0, p0), (q1, p1)))
         return report(numeric, before, after, (g[0], g[1]), (f[1], f[2]))
 
     def _project(self, q: Array, p: Array, parameters: ParameterStruct) -> tuple[Array, Array]:
