@@ -78,10 +78,10 @@ def statements_of(kernel: Kernel) -> Statements:
     """
     targets = entries(kernel)
     if not kernel.factors:
-        temporaries, outputs = _name_recurring([e for _, e in targets])
-        return Statements(temporaries, _replace_outputs(targets, outputs))
-    shared, outputs = _replace_shared([e for _, e in targets])
-    expressions = [*shared.values(), *outputs]
+        temporaries, reduced = _name_recurring([e for _, e in targets])
+        return Statements(temporaries, _replace_outputs(targets, reduced))
+    shared, replaced = _replace_shared([e for _, e in targets])
+    expressions = [*shared.values(), *replaced]
     # whole trees are compared to sort arguments, which takes too long in deep ones
     temporaries, reduced = common_subexpressions(
         expressions, sp.numbered_symbols("_t", real=True),

@@ -385,7 +385,8 @@ class _Search:
         for indices in connected_components([frozenset(entry) for entry in A]):
             i, j, k = (*sorted(indices), -1, -1)[:3]  # k = −1: a point that moves in a plane
             if len(indices) not in (2, 3) or not self._is_rotation(sorted(indices), A):
-                y, x = next(entry for entry in A if entry[0] in indices)
+                # indices are those of entries of A
+                y, x = next((i, j) for i, j in A if i in indices)
                 raise InputError(
                     f"H of system {self.system.name!r} has the term {self.system.p[y]}*"
                     f"{self.system.q[x]} times a constant, which is no part of a rotation of a "

@@ -125,8 +125,8 @@ class SymmetrySpace:
         rows = self._combine(prime, lambda i, j: G[i] * q[j] % prime, count)
         # columns g_k, then fields: eliminating the first ones removes the unknown C
         augmented_rows = np.column_stack([*(residues[g] for g in related), rows])
-        rows, pivots = echelon_form(augmented_rows, prime, columns=len(related))
-        return rows[len(pivots) :, len(related) :]
+        reduced_rows, pivots = echelon_form(augmented_rows, prime, columns=len(related))
+        return reduced_rows[len(pivots) :, len(related) :]
 
     def _points(
         self, prime: int, expressions: Sequence[sp.Expr], count: int, states: Sequence[sp.Symbol]

@@ -89,8 +89,9 @@ def with_row_integrals(system: System) -> System:
                          strict=True))
     g, names, start_values = [], [], []
     for integral in row_integrals(system):
-        # φ = φ₀ replaces one of its rows, which follows from it and from the other ones
-        name = next(row for row in integral.rows if row in remaining)
+        # φ = φ₀ replaces the first of its rows, which follows from it and from the other ones; no
+        # other integral has this row, as their coefficients are in reduced echelon form
+        name = next(iter(integral.rows))
         phi_0 = sp.Symbol(re.sub(r"\W+", "_", f"{name}_0"), real=True)
         del remaining[name]
         g.append(integral.expression - phi_0)

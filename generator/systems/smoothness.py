@@ -79,12 +79,12 @@ def continuity(e: sp.Expr, w: sp.Expr, symbols: Sequence[sp.Symbol]) -> Continui
         return Continuity.JUMP
     # terms without this switch are the same on both sides
     terms = [t for t in sp.Add.make_args(e) if not {w, -w}.isdisjoint(switches_of([t]))]
-    e = sp.Add(*terms)
-    # e where w < 0, and e where w > 0
-    sides = [on_side(e, partial(_weight_of_side, w=w, above=above)) for above in (0, 1)]
+    part = sp.Add(*terms)
+    # where w < 0, and where w > 0
+    sides = [on_side(part, partial(_weight_of_side, w=w, above=above)) for above in (0, 1)]
     variables = [x for x in symbols if x in w.free_symbols]
     observed = Continuity.SMOOTH
-    for evaluator in _points_on(w, variables, e.free_symbols | w.free_symbols):
+    for evaluator in _points_on(w, variables, part.free_symbols | w.free_symbols):
         if not _are_equal(evaluator, *sides):
             return Continuity.JUMP
         if not all(_are_equal(evaluator, *(derivative(side, x) for side in sides))

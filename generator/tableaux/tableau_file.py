@@ -221,9 +221,10 @@ class _Reader:
         if missing_keys:
             raise self.error(f"the key {missing_keys[0]!r} is missing; add it.")
         constraint_keys = [key for key in (*CONSTRAINTS, "c_tilde") if key in content]
-        missing_keys = [key for key in CONSTRAINTS if key not in content]
-        if constraint_keys and missing_keys:
-            raise self.error(f"it has {constraint_keys[0]!r} without {missing_keys[0]!r}; give "
+        missing_constraint_keys = [key for key in CONSTRAINTS if key not in content]
+        if constraint_keys and missing_constraint_keys:
+            raise self.error(f"it has {constraint_keys[0]!r} without "
+                             f"{missing_constraint_keys[0]!r}; give "
                              f"{', '.join(CONSTRAINTS)}, or none of them, to have them derived.")
 
     def claims(self, content: dict[str, Any]) -> dict[str, int]:

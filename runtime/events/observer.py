@@ -278,7 +278,8 @@ class Observer:
                                     for event in self.events if event.terminal}
         crossing, binding = crossings[name].first, self._binding
         steps = int(crossing.steps[0])
-        # back to the start of a piece before the event, and from there to its step, storing nothing
+        # Back to the start of a piece before the event, then to its step; nothing is stored.
+        # The piece of its step, or the next one, shows an event: one of the two starts is before.
         piece_start = next(start for start in reversed(self._piece_starts) if start.steps <= steps)
         remaining_steps = steps - piece_start.steps
         state.assign(binding, piece_start)

@@ -589,12 +589,12 @@ class ParameterCheck:
 
         The result of the last call is returned again for the same objects.
         """
-        names, values, checked = self._last
-        if (type(parameters) is dict and checked and len(parameters) == len(names)
+        names, values, last_checked = self._last
+        if (type(parameters) is dict and last_checked and len(parameters) == len(names)
                 and (all(map(operator.is_, parameters.values(), values))
                      or all(map(_is_unchanged, parameters.values(), values)))
                 and [*parameters] == names):
-            return checked.copy()
+            return last_checked.copy()
         checked = as_parameters(parameters, *self._checks)
         # an array may be changed in place between two calls: only immutable numbers are remembered
         if type(parameters) is dict and {*map(type, parameters.values())} <= IMMUTABLE:

@@ -434,10 +434,10 @@ def _check_arguments(
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
     if not runs.first.steps:  # no step turns a body
         return runs, True
-    dt = runs.dt
-    if stepper.binding.clocked and stepper.rotations.bodies:
-        dt = dt * _initial_time_scales(stepper, runs)
-    return runs, stepper.rotations.warn(runs.parameters, dt, runs.q, runs.p)
+    times_of_steps = runs.dt
+    if stepper.binding.clocked and stepper.rotations.bodies:  # runs.dt is Δτ
+        times_of_steps = times_of_steps * _initial_time_scales(stepper, runs)
+    return runs, stepper.rotations.warn(runs.parameters, times_of_steps, runs.q, runs.p)
 
 
 def _initial_time_scales(stepper: Stepper, runs: EnsembleArguments) -> Array:
