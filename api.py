@@ -38,6 +38,7 @@ from .generator.spec import Spec
 from .runtime.bindings.array_checks import as_array, as_real
 from .runtime.bindings.real_numbers import rounding
 from .runtime.compilation.build_cache import digest, read_cache, write_cache
+from .runtime.integration.run_arguments import as_parameters
 from .runtime.integration.starts import start_parameters
 from .runtime.steppers.differentiation import Derive
 from .runtime.steppers.run_defaults import RunDefaults
@@ -194,6 +195,7 @@ def consistent(
     """
     if isinstance(system, Stepper):
         return system.consistent(start, p, parameters=parameters, t=t)
+    from .generator.codegen.manifest_numbers import domain_of
     from .generator.systems.numeric_system import numeric
     from .generator.systems.system import System as AnySystem
 
@@ -201,9 +203,8 @@ def consistent(
         raise InputError(f"system = {shown(system)} is neither a gyrospark.System nor a stepper.")
     q: Any = start
     numbers_of_start = as_start(start) if p is None else Start(q, p)
-    names = [symbol.name for symbol in (*system.parameters, *system.inputs)]
-    values = {name: 1.0 if isinstance(number, str) else number  # the projection is free of γ
-              for name, number in start_parameters(names, numbers_of_start, parameters).items()}
+    domains = {symbol.name: domain_of(symbol) for symbol in (*system.parameters, *system.inputs)}
+    values = as_parameters(start_parameters(domains, numbers_of_start, parameters), domains)
     state = (as_array(name, getattr(numbers_of_start, name), (system.n,), np.float64)
              for name in "qp")
     return project(numeric(system, values, float(as_real("t",

@@ -192,7 +192,8 @@ def cite(stepper: Any) -> Citations:
     >>> [work.key for work in gs.cite(gs.stepper("EMS"))]
     ['gyrospark', 'xu2020', 'betsch2009', 'gonzalez1996', 'gonzalez1999', 'mclachlan1999']
     """
-    manifest = getattr(stepper, "manifest", None)
+    # a simulation has that of its stepper
+    manifest = getattr(getattr(stepper, "_stepper", stepper), "manifest", None)
     if not isinstance(manifest, Manifest):
         raise InputError(f"cite takes a stepper, or a trajectory that one made, not "
                          f"{shown(stepper)}.")

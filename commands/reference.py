@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from ..core.arguments import choose
 from ..core.errors import InputError
 from .generate import write_files
 from .options import check_ending, check_picture, check_writable, json_option
@@ -55,7 +56,8 @@ def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_js
         check_ending("--out", out, (".md",))
     if plot is not None:
         check_picture(plot)
-    problems = [named(problem) for problem in (names() if name == "all" else [name])]
+    chosen = choose("reference problem", name, [*names(), "all"])
+    problems = [named(problem) for problem in (names() if chosen == "all" else [chosen])]
     rounds = 1 if quick else 3  # the median of three leaves out a round that was interrupted
     measured = [(problem, list(measure(problem, rounds=rounds, quick=quick)))
                 for problem in problems]

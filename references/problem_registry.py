@@ -41,4 +41,4 @@ def reference(name: str) -> Reference:
     InputError
         For another name, with those there are.
     """
-    return REFERENCES[choose("reference problem", name, REFERENCES, ", or all, or robots")]
+    return REFERENCES[choose("reference problem", name, REFERENCES)]

@@ -10,6 +10,9 @@ from fractions import Fraction
 from typing import TYPE_CHECKING, Any
 
 from ..api import stepper
+from ..core.arguments import as_flag, shown
+from ..core.errors import InputError
+from ..runtime.bindings.array_checks import as_positive_count
 from ..runtime.bindings.real_numbers import rounding
 from .problem import Reference
 
@@ -82,7 +85,14 @@ def measure(problem: Reference, *, rounds: int = 3, quick: bool = False,
     Raises
     ------
     StepFailed, CompilerError
+    InputError
+        For what is no problem, and for less than one round.
     """
+    if not isinstance(problem, Reference):
+        raise InputError(f"problem = {shown(problem)} is no problem; give that of "
+                         "gyrospark.references.reference(name).")
+    as_flag("quick", quick)
+    rounds = as_positive_count("rounds", rounds, 1)
     # the exact numbers of the model are rounded once; their double arithmetic would add errors
     model = problem.make().in_type(rounding("double"))
     for attempt in problem.attempts[:1] if quick else problem.attempts:

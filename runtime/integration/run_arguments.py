@@ -551,12 +551,12 @@ def as_parameters(
     needed = [name for name in domains if name not in frame]
     missing_names = [name for name in needed if name not in parameters]
     if missing_names:
-        raise InputError(f"Parameter {missing_names[0]!r} is not given; this stepper needs "
+        raise InputError(f"Parameter {missing_names[0]!r} is not given; needed are "
                          f"{', '.join(needed)}.")
     refuse_texts(parameters, domains)
     unknown = [str(name) for name in parameters if name not in domains]
     if unknown:
-        raise InputError(f"Parameter {unknown[0]!r} is unknown; this stepper takes "
+        raise InputError(f"Parameter {unknown[0]!r} is unknown; allowed are "
                          f"{', '.join(domains)}{proposal(unknown[0], domains)}.")
     all_numbers = {**frame, **parameters}
     checked_numbers = {name: _as_parameter(name, domain, all_numbers, number)

@@ -2,8 +2,10 @@
 
 The free body's sn, cn, dn are Jacobi's with the parameter m = k². Source: Landau and Lifshitz,
 Mechanics, §37, and Whittaker, Analytical Dynamics, §69; the precession angle is written with
-Carlson's R_J (DLMF 19.25.14), which is regular for every body. Numbers are computed with at
-least 40 digits from the given doubles, taken as exact, and rounded once at the end.
+Carlson's R_J (DLMF 19.25.14), which is regular for every body. Numbers of the free body are
+computed with at least 40 digits from the given doubles, taken as exact, and rounded once at the
+end. A regular precession is computed in doubles: angles φ̇t and ψ̇t have a relative error of one
+rounding.
 
 Motions known in closed form, by what defines them: the public names of ``gyrospark.exact``.
 """
@@ -33,6 +35,8 @@ def __dir__() -> list[str]:
 
 #: Decimal digits of elliptic functions; a float128 has 34.
 DIGITS = 40
+#: Angle in rad up to which a double of an attitude is right to its last digit: 40 digits less 20.
+_LARGEST_ANGLE = 1e20
 
 
 class ExactMotion(Protocol):
@@ -99,6 +103,9 @@ class _PreciseMotion:
     An object has one mpmath context: use it from one thread at a time.
     """
 
+    #: Of all times, in rad/s: the largest |Ω|, or a bound of it.
+    _fastest: Any
+
     def __init__(self, *arguments: Sequence[float]) -> None:
         self._arguments = arguments
 
@@ -116,15 +123,31 @@ class _PreciseMotion:
 
     def attitude(self, t: ArrayLike) -> Array:
         """Return q(t), shape (N, 4), continuous in t; −q is the same attitude."""
-        return _evaluate_at(self.precise_attitude, t, 4)
+        return self._evaluate_at(self.precise_attitude, t, 4)
 
     def angular_velocity(self, t: ArrayLike) -> Array:
         """Return Ω(t) in body axes, shape (N, 3), in rad/s."""
-        return _evaluate_at(self.precise_angular_velocity, t, 3)
+        return self._evaluate_at(self.precise_angular_velocity, t, 3)
 
     def axis(self, t: ArrayLike) -> Array:
         """Return (R13, R23, R33) at t, shape (N, 3): the body's third axis in space."""
         return axis(self.attitude(t))
+
+    def _evaluate_at(
+        self, precise: Callable[[Any], list[Any]], t: ArrayLike, length: int
+    ) -> Array:
+        """Return a vector function of one time at all times, in doubles, shape (*t.shape, length).
+
+        Raises InputError for times at which the digits do not reach the angle.
+        """
+        times = _times(t)
+        furthest = float(np.abs(times).max(initial=0.0))
+        if self._fastest * furthest > _LARGEST_ANGLE:
+            raise InputError(f"t = {furthest:g} s is after more than {_LARGEST_ANGLE:g} rad, whose "
+                             f"{DIGITS} digits do not tell the attitude; give times up to "
+                             f"{_LARGEST_ANGLE / float(self._fastest):.0e} s.")
+        vectors = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
+        return np.array(vectors, dtype=np.float64).reshape(*times.shape, length)
 
 
 class SteadyRotation(_PreciseMotion):
@@ -136,7 +159,7 @@ class SteadyRotation(_PreciseMotion):
         self._mp = _context(DIGITS)
         self._omega = [self._mp.mpf(x) for x in angular_velocity]
         self._q0 = [self._mp.mpf(x) for x in attitude]
-        self._speed = self._mp.sqrt(sum(x**2 for x in self._omega))
+        self._speed = self._fastest = self._mp.sqrt(sum(x**2 for x in self._omega))
 
     def precise_angular_velocity(self, t: Any) -> list[Any]:
         """Return Ω, which does not depend on t, as mpmath numbers."""
@@ -206,6 +229,7 @@ class FreeRotation(_PreciseMotion):
         self._set_amplitudes(I, w, excess_i, excess_k)
         self._inertia = [_number(mp, x) for x in I]
         self._momentum = _root(mp, sum((x * y) ** 2 for x, y in zip(I, w, strict=True)))
+        self._fastest = self._momentum / min(self._inertia)
         # the factor (ℓ/κ)(1/I_k − 1/I_i) of φ
         self._drift = self._momentum * _number(mp, 1 / I[k] - 1 / I[i]) / self._rate
         self._scale, self._ladder = _landen_ladder(mp, self._m1)
@@ -404,13 +428,6 @@ def _number(mp: Any, value: Fraction) -> Any:
 def _root(mp: Any, value: Fraction | int) -> Any:
     """Return the square root of a fraction as a number of mpmath."""
     return mp.sqrt(_number(mp, Fraction(value)))
-
-
-def _evaluate_at(precise: Callable[[Any], list[Any]], t: ArrayLike, length: int) -> Array:
-    """Return a vector function of one time at all times, in doubles, shape (*t.shape, length)."""
-    times = _times(t)
-    vectors = [[float(x) for x in precise(time)] for time in times.ravel().tolist()]
-    return np.array(vectors, dtype=np.float64).reshape(*times.shape, length)
 
 
 def _times(t: ArrayLike) -> Array:

@@ -119,6 +119,11 @@ class Problem:
         object.__setattr__(self, "parameters", {
             name: as_real(f"Parameter {name}", number) for name, number in parameters.items()})
         object.__setattr__(self, "inertia", as_moments(self.inertia))
+        for name, moment in zip(("I1", "I2", "I3"), self.inertia, strict=True):
+            if self.parameters.get(name, moment) != moment:
+                raise InputError(f"Parameter {name} = {self.parameters[name]} is not the moment "
+                                 f"{moment} of inertia = {shown(self.inertia)}; give both one "
+                                 "value.")
         # read-only, for a frozen problem is shared by its runs
         for letter in ("q0", "p0"):
             state = _vector(getattr(self, letter), 4, letter)

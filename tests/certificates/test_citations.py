@@ -37,6 +37,8 @@ def test_a_run_names_what_its_stepper_does():
     step = systems.stepper("heavy_top")
     run = step.integrate(TOP.q0, TOP.p0, steps=3, **RUN)
     assert gs.cite(run).reasons == gs.cite(step).reasons
+    now = step.start(TOP.q0, TOP.p0, **RUN)
+    assert gs.cite(now).reasons == gs.cite(step).reasons
     with pytest.raises(gs.InputError, match="takes a stepper"):
         gs.cite("G-L")
 

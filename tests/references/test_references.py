@@ -305,6 +305,15 @@ def test_refusals(arguments, said, gyrospark):
     assert re.search(said, answer.stderr)
 
 
+@pytest.mark.parametrize(("arguments", "said"), [
+    ({"problem": "andrews"}, "'andrews'"), ({"rounds": 0}, "rounds = 0"), ({"quick": 2}, "quick"),
+])
+def test_refused_measurements(arguments, said):
+    arguments = {"problem": REFERENCES["andrews"]} | arguments
+    with pytest.raises(gs.InputError, match=said):
+        next(gs.references.measure(**arguments))
+
+
 def test_the_page_is_what_the_command_writes():
     """Titles, digits and heads of tables agree; times depend on the machine that wrote them."""
     stored = (ROOT / "docs" / "references.md").read_text(encoding="utf-8")

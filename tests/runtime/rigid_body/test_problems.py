@@ -322,7 +322,11 @@ def test_problems_can_be_pickled(problem):
     (lambda: free_body(attitude=(1, 0, 0)), "4 finite numbers"),
     (lambda: Problem("x", {}, [1, 0], [0] * 4, (1, 1, 1)), "q0 .* 4 finite numbers"),
     (lambda: free_body([[2, 0.1, 0], [0.1, 2, 0], [0, 0, 3]]), "tensor.*Multibody"),
-    (lambda: free_body(attitude=np.eye(4)), "attitude")])
+    (lambda: free_body(attitude=np.eye(4)), "attitude"),
+    (lambda: Problem("x", {"I2": 3.0}, [1, 0, 0, 0], [0] * 4, (1, 2, 2)), "I2 = 3.0"),
+    # the phase of an angle of 1e31 rad is not in 40 digits
+    (lambda: free_body((1, 2, 1.5), (1, 2, 3)).exact.attitude([0.1, -1e31]), "1e[+]31"),
+    (lambda: free_body((1, 2, 2), (3, 0, 0)).exact.attitude(1e31), "1e[+]31")])
 def test_refusals(call, words):
     with pytest.raises(InputError, match=words):
         call()
