@@ -29,10 +29,11 @@ class Report:
     errors |g(q_k)| and momentum-constraint errors |qᵀp| (for other systems the derived
     constraint on the momenta, and |A H_p + a| of velocity constraints, whichever is larger); means
     run over k = 0..N as in (87)-(91). ``iterations`` counts fixed-point and Newton iterations
-    together; ``newton_steps`` the steps of solver ``auto`` whose fixed-point iteration, or
-    simplified Newton iteration, did not converge. ``energy_waits`` counts steps of a stepper with
-    exact energy that leave the error of the energy to later steps. Of splittings, errors are those
-    of the first 16 steps and of every 32nd, since a state at the end of a step costs extra.
+    together, ``iterations_max`` those of one step; a step with impacts has those of all its parts.
+    ``newton_steps`` counts the steps of solver ``auto`` whose fixed-point iteration, or simplified
+    Newton iteration, did not converge. ``energy_waits`` counts steps of a stepper with exact energy
+    that leave the error of the energy to later steps. Of splittings, errors are those of the first
+    16 steps and of every 32nd, since a state at the end of a step costs extra.
 
     In scaled time W is what H has changed by as the steps have it, so that the energy error is
     |H + e|; ``time_step_min`` and ``time_step_max`` are the smallest and the largest Δt.

@@ -149,6 +149,16 @@ def test_many_impacts_within_a_step():
     assert np.abs(times - (0.75 + np.arange(3001)) / 3001).max() < 1e-10
     assert abs(len(run.impacts["roof"]) - len(run.impacts["floor"])) == 1
     assert np.abs(np.abs(run.p[-1]) - 3001).max() < 1e-9
+    # a call has room for fewer impacts than a step has; each part takes an iteration at least
+    assert run.report.iterations == run.iterations.sum() >= 3001
+    assert run.report.iterations_max == run.iterations.max()
+
+
+def test_iterations_of_a_step_are_those_of_all_its_parts():
+    run, fewer = dropped(100), dropped(99, every=3)
+    assert run.report.iterations == run.iterations.sum()
+    assert run.report.iterations_max == run.iterations.max() > np.median(run.iterations)
+    assert np.array_equal(fewer.iterations, run.iterations[:99].reshape(33, 3).max(axis=1))
 
 
 def test_an_impact_changes_the_energy_by_its_loss_to_the_rounding_of_momenta():
