@@ -157,6 +157,20 @@ def test_a_twisted_section_turns_and_is_free_of_moments():
     assert np.abs(model.equilibrium().q0 - model.q0).max() <= 64 * EPS
 
 
+@pytest.mark.parametrize("angle", [0.3, -1.9])
+@pytest.mark.parametrize("is_held_first", [True, False])
+def test_a_clamp_that_is_turned_twists_half_a_segment(angle, is_held_first):
+    """The rotation of b in a: a clamp turned about the tangent has V = (4/h) GJ sin²(θ/2)."""
+    build = builder()
+    beam = build.beam("rod", count=2, **STRAIGHT | {"twisting": 3.0})
+    section = rotation(build.model().q0[:4])  # of a straight beam all are alike
+    turned = rotation(np.array([np.cos(angle / 2), np.sin(angle / 2), 0, 0])) @ section
+    frames = (build.ground, beam.first) if is_held_first else (beam.first, build.ground)
+    build.fixed("clamp", *frames, rotation=turned if is_held_first else turned.T)
+    assert Motion(build.model()).energy() == pytest.approx(
+        4 / 0.5 * 3.0 * np.sin(angle / 2) ** 2, rel=1e-13)
+
+
 # ---------------------------------------------------------------- dynamics
 
 
