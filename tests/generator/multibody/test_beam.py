@@ -160,15 +160,18 @@ def test_a_twisted_section_turns_and_is_free_of_moments():
 @pytest.mark.parametrize("angle", [0.3, -1.9])
 @pytest.mark.parametrize("is_held_first", [True, False])
 def test_a_clamp_that_is_turned_twists_half_a_segment(angle, is_held_first):
-    """The rotation of b in a: a clamp turned about the tangent has V = (4/h) GJ sin²(θ/2)."""
+    """The rotation of b in a: V = (4/h) GJ (sin ½(φ − θ) − sin ½φ)² of a clamp turned by θ.
+
+    To the middle of its segment, a quarter of the beam, the section twists by φ at rest.
+    """
     build = builder()
-    beam = build.beam("rod", count=2, **STRAIGHT | {"twisting": 3.0})
-    section = rotation(build.model().q0[:4])  # of a straight beam all are alike
-    turned = rotation(np.array([np.cos(angle / 2), np.sin(angle / 2), 0, 0])) @ section
+    beam = build.beam("rod", count=2, twist=0.4, **STRAIGHT | {"twisting": 3.0})
+    turn = np.array([np.cos(angle / 2), np.sin(angle / 2), 0, 0])
+    turned = rotation(turn) @ rotation(beam.first.q)
     frames = (build.ground, beam.first) if is_held_first else (beam.first, build.ground)
     build.fixed("clamp", *frames, rotation=turned if is_held_first else turned.T)
-    assert Motion(build.model()).energy() == pytest.approx(
-        4 / 0.5 * 3.0 * np.sin(angle / 2) ** 2, rel=1e-13)
+    strain = np.sin((0.1 - angle) / 2) - np.sin(0.1 / 2)
+    assert Motion(build.model()).energy() == pytest.approx(4 / 0.5 * 3.0 * strain**2, rel=1e-12)
 
 
 # ---------------------------------------------------------------- dynamics
