@@ -159,6 +159,11 @@ def test_iterations_of_a_step_are_those_of_all_its_parts():
     assert run.report.iterations == run.iterations.sum()
     assert run.report.iterations_max == run.iterations.max() > np.median(run.iterations)
     assert np.array_equal(fewer.iterations, run.iterations[:99].reshape(33, 3).max(axis=1))
+    # whole steps: a run ends within one where the ball hits the floor for good
+    end = stepper("ball").integrate([1.0], [0.0], dt=0.01, steps=100, parameters=BALL,
+                                    events=gs.Impact("floor", terminal=True)).report
+    assert end.iterations == run.iterations[:end.steps].sum()
+    assert end.iterations_max == run.iterations[:end.steps].max()
 
 
 def test_an_impact_changes_the_energy_by_its_loss_to_the_rounding_of_momenta():
