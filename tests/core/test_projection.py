@@ -8,9 +8,11 @@ import sympy as sp
 from scipy.sparse import csr_array
 
 import gyrospark as gs
-from gyrospark.core.projection import dependent_rows, solve_sparse
+import systems
+from gyrospark.core.projection import dependent_rows, project_momenta, solve_sparse
 from gyrospark.generator.systems import numeric_system
 from gyrospark.generator.systems.numeric_system import NumericSystem, find_colours
+from gyrospark.runtime.bindings.binding import CompiledConstraints
 from strategies import EPS
 
 x, y, z, a, b, c = sp.symbols("x y z a b c", real=True)
@@ -244,3 +246,20 @@ def test_redundant_constraints_have_their_names_with_sparse_matrices(monkeypatch
         build.fixed_point(name, body, at=(0, 0, 0), on_body=(0, 0, 0.5))
     with pytest.raises(gs.InputError, match="other: x"):
         build.model()
+
+
+@pytest.mark.parametrize("name", ["relativistic", "heavy_top"])
+def test_compiled_constraints_lead_to_the_momenta_of_compiled_steps(name):
+    """Damped steps from Python, which go on where the compiled ones fail, have W by differences."""
+    case, step = systems.case(name), systems.stepper(name)
+    q, p = systems.start(name, step)
+    constraints = CompiledConstraints(
+        step.binding, step.manifest, step.binding.parameters(dict(case.parameters)))
+    moved = p + np.linspace(0.2, 0.3, step.n) * np.abs(p).max()
+    expected = step.project(q, moved, parameters=case.parameters)[1]
+    # they are along g_q by differences, which has nine digits
+    assert np.abs(project_momenta(constraints, q, moved) - expected).max() < 1e-9 * np.abs(p).max()
+    if name == "relativistic":  # the top's f is qᵀp
+        G = constraints.G(q)
+        exact = NumericSystem(case.system, case.parameters).W(q, p, G)
+        assert constraints.W(q, p, G) == pytest.approx(exact, rel=1e-6)

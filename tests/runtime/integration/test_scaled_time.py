@@ -7,6 +7,7 @@ constraints, 40 digits (``helpers/scaled_motions.py``).
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from fractions import Fraction
 from functools import partial
 
@@ -111,8 +112,11 @@ def test_a_rotation_is_measured_by_steps_of_time():
     with warnings.catch_warnings():
         warnings.simplefilter("error", gs.errors.InputWarning)
         slowed.integrate_ensemble(*pair, dtau=1 / 60, steps=4, parameters=entry.parameters)
+        slowed.start(entry.q, entry.p, dtau=1 / 60, parameters=entry.parameters)
     with pytest.warns(gs.errors.InputWarning, match="rad.*dtau"):
         slowed.integrate_ensemble(*pair, dtau=1 / 3, steps=4, parameters=entry.parameters)
+    with pytest.warns(gs.errors.InputWarning, match="rad.*dtau"):
+        slowed.start(entry.q, entry.p, dtau=1 / 3, parameters=entry.parameters)
 
 
 # ---------------------------------------------------------------- times
@@ -143,6 +147,9 @@ def test_times_are_met(name, direction):
     crossing = to(name, t_end, dtau=dtau, events=event).events["at"]
     located = to(name, t_end, dtau=dtau, events=event)
     assert located.events.keys() == {"at"}
+    same = to(name, t_end, dtau=dtau, events=replace(event, name="t_end"))  # the end's own name
+    assert np.array_equal(same.events["t_end"].t, crossing.t)
+    assert np.array_equal(same.q, located.q)
     for kind in ("t", "tau", "q", "p", "work"):  # its end is located among the events
         assert np.abs(getattr(located, kind)[-1] - getattr(run, kind)[-1]).max() <= 1e3 * EPS * size
     assert np.abs(located.multipliers[-1] - run.multipliers[-1]).max(initial=0) <= 1e6 * EPS * size
