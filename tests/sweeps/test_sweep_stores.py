@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import math
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +12,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.storage.staging import writer_lock
-from gyrospark.sweeps import compute_tile, tiles
+from gyrospark.sweeps import compute_tile, cost_estimate, results, tiles
 from gyrospark.sweeps.cost_estimate import _sample, estimate
 from gyrospark.sweeps.plan import plan
 from gyrospark.sweeps.results import NOT_COMPUTED, done_tiles, fields_of
@@ -225,3 +227,25 @@ def test_two_sweeps_on_one_store_do_not_meet(tmp_path):
     busy = pytest.raises(gs.errors.StorageError, match="Another process")
     with writer_lock(tmp_path / "s.zarr"), busy:
         gs.sweep(TOP, OVER, scheme="EMS", steps=5, out=tmp_path / "s.zarr")
+
+
+def test_seconds_a_step_are_without_those_of_a_call(monkeypatch):
+    """A call of half a second and 2 µs a step: of few steps the call is a part of each."""
+    monkeypatch.setattr(cost_estimate, "_time", lambda study, tile: math.prod(tile.shape) * (
+        0.5 + 2e-6 * study.steps))
+    for options, seconds in (({"steps": 10**7}, 2e-6), ({"t_end": 1e5}, 2e-6),
+                             ({"steps": 5}, 0.1 + 2e-6)):
+        study = plan(TOP, {"mgl": [0.3, 0.4]}, scheme="G-L", stages=2, dt=1e-3, **options)
+        assert cost_estimate._seconds_a_step(study, next(iter(tiles.tiles_of(study)))) == (
+            pytest.approx(seconds))
+
+
+def test_extrema_leave_out_cells_that_failed(monkeypatch):
+    study = plan(TOP, {"mgl": [0.3, 0.4, 0.5]}, scheme="G-L", stages=2, dt=1e-3, steps=3)
+    parts = [tiles.Tile((k,), (slice(k, k + 1),)) for k in range(3)]
+    for values, least, most in (([np.nan, 2.0, 1.0], 0.5, 0.4), ([np.nan] * 3, None, None)):
+        monkeypatch.setattr(results, "_tiles_in", lambda *_, values=values: (
+            (tile, np.array([value])) for tile, value in zip(parts, values, strict=True)))
+        extrema = results.summary(study, Path("none"), "energy_error_max")
+        assert extrema.get("least_at", {}).get("mgl") == least
+        assert extrema.get("most_at", {}).get("mgl") == most
