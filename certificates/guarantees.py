@@ -160,7 +160,8 @@ class SparkGuarantees:
         irrelevant = "" if self.system.m else "symplectic, constraints"
         conditions = [line for line in check_tableau(self.tableau)
                       if line.name.startswith("symplectic") and line.name != irrelevant]
-        return _first_violation([*conditions, invariant_conditions(self.tableau)[0]])
+        equal_weights, *_ = invariant_conditions(self.tableau)
+        return _first_violation([*conditions, equal_weights])
 
     @property
     def is_declared_nonsymplectic(self) -> bool:

@@ -186,7 +186,8 @@ class Examination:
         parameters = self.parameters | {symmetry.name: 0.0 for symmetry in step.symmetries}
         energy = float(step.energy(q, p, parameters=parameters, t=t))
         if not step.binding.solves:
-            return [energy, *step.defects(q, p, parameters=parameters, t=t)[0]]
+            g, _ = step.defects(q, p, parameters=parameters, t=t)
+            return [energy, *g]
         x = np.zeros(step.unknowns)
         if self._scheme.unknowns_are_state:
             x[: 2 * n] = np.concatenate(step.binding.start_in_scaled_time(

@@ -122,7 +122,7 @@ class RandomPoints:
     def _velocity_constraint(self, q: Floats, p: Floats) -> _Step:
         """Return f = g_q H_p and f_p = g_q H_pp, shapes (points, m) and (points, m, n)."""
         system, symbol_values = self.system, self._symbol_values(q, p)
-        G = self._constraint(q, p)[1]
+        _, G = self._constraint(q, p)
         masses = _at_points([e for row in system.H_pp for e in row], symbol_values).T
         speed = _at_points(system.H_p, symbol_values).T
         return np.einsum("kln,kn->kl", G, speed), G @ masses.reshape(-1, system.n, system.n)

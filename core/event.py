@@ -63,8 +63,8 @@ class Event:
         _set_name(self, "event")
         # True and 1.0 equal 1, and would be read as "rising" where a flag was meant
         if type(self.direction) is not int or self.direction not in (-1, 0, 1):
-            raise InputError(f"direction = {shown(self.direction)} is none; give -1 (falling), 1 "
-                             "(rising) or 0 (both).")
+            raise InputError(f"direction = {shown(self.direction)} is unknown; give -1 (falling), "
+                             "1 (rising) or 0 (both).")
         level = exact(self.level)
         if level is None or isinstance(level, float):  # a float is NaN, ∞ or −∞
             raise InputError(f"level = {shown(self.level)} is no finite number.")

@@ -241,6 +241,6 @@ def as_start(value: Any) -> Start:
     """
     start = getattr(value, "start", None)
     if not isinstance(start, Start):
-        raise InputError(f"start = {shown(value)} is none; give a model, a problem, a row of a "
+        raise InputError(f"start = {shown(value)} is no start; give a model, a problem, a row of a "
                          "trajectory such as run[-1], gs.Start(q, p, parameters), or q and p.")
     return start

@@ -153,7 +153,8 @@ class DiscreteFlow:
         """
         run = self._run(x)
         start = np.concatenate([run.q, run.p, x[2 * self.n :]])
-        projected = self._project(self._stored_run(run)[1], dx[:, : self._fixed_rows.size])
+        _, space = self._stored_run(run)
+        projected = self._project(space, dx[:, : self._fixed_rows.size])
         directions = np.concatenate([projected.T[:, self._fixed_rows],
                                      dx[:, self._fixed_rows.size :]], axis=1)
         # ε^(1/5) of the largest relative change balances truncation ∝ h⁴ and round-off ∝ ε/h

@@ -147,7 +147,8 @@ class MjcfBuilder(RobotBuilder):
         """Place the bodies at the reference pose, from which equalities count; name the inputs."""
         super().__init__(robot, start, rep)
         self.mjcf, self.controls, self.file = robot, start.controls, file
-        self.at_reference = place_bodies(robot, reference_of(robot)[0])
+        coordinates, _ = reference_of(robot)
+        self.at_reference = place_bodies(robot, coordinates)
         self.inputs = [self.parameter_names.free(actuator.name) for actuator in robot.actuators]
 
     def _add_more(self) -> None:
@@ -192,7 +193,8 @@ class MjcfBuilder(RobotBuilder):
     def _add_actuator(self, label: str, actuator: MjcfActuator) -> None:
         """Add an actuator's effort on its joints: gear (gain u + b₀ + b₁ l + (b₂ + drag u) l̇).
 
-        u is the input ``label``, l = gear · Σ coefficient · coordinate the actuator's length.
+        u is the input ``label``, l = gear · Σ coefficient · coordinate the actuator's length, and
+        (b₀, b₁, b₂) its ``bias``.
         """
         build, gear = self.builder, actuator.gear
         length, rate = (gear * e for e in self._length(

@@ -171,7 +171,7 @@ def take_values(robot: Robot, start: Start, angles: Any, rates: Any) -> None:
 def _evaluate_follower(
     follower_of: Mapping[str, Follower], name: str, values: Mapping[str, Floats], is_angle: bool
 ) -> Floats:
-    """Return the coordinate or rate of a joint; of one that follows, ratio · c_leader + offset.
+    """Return the coordinate or rate of a joint; of one that follows, ratio · leader + offset.
 
     ``follower_of``: name of a joint that follows → its law; ``values``: name of a joint → its
     coordinates, or its rates, shape (numbers,). Rates (``is_angle`` false) have no offset.

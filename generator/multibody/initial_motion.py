@@ -284,7 +284,8 @@ def _largest(corrections: Sequence[tuple[float, str]]) -> str:
     """Return the text of the largest correction, and the number of others; entries (change, text).
     """
     suffix = f", and {len(corrections) - 1} more like it" if len(corrections) > 1 else ""
-    return f"{max(corrections)[1]}{suffix}"
+    _, text = max(corrections)
+    return f"{text}{suffix}"
 
 
 def _text(vector: Array) -> str:

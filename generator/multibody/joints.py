@@ -290,7 +290,7 @@ class PointConnection(Connection):
         return self.a.point(on_a), self.b.point(on_b)
 
     def square(self, store: Store) -> sp.Expr:
-        """Return |P_a − P_b|², the squared distance of the points."""
+        """Return the squared distance of the joint's points of a and of b."""
         point_a, point_b = self.points(store)
         return sum(((x - y) ** 2 for x, y in zip(point_a, point_b, strict=True)), sp.Integer(0))
 

@@ -1428,7 +1428,7 @@ class Multibody(FixedAttributes):
             For an unknown body, and a value that is no ``gyrospark.Shape``.
         """
         if not isinstance(shape, Shape):
-            raise InputError(f"shape = {shown(shape)} is none; give a gyrospark.Shape.")
+            raise InputError(f"shape = {shown(shape)} is no shape; give a gyrospark.Shape.")
         frame = self._components.frame(body, "a visual")
         # "" is the ground, which has no name
         self._visuals.setdefault(getattr(frame, "name", ""), []).append(shape)

@@ -331,8 +331,8 @@ class HamiltonianTerms:
     def _addend_of_bundle(self, terms: Terms, constant: Terms) -> tuple[Addend, Terms]:
         """Return the addend of ``terms``, completed to a square if possible, and the new constant.
 
-        c r² = terms + completion: the constant of H may lend no more than it has, so that no term
-        is added.
+        The square, of a sum r with a factor c, is c r² = terms + completion: the constant of H may
+        lend no more than it has, so that no term is added.
         """
         # terms = c · inner with c = outer · factor: only ``inner`` is completed to a square
         outer, factor, inner = without_common(terms)

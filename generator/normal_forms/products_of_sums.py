@@ -280,7 +280,10 @@ class _PowerSplitter:
         return True
 
     def _take_powers_of_sums(self, first: Terms, root: Terms, n: int, second: Terms) -> None:
-        """Subtract a (r + s)ⁿ for each a in ``first``, with n a s one term of ``second`` or all."""
+        """Subtract a (r + s)ⁿ for each a in ``first``, with n a s one term of ``second`` or all.
+
+        r is ``root``.
+        """
         for m in sorted(first, key=order):
             subsets = [{b: second[b]} for b in sorted(second, key=order)]
             for subset in [*subsets, second] if len(subsets) > 1 else subsets:

@@ -70,7 +70,10 @@ class FastTableau:
 
     @cached_property
     def scaled_coefficients(self) -> dict[str, list[Row]]:
-        """μ_ij = a_ij/b_j, μ̂, ν and ν̃ before rounding, nodes 0..p in ascending order."""
+        """Entries over weights before rounding, nodes 0..p in ascending order.
+
+        μ_ij = a_ij/b_j, μ̂_ij = â_ij/b̂_j, ν_lj = ā_lj/b_j and ν̃_il = ã_il/b̃_l.
+        """
         coefficients = self.centres
         # column p of Ã is 0, as is b̃_p of some methods: 0/1 in place of 0/0
         nonzero_b_tilde = [weight or Fraction(1) for weight in coefficients["b_tilde"]]

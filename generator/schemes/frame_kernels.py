@@ -95,7 +95,7 @@ class FrameRotation:
         return kernels
 
     def _kernel(self, name: str, doc: str, count: int, rotations: list[list[Rotation]]) -> Kernel:
-        """Return the kernel y = Π_g e^{θ_g A_g} x, group after group.
+        """Return the kernel y = Π_g e^{θ_g A_g} x, with angle and generator of each group g.
 
         Its inputs are the cosines and sines of ``angles``, the components of the axes, and x with
         ``count`` entries; ``rotations`` has the e^{θA} of each symmetry of each group.

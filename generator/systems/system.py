@@ -151,7 +151,7 @@ class System:
             entries = as_items(key, getattr(self, key),
                                f"what Multibody makes, {kind.__name__}")
             if not all(isinstance(entry, kind) for entry in entries):
-                raise InputError(f"{key} = {shown(entries)} are none; Multibody makes them.")
+                raise InputError(f"{key} = {shown(entries)} are no {key}; Multibody makes them.")
             object.__setattr__(self, key, tuple(entries))
         if self.rigid_body and not self.bodies:
             object.__setattr__(self, "bodies", (self._whole_body(),))

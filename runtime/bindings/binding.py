@@ -278,13 +278,15 @@ class CompiledConstraints:
     def g(self, q: Array) -> Array:
         """Return g(q), shape (m,)."""
         no_momenta = np.zeros((1, len(q)))  # g does not depend on them
-        g: Array = self._defects(q[None], no_momenta)[0][0]
-        return g
+        g, _ = self._defects(q[None], no_momenta)
+        of_state: Array = g[0]
+        return of_state
 
     def f(self, q: Array, p: Array) -> Array:
         """Return the conditions on the momenta: f(q, p), then A H_p + a; shape (conditions,)."""
-        f: Array = self._defects(q[None], p[None])[1][0]
-        return f
+        _, f = self._defects(q[None], p[None])
+        of_state: Array = f[0]
+        return of_state
 
     def G(self, q: Array) -> Array:
         """Return g_q, shape (m, n), by central differences: nine digits, enough for Newton.

@@ -186,7 +186,7 @@ def as_bytes(memory: Any) -> int | None:
         return None
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([A-Za-z]*)\s*", str(memory))
     if match is None or match[2].lower() not in _UNITS:
-        raise InputError(f"memory = {shown(memory)} is none; give bytes, such as \"256 MB\", or "
+        raise InputError(f"memory = {shown(memory)} is no size; give bytes, such as \"256 MB\", or "
                          "\"none\" to run backwards instead of keeping steps.")
     # at most 2⁶²: an infinite number of bytes has no int
     return int(min(float(match[1]) * _UNITS[match[2].lower()], 2.0**62))

@@ -460,7 +460,7 @@ def step_slope(
     stepper: Stepper, run: RunArguments, space: TangentSpace, end: Array, unknowns: Array,
     dz: Array, w: Array,
 ) -> Array:
-    """Return the derivative along dz of D(z)ᵀ z̄, with z̄ = Φ_zᵀ w, for one step, (rows,).
+    """Return the derivative along dz of D(z)ᵀ z̄, with z̄ = Φ_zᵀ w, for one step Φ, (rows,).
 
     z̄ is the cotangent of its start, w, (2 n,), of its end, which does not change along ``dz``,
     (rows,). ``end`` is the state after the step, ``unknowns`` the solution of its equations.

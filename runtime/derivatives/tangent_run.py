@@ -297,4 +297,5 @@ def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> 
     start, with the rates of the frame.
     """
     z = np.concatenate([steps.q[k - steps.first], steps.p[k - steps.first]])
-    return frame.in_space(k, z, dz, row)[1]
+    _, directions = frame.in_space(k, z, dz, row)
+    return directions

@@ -126,8 +126,8 @@ class ImpactObserver:
     def take_crossings(self, _stop: Any = None) -> dict[str, Impacts]:
         """Return the impacts since the last call, event's name → impacts.
 
-        C gives a pair (gap, step) and a row (time since the start of the step, μ, lost energy,
-        work, q, p⁻, p⁺) for each impact.
+        C gives a pair (gap, step) and a row (time since the start of the step, impulse μ, lost
+        energy, work, q, p⁻, p⁺) for each impact.
         """
         binding, run = self._own, self._run
         # empty arrays first: a run without impacts has nothing to concatenate

@@ -147,7 +147,7 @@ def section(
     """
     check_stepper(stepper)
     if not isinstance(event, Event):
-        raise InputError(f'event = {shown(event)} is none; give gs.Event("x", direction=1).')
+        raise InputError(f'event = {shown(event)} is no event; give gs.Event("x", direction=1).')
     state = merged_starts(stepper, starts, p, parameters)
     step = step_argument(stepper.binding, dt, dtau)
     if stepper.binding.clocked and steps is None:

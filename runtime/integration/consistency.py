@@ -225,8 +225,8 @@ def refuse_undefined_energy(binding: Binding, run: RunArguments) -> None:
 def refuse_singular_mass(binding: Binding, manifest: Manifest, run: RunArguments) -> None:
     """Refuse a start where the mass matrix M of a Lagrangian is singular, or has a wrong sign.
 
-    p = M(q) v + p(q, 0), so that column i of M is p(q, e_i) − p(q, 0). M is scaled to entries of at
-    most 1 before its eigenvalues are compared.
+    Momenta of velocities v are p(q, v) = M(q) v + p(q, 0), so that column i of M is
+    p(q, e_i) − p(q, 0). M is scaled to entries of at most 1 before its eigenvalues are compared.
     """
     system = manifest.system
     if not system.velocity_names:

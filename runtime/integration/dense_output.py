@@ -58,7 +58,8 @@ def between(
 ) -> Trajectory:
     """Return the states of a trajectory at times; see ``Trajectory.at``."""
     if not isinstance(trajectory, Trajectory):
-        raise InputError(f"trajectory = {shown(trajectory)} is none; give what integrate returned.")
+        raise InputError(f"trajectory = {shown(trajectory)} is no trajectory; give what "
+                         "integrate returned.")
     threads = threads_of(workers)
     with catch_ctrl_c() as interrupts:
         states = _states_at(stepper, trajectory, times, lambda ensemble: fill_ensemble(

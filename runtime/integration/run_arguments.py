@@ -640,8 +640,8 @@ def refuse_texts(parameters: Mapping[str, Any], domains: Mapping[str, str]) -> N
     """
     for name, argument in parameters.items():
         if name == "frame" and name not in domains:
-            raise InputError(f"Parameter frame = {shown(argument)} is none; the parameters= of a "
-                             "run are numbers: rates of the frame, such as those of "
+            raise InputError(f"Parameter frame = {shown(argument)} is unknown; the parameters= of "
+                             "a run are numbers: rates of the frame, such as those of "
                              "gyrospark.tune(step, start, dt=..., frame='auto').parameters.")
         if isinstance(argument, str) and is_inertia_parameter(str(name)):
             raise InputError(f"Parameter {name} = {shown(argument)} is no number; give that of "

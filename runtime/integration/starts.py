@@ -265,8 +265,8 @@ def _refuse_without_starts(starts: Any) -> None:
                          "of starts.")
     if not isinstance(starts, Sequence) or not starts or not all(
             has_start(start) for start in starts):
-        raise InputError(f"starts = {shown(starts)} are none; give a list of starts, one start "
-                         "with columns of parameters, or q and p, a row for each trajectory.")
+        raise InputError(f"starts = {shown(starts)} are no starts; give a list of starts, one "
+                         "start with columns of parameters, or q and p, a row for each trajectory.")
 
 
 def _rows_of_start(stepper: Evaluation, start: Start, parameter_sets: Any) -> StartNumbers:

@@ -115,8 +115,9 @@ def _picture_count(seconds: Any, fps: Any) -> int:
                if number is not None and number.ndim == 0 and number > 0]
     count = numbers[0] * numbers[1] if len(numbers) == 2 else np.nan
     if not 2 <= count <= _MOST_FRAMES:  # NaN as well
-        raise InputError(f"A film of seconds = {shown(seconds)} and fps = {shown(fps)} is none; "
-                         f"give two numbers with a product from 2 to {_MOST_FRAMES}.")
+        raise InputError(f"A film of seconds = {shown(seconds)} and fps = {shown(fps)} has no "
+                         "number of pictures; give two numbers with a product from 2 to "
+                         f"{_MOST_FRAMES}.")
     return round(count)
 
 

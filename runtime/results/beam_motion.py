@@ -239,7 +239,8 @@ class BeamMotion(FixedAttributes):
         e is ``on_a`` of each pull. n acts on the part before, the multipliers' force on body b: the
         sign is −1 if b is the part after. ``multipliers``, (rows, m), are those at the states.
         """
-        sign = -1.0 if self._sides(joint)[1][0] == joint.b else 1.0
+        _, (body_after, _) = self._sides(joint)
+        sign = -1.0 if body_after == joint.b else 1.0
         force = np.zeros((*multipliers.shape[:-1], 3))
         for pull in joint.pulls or ():
             force = force + multipliers[..., pull.index, None] * self._numbers(pull.on_a)

@@ -277,7 +277,8 @@ def rotate(q: Array, vectors: Array) -> Array:
 def total_momenta(run: Trajectory) -> tuple[Array, Array]:
     """Return Σ p and Σ (l + x × p) of the bodies of a run in space, shape (N+1, 3) each.
 
-    Here p is the momentum of the centre of mass, and l = R(q) ½ L(q) p_q.
+    Here p is the momentum of the centre of mass x, and l = R(q) ½ L(q) p_q the angular momentum
+    about it, with the momenta p_q of the quaternion q.
     Raises InputError unless all coordinates belong to bodies with quaternion and position.
     """
     bodies = bodies_of(run.manifest).values()

@@ -210,14 +210,16 @@ class JointMotion(FixedAttributes):
             For another frame; for a joint of whose constraints it is not known how they act; for a
             run of one state, without the step to it.
         """
-        return self._in(frame, self._reaction()[0])
+        force, _ = self._reaction()
+        return self._in(frame, force)
 
     def torque(self, frame: str = "space") -> Array:
         """Return the torque that a exerts on b, about the joint's point on b, (N+1, 3), in N m.
 
         Takes the same argument as ``force``, with the same errors and the same accuracy.
         """
-        return self._in(frame, self._reaction()[1])
+        _, torque = self._reaction()
+        return self._in(frame, torque)
 
     def _reaction(self) -> tuple[Array, Array]:
         """Return force and torque Gᵀλ on b in space, shape (rows, 3) each, in N and N m."""

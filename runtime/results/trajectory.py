@@ -503,14 +503,16 @@ class Trajectory(Shown):
         InputError
             Unless all coordinates belong to bodies with a quaternion and a position.
         """
-        return total_momenta(self)[0]
+        linear, _ = total_momenta(self)
+        return linear
 
     def total_angular_momentum(self) -> Array:
         """Return Σ (l + x × m ẋ) about the origin of space, shape (N+1, 3), in kg m²/s.
 
         It is conserved where potentials depend on distances alone; raises as ``total_momentum``.
         """
-        return total_momenta(self)[1]
+        _, angular = total_momenta(self)
+        return angular
 
     def axis(self, body: str | None = None) -> Array:
         """Return the body's third axis in space, (R13, R23, R33), shape (N+1, 3)."""
@@ -562,7 +564,7 @@ class Trajectory(Shown):
                 f"it, for it was copied, pickled or read from a file, or belongs to an ensemble; "
                 f"give {call}.")
         if not callable(getattr(maker, "_at", None)):
-            raise InputError(f"stepper = {shown(maker)} is none; give what gyrospark.stepper "
+            raise InputError(f"stepper = {shown(maker)} is no stepper; give what gyrospark.stepper "
                              "returned.")
         return maker
 

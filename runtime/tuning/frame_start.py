@@ -142,7 +142,10 @@ class Velocities:
 def least_squares(
     velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike
 ) -> Array:
-    """Return the ω that minimises Σ |W (H_p − Σ ω_i A_i q)|² over all rows of q and p."""
+    """Return the ω that minimises Σ |W (H_p − Σ ω_i A_i q)|² over all rows of q and p.
+
+    A_i are the generators of ``directions``; |W v|² is twice the kinetic energy of velocities v.
+    """
     matrices, right_sides = [], []
     for position, momenta in zip(np.atleast_2d(np.array(q, dtype=float)),
                                  np.atleast_2d(np.array(p, dtype=float)), strict=True):

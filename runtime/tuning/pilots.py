@@ -271,9 +271,9 @@ class Pilots:
     def is_clear(self, index: int, base: int = 0) -> bool:
         """Return whether the error of every path is well below the base's.
 
-        1.05 (e + δ) ≤ e_base − δ over all rows, δ the uncertainty; for a longer run also
-        e + δ ≤ e_base − δ over the second, third and fourth quarter. Where the base's error is
-        round-off, e may be that.
+        With a path's error e and uncertainty δ, 1.05 (e + δ) ≤ e_base − δ over all rows; for a
+        longer run also e + δ ≤ e_base − δ over the second, third and fourth quarter. Where the
+        base's error is round-off, e may be that.
         """
         if self.largest(index) * _CLEAR > self.largest(base):
             return False
