@@ -24,9 +24,10 @@ def warn(message: str) -> None:
         captured.append(message)
         return
     level, frame = 1, sys._getframe(0)
-    package = __name__.partition(".")[0]
+    # these of the standard library call functions of the package for it
+    inside = __name__.partition(".")[0], "contextlib", "functools"
     while frame.f_back is not None and (
-            frame.f_globals.get("__name__", "").partition(".")[0] == package):
+            frame.f_globals.get("__name__", "").partition(".")[0] in inside):
         level, frame = level + 1, frame.f_back
     warnings.warn(message, InputWarning, stacklevel=level)
 

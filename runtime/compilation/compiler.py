@@ -234,6 +234,8 @@ def compile_module(
                              wrapper.name, "-o", "wrapper.o"], folder)
     running = [*objects, wrapper_object]
     _wait_for(running)
+    for command, _ in running:
+        _refuse_missing(folder / command[-1], command)
     # gcc may have compiled a permutation wrongly, which shows in the object alone (object_files)
     if compiler.is_gcc:
         _replace_permutations([command for command, _ in running], folder)
@@ -241,10 +243,15 @@ def compile_module(
     target = folder / (module_name(name) + extension_suffix())
     link = [*compiler.command, *compiler.link_flags, *object_names, "-lm", "-o", target.name]
     _wait_for([_start(link, folder)])
-    if not target.is_file():
-        raise CompilerError(f"The C compiler says it succeeded but made no {target.name}: "
-                            f"{shlex.join(link)}. {_CURE}", command=link)
+    _refuse_missing(target, link)
     return target, checks
+
+
+def _refuse_missing(file: Path, command: list[str]) -> None:
+    """Raise CompilerError if a command that ended well has left no file."""
+    if not file.is_file():
+        raise CompilerError(f"The C compiler says it succeeded but made no {file.name}: "
+                            f"{shlex.join(command)}. {_CURE}", command=command)
 
 
 def _start_objects(

@@ -145,6 +145,14 @@ def test_failing_compiler_is_quoted(body, words, monkeypatch, script, own_cache)
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
 
 
+def test_a_gcc_that_makes_no_object_is_reported(monkeypatch, script, own_cache):
+    """The objects of gcc itself are read before they are linked."""
+    monkeypatch.setenv("CC", str(script('echo "gcc, Free Software Foundation"')))
+    with pytest.raises(gs.errors.CompilerError, match="made no"):
+        stepper_module.load_module("heavy_top_ims_gamma", files_of())
+    assert not kept(own_cache)
+
+
 def test_compiler_gets_no_input(monkeypatch, script):
     """The compiler has no input: one that reads stdin ends instead of waiting for the terminal."""
     path = script("cat; exit 1")
@@ -209,6 +217,7 @@ def test_a_temporary_folder_replaces_one_that_cannot_be_used(
     with pytest.warns(gs.errors.InputWarning, match="GYROSPARK_CACHE") as caught:
         stepper_module.load_module("heavy_top_ims_gamma", files_of())
     assert folder in str(caught[0].message)
+    assert caught[0].filename == __file__
     assert len(build_cache.entries()) == 2
     build_cache.write_cache("x", [1])  # with no further warning
     assert build_cache.read_cache("x") == [1]
