@@ -372,6 +372,7 @@ def is_invariant(
     """
     ring, system = _Ring(splitting), splitting.system
     conditions = _solve_linear(splitting.conditions)
+    # without forces the sum is empty
     power = sp.Add(*(derivative(J, y) * F for y, F in zip(system.p, system.forces, strict=False)))
     parts = [x.xreplace(conditions) for _, x in hamiltonians(splitting)]
     power, *kept = (e.xreplace(dict(numbers or {})) for e in (power, *system.constraints, *parts))

@@ -47,7 +47,7 @@ def base_units(text: str) -> dict[str, Fraction]:
     dimensions: dict[str, Fraction] = {}
     parts = re.split(r"([./])", text if isinstance(text, str) else "")
     # "kg.m2/s" is split into kg . m2 / s: a factor, and the sign before each further one
-    for sign, factor in zip([".", *parts[1::2]], parts[::2], strict=False):
+    for sign, factor in zip([".", *parts[1::2]], parts[::2], strict=True):
         match = _FACTOR.fullmatch(factor.strip())
         name = match[1] if match else ""
         if not match or (name != "1" and name not in _BASE and name not in _NAMED):

@@ -460,8 +460,8 @@ def _add_contact(
                 table, "gap", table.formula("gap"), position)
     # one name is the body a, which touches the ground
     if "bodies" in table:
-        count = 2 if len(table.strings("bodies")) == 2 else 1
-        values |= zip("ab", _frames(table, bodies, count), strict=False)
+        names = "ab" if len(table.strings("bodies")) == 2 else "a"
+        values |= zip(names, _frames(table, bodies, len(names)), strict=True)
     if own_key == "close":
         builder.latch(table.text("name"), close=table.strings("close"), **values)
     else:

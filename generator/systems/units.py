@@ -152,7 +152,7 @@ def _solve(solver: _Solver, system: System) -> None:
                 if (known_unit := solver.known.get(variable)) is not None:
                     solver.assign(conjugate,
                                   product_dimensions((base_units("J.s"), 1), (known_unit, -1)))
-        for x, force in zip(system.q, system.forces, strict=False):
+        for x, force in zip(system.q, system.forces, strict=False):  # there may be no forces
             known_unit = solver.known.get(x)
             solver.assign(force, None if known_unit is None
                           else product_dimensions((energy, 1), (known_unit, -1)))

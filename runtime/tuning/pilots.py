@@ -14,6 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -119,16 +120,19 @@ class Pilots:
         self._runs, self._report = 0, report
 
     def parameters(self, x: Array) -> dict[str, float]:
-        """Return the parameters of a trial x: rates by their directions' weights, γ = γ_m/u."""
+        """Return the parameters of a trial x: rates by their directions' weights, γ = γ_m/u.
+
+        x has the rate of each direction, then u of each γ.
+        """
         rates: dict[str, float] = {}
         if self.directions:
             rates = {symmetry.name: 0.0 for symmetry in self.stepper.symmetries}
-        for rate, direction in zip(x, self.directions, strict=False):
+        of_directions, of_means = np.split(x, [len(self.directions)])
+        for rate, direction in zip(of_directions, self.directions, strict=True):
             for name, weight in direction.weights.items():
                 rates[name] += float(rate) * weight
-        inverse = x[len(self.directions) :]
         return rates | {name: mean / float(u)
-                        for (name, mean), u in zip(self.means.items(), inverse, strict=True)}
+                        for (name, mean), u in zip(self.means.items(), of_means, strict=True)}
 
     def run(self, x: Array, refinement: int = 1) -> Trajectory | None:
         """Return the run of a trial x with steps of Δt/refinement.
@@ -341,7 +345,7 @@ def _quarters(rows: int) -> list[slice]:
     """Return the four quarters of ``rows`` rows, the first ones a row longer where 4 is no divisor.
     """
     bounds = np.cumsum([len(quarter) for quarter in np.array_split(np.arange(rows), 4)]).tolist()
-    return [slice(begin, end) for begin, end in zip([0, *bounds], bounds, strict=False)]
+    return [slice(begin, end) for begin, end in pairwise([0, *bounds])]
 
 
 def _total(errors: Array) -> float:
