@@ -29,15 +29,15 @@ from .program import Derived, Elements
 
 __all__ = ["element_derivatives"]
 
-#: Groups of matrices that are evaluated at one state, and their kernels for templates of H, of g
-#: and of F.
-_GROUPS: dict[str, tuple[tuple[str, ...], tuple[str, ...], tuple[str, ...]]] = {
-    "rates": (("hessian", "rates_by_constants"), (), ("jacobian", "by_constants")),
-    "mean_rates": (("mean_by_start", "mean_by_constants"), (), ("jacobian", "by_constants")),
-    "constraint_value": ((), ("jacobian", "by_constants"), ()),
-    "constraint_velocity": ((), ("velocity_by_coordinates", "velocity_by_constants"), ()),
-    "constraint_force": ((), ("curvature", "force_by_constants"), ()),
-    "mean_constraint_force": ((), ("mean_force_by_start", "mean_force_by_constants"), ()),
+#: Groups of matrices that are evaluated at one state → kind of templates ("H", "g" or "F") → their
+#: kernels.
+_GROUPS: dict[str, dict[str, tuple[str, ...]]] = {
+    "rates": {"H": ("hessian", "rates_by_constants"), "F": ("jacobian", "by_constants")},
+    "mean_rates": {"H": ("mean_by_start", "mean_by_constants"), "F": ("jacobian", "by_constants")},
+    "constraint_value": {"g": ("jacobian", "by_constants")},
+    "constraint_velocity": {"g": ("velocity_by_coordinates", "velocity_by_constants")},
+    "constraint_force": {"g": ("curvature", "force_by_constants")},
+    "mean_constraint_force": {"g": ("mean_force_by_start", "mean_force_by_constants")},
 }
 #: Output of a kernel → products (sum, direction, whether with the transpose).
 _PRODUCTS: dict[str, list[tuple[str, str, bool]]] = {
@@ -58,15 +58,15 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
     """Return the tables of ``elements`` with the kernels of derivatives, one dict a template.
 
     Key ``derivative_kernels`` has the additional kernels; ``groups`` maps a group of matrices that
-    are evaluated at one state to its tables (``_group``); ``kind`` is 0 for H, 1 for g, 2 for F.
+    are evaluated at one state to its tables (``_group``); ``kind`` is "H", "g" or "F".
     """
     scheme, structure = derived.implicit, Structure(derived.scheme.system)
     emit, times = Emitter(derived.constants, derived.real), time_columns(scheme)
-    kinds = ((structure.templates, elements.energies, _energy_derivatives),
-             (structure.constraint_templates, elements.constraints, _constraint_derivatives),
-             (structure.force_templates, elements.forces, _force_derivatives))
+    kinds = (("H", structure.templates, elements.energies, _energy_derivatives),
+             ("g", structure.constraint_templates, elements.constraints, _constraint_derivatives),
+             ("F", structure.force_templates, elements.forces, _force_derivatives))
     derivative_tables = []
-    for kind, (templates, tables, kernels_of) in enumerate(kinds):
+    for kind, templates, tables, kernels_of in kinds:
         for template, table in zip(templates, tables, strict=True):
             derivative_kernels = emit.template_kernels(table["name"], nonempty(
                 [(kernel, NUMBERS) for kernel in kernels_of(template, scheme, times)]))
@@ -76,7 +76,7 @@ def element_derivatives(derived: Derived, elements: Elements) -> list[dict[str, 
             by_name = {k["name"]: k for k in (*table["kernels"], *derivative_kernels)}
             groups: dict[str, dict[str, Any]] = {}
             for name, kernel_names in _GROUPS.items():
-                kernels = [by_name[k] for k in kernel_names[kind] if k in by_name]
+                kernels = [by_name[k] for k in kernel_names.get(kind, ()) if k in by_name]
                 if kernels:
                     groups[name] = _group(extended, name, kernels)
             derivative_tables.append(extended | {"groups": groups})
@@ -95,14 +95,14 @@ def _group(
     """
     # the index table by which the instances add each sum: forces of H act on coordinates, F and
     # rates of g have rows of their own
-    index_of = {"force": "q" if template["kind"] == 0 else "row", "velocity": "p",
+    index_of = {"force": "q" if template["kind"] == "H" else "row", "velocity": "p",
                 "out": "q" if name.endswith("force") else "row"}
     length_of = {"q": template["nq"], "p": template["np"], "row": template["rows"],
                  "c": template["columns"]}
     length_of |= {total: length_of[index] for total, index in index_of.items()}
     matrices = [matrix for kernel in kernels for matrix in _matrices(kernel, length_of)]
     # the array ``force`` is H_q − F: products with derivatives of F are subtracted
-    sign = "-" if template["kind"] == 2 else "+"
+    sign = "-" if template["kind"] == "F" else "+"
     return {
         "calls": kernels,
         "matrices": matrices,
