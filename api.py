@@ -579,7 +579,8 @@ def _of_objects(
 
 @lru_cache(maxsize=64)
 def _named_stepper(spec: Spec) -> Stepper:
-    return derivation(spec).stepper()[0]
+    compiled, _ = derivation(spec).stepper()
+    return compiled
 
 
 def stepper_of(
@@ -595,7 +596,8 @@ def stepper_of(
         paper_stepper = _named_stepper(spec)
         derived()
         return paper_stepper
-    return derivation(spec, system, tableau, allow_invalid).stepper(derived)[0]
+    compiled, _ = derivation(spec, system, tableau, allow_invalid).stepper(derived)
+    return compiled
 
 
 def model_stepper(

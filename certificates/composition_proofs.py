@@ -237,7 +237,8 @@ class OrderConditions:
     def residuals(self) -> list[Any]:
         """Return interval enclosures of F at the stored numbers."""
         with intervals() as interval:
-            return self.evaluate([interval(value) for value in self.unknowns], interval)[0]
+            F, _ = self.evaluate([interval(value) for value in self.unknowns], interval)
+            return F
 
 
 def _value(affine: Affine, x: Sequence[Any], as_number: Callable[[Fraction], Any]) -> Any:

@@ -98,7 +98,8 @@ def four_bars(count: int) -> Model:
 
 def _b0(run: Trajectory) -> Mapping[str, Any]:
     """Return x and y of the upper end B0 of the first rod, whose lower end is the origin."""
-    return {"positions": 2 * _at(run, "v0")[0][:2]}
+    centre, _ = _at(run, "v0")
+    return {"positions": 2 * centre[:2]}
 
 
 _A02 = "IFToMM library of multibody problems, A02"
@@ -157,7 +158,7 @@ def _bricard_end(run: Trajectory) -> Mapping[str, Any]:
     y of P1 stays 0. From the centres x_i of rods: P1 = 2 x_0, and from the other end of the chain
     P4 = 2 x_4 − (0, 0, 1) and P3 = 2 x_3 − P4.
     """
-    first, third, fourth = (_at(run, f"rod{i}")[0] for i in (0, 3, 4))
+    (first, _), (third, _), (fourth, _) = (_at(run, f"rod{i}") for i in (0, 3, 4))
     return {"positions": [*(2 * first[::2]), *(2 * third - 2 * fourth + [0, 0, 1])]}
 
 

@@ -157,7 +157,7 @@ class Engine:
     def axis_reference(self, case: Case) -> Array:
         """Return the true axis at the case's times, shape (N_t + 1, 3)."""
         if case not in self._axes:
-            self._axes[case] = reference_axis(self.problem(case), self.trajectory(case))[0]
+            self._axes[case], _ = reference_axis(self.problem(case), self.trajectory(case))
         return self._axes[case]
 
     # ------------------------------------------------------------ errors

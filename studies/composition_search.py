@@ -62,6 +62,13 @@ class _Kind(NamedTuple):
     numbers: list[list[int]]  # for each flow the indices of its numbers among those of all flows
 
 
+class _Linearised(NamedTuple):
+    """Conditions F(x) at the words, and F′(x), shapes (words,) and (words, unknowns)."""
+
+    F: Floats
+    slopes: Floats
+
+
 class _FlowTables(NamedTuple):
     """The flows of a composition, whose numbers are constants + slopes · x of the unknowns x."""
 
@@ -110,7 +117,7 @@ class FloatConditions:
         return _FlowTables(factors, list(kinds.values()),
                            np.array([float(c) for c, _ in numbers]), slopes)
 
-    def evaluate(self, x: Floats) -> tuple[Floats, Floats]:
+    def evaluate(self, x: Floats) -> _Linearised:
         """Return F(x), shape (words,), and F′(x), shape (words, unknowns).
 
         F is the coefficient of the composition at each word less the coefficient of the exact
@@ -144,7 +151,7 @@ class FloatConditions:
                 by_number[list(indices)] = (
                     scale[:, None] @ left_times_matrices @ right_of_flows)[:, 0]
         exact = np.array([float(target(word)) for word in self.words])
-        return left[-1] @ right[-1] - exact, by_number.T @ slopes
+        return _Linearised(left[-1] @ right[-1] - exact, by_number.T @ slopes)
 
     def objective(self, x: Floats) -> float:
         """Return the objective of the search at x.
@@ -160,7 +167,8 @@ class FloatConditions:
         if len(method.orders) > 1:
             drifts, kicks, *gradients = parts
             return float(np.abs(drifts).sum() + np.abs(kicks).sum() + np.linalg.norm(gradients))
-        error = self.evaluate(x)[0][len(self.conditions.words):]
+        F, _ = self.evaluate(x)
+        error = F[len(self.conditions.words):]
         return float(method.stages * np.linalg.norm(error) ** (1 / p))
 
 
@@ -294,8 +302,8 @@ def _slide(
 
     optimum = optimize.minimize(
         floats.objective, x, method="SLSQP", options={"maxiter": 100, "ftol": 1e-12},
-        constraints={"type": "eq", "fun": lambda y: floats.evaluate(y)[0][:k],
-                     "jac": lambda y: floats.evaluate(y)[1][:k]}).x
+        constraints={"type": "eq", "fun": lambda y: floats.evaluate(y).F[:k],
+                     "jac": lambda y: floats.evaluate(y).slopes[:k]}).x
     # the optimum meets the conditions to 1e-12 only
     y = _solve(floats, optimum, largest_weight)
     if y is None or floats.objective(y) >= objective:

@@ -146,7 +146,8 @@ def steps_of(span: Mapping[str, Any], t0: Any, dt: Any) -> int:
 
     if dt is None and "t_end" in span:
         return 0
-    return span_of(span.get("steps"), span.get("t_end"), t0, dt)[0]
+    whole_steps, _ = span_of(span.get("steps"), span.get("t_end"), t0, dt)
+    return whole_steps
 
 
 def _whole_steps(span: dict[str, Any], t0: float, dt: Any) -> dict[str, Any]:
