@@ -13,8 +13,10 @@ import gyrospark as gs
 import systems
 from flows import CASES, close, directions, flow_of, inputs_of, start_of, stepper_of
 from gyrospark.core.errors import CompilerError, InputError
+from gyrospark.interop import discrete_flow
 from gyrospark.interop.discrete_flow import DiscreteFlow
 from gyrospark.interop.flow_function import FlowFunction
+from gyrospark.runtime.derivatives.kept_steps import step_bytes
 from rolling_systems import SLEIGH, sleigh_end, sleigh_state
 
 
@@ -81,6 +83,14 @@ def test_the_adjoint_is_the_transpose_of_the_tangent(case):
     assert close(by_adjoint, by_tangent, 1e-12)
     J = flow.jacobian(x[None])[0]
     assert close(J @ dx[0].T, flow.tangent(x[None], dx)[0].T, 1e-12)
+
+
+def test_adjoints_in_blocks_of_steps_are_those_in_one(monkeypatch):
+    flow, x = flow_of("framed", 4000)
+    w = np.random.default_rng(1).normal(size=(1, 3, 2 * flow.n))
+    in_one = flow.adjoint(x[None], w)
+    monkeypatch.setattr(discrete_flow, "DEFAULT_MEMORY", 4000 * step_bytes(flow.stepper) - 1)
+    assert (flow.adjoint(x[None], w) == in_one).all()
 
 
 def test_the_jacobian_of_many_inputs_is_made_of_adjoints():

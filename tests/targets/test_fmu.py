@@ -239,6 +239,9 @@ def test_starts_are_an_attitude_of_any_length_and_an_angular_velocity(satellite)
 
 def test_starts_in_the_description_are_those_of_the_library(satellite):
     """Angular velocities come from H_p by complex steps there, from the C here."""
+    meanings = {variable.get("name"): variable.get("description")
+                for variable in satellite.description.find("ModelVariables")}
+    assert all("body" in meanings[f"body_omega_{axis}"] for axis in "xyz")
     texts = {variable.get("name"): (variable if satellite.version == 3
                                     else variable.find("Real")).get("start")
              for variable in satellite.description.find("ModelVariables")}
