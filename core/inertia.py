@@ -16,8 +16,8 @@ from typing import Any, Literal, TypeAlias, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from .arguments import shown
-from .arrays import Floats
+from .arguments import few, shown
+from .arrays import Array, Floats
 from .errors import InputError
 from .exact_numbers import Rounded, exact, knowing
 from .warnings import warn
@@ -26,7 +26,7 @@ __all__ = ["REPS", "Inertia", "InertiaLike", "Moments", "RepName", "Tensor", "as
            "as_moments", "as_moments_or_tensor", "inertia_matrix", "inertia_rows",
            "inverse_entries", "is_number", "is_tensor", "moments_of", "quaternion_of_matrix",
            "quaternion_product", "real_array", "refuse_impossible_inertias", "tensor_of_inverse",
-           "unit_quaternions", "warn_of_degrees"]
+           "unit_quaternions", "warn_of_degrees", "warn_of_shift"]
 
 #: The two representations of the inertia, by the parameter that each adds; ``RepName`` are its
 #: entries, for editors and type checkers.
@@ -99,6 +99,22 @@ def as_inertia(inertia: Any, label: str = "inertia") -> Inertia:
                 "parameters of a gyrospark.System, which takes any.)")
         warn(f"{sentence}. It is taken as it is, as if by rounding; give more digits.")
     return checked
+
+
+def warn_of_shift(inertia: Inertia, mass: float, centre: Array, label: str) -> None:
+    """Warn of an inertia about a point that no body of the mass has, with its centre at ``centre``.
+
+    About the centre of mass it is J − m (|c|² 1 − c cᵀ), whose moments are not negative.
+    """
+    J = np.array(inertia, dtype=float)
+    J = np.diag(J) if J.ndim == 1 else J
+    central = J - mass * (centre @ centre * np.eye(3) - np.outer(centre, centre))
+    moments = np.linalg.eigvalsh(central)
+    if moments[0] < -_TWO_DIGITS * np.abs(J).max():
+        warn(f"The {label} is {shown(inertia)} about the fixed point, which no body of {mass:g} kg "
+             f"has with its centre of mass at ({few(f'{x:g}' for x in centre)}): about that centre "
+             f"its moments would be {few(f'{x:.3g}' for x in moments)}. If it is the inertia about "
+             "the centre of mass, add m (|c|² 1 − c cᵀ).")
 
 
 def as_moments_or_tensor(inertia: Any, label: str = "inertia") -> Inertia:

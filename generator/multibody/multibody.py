@@ -41,6 +41,7 @@ from ...core.inertia import (
     quaternion_product,
     real_array,
     warn_of_degrees,
+    warn_of_shift,
 )
 from ...core.projection import Projection
 from ...core.records import FixedAttributes
@@ -311,7 +312,9 @@ class Multibody(FixedAttributes):
         )
         start = initial_state(name, quaternion, rotation, origin, velocity=(0, 0, 0),
                               omega=angular_velocity)
-        return self._add(body, start, mass, checked_inertia, weight)
+        self._add(body, start, mass, checked_inertia, weight)
+        warn_of_shift(checked_inertia, float(mass), middle.astype(float), f"inertia of {name!r}")
+        return body
 
     def chain_of_rods(
         self, points: ArrayLike, *, mass: float | Sequence[float], radius: float = 0.01,

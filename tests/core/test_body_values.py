@@ -333,13 +333,26 @@ def test_a_scalar_that_seems_to_come_last_is_reported(q, first):
     assert f"write {first}" in text
 
 
+def test_an_inertia_of_a_top_is_about_its_fixed_point():
+    """Steiner: what is below m |c|² about the fixed point is negative about the centre of mass."""
+    with pytest.warns(gs.errors.InputWarning, match=r"-0\.9"):
+        gs.Multibody("m").top("a", mass=1, inertia=(0.1, 0.1, 0.05), centre=(0, 0, 1))
+    tilted = TILT.as_matrix() @ np.diag([1.1, 1.1, 0.05]) @ TILT.as_matrix().T
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        gs.Multibody("m").top("a", mass=1, inertia=(tilted + tilted.T) / 2,
+                              centre=TILT.apply([0, 0, 1.04]))
+        # a bead on a rod
+        gs.Multibody("m").top("a", mass=1, inertia=(1, 1, 1e-9), centre=(0, 0, 1))
+
+
 def test_a_rotation_leaves_the_order_unsaid():
     """A rotation or a matrix has no order of components, as the remark proposes."""
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         for rotation in (Rotation.from_quat([0, 0, 1, 0]), np.diag([-1.0, -1, 1])):
             build = gs.Multibody("m")
-            build.top("a", mass=1, inertia=MOMENTS, centre=(0, 0, 1), rotation=rotation)
+            build.top("a", mass=1, inertia=MOMENTS, centre=(0, 0, 0.01), rotation=rotation)
             assert np.allclose(np.abs(build.model().q0), [0, 0, 0, 1], rtol=0, atol=EPS)
     with pytest.raises(gs.InputError, match="single"):
         gs.Multibody("m").body("a", mass=1, inertia=MOMENTS,

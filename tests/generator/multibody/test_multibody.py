@@ -13,7 +13,7 @@ from gyrospark.generator.systems.numeric_system import NumericSystem, numeric
 from gyrospark.runtime.rigid_body.quaternion import angular_velocity, rotation_matrix
 from strategies import EPS, unit_quaternions
 
-INERTIA = (0.1, 0.12, 0.03)
+INERTIA = (0.3, 0.32, 0.06)
 
 
 def unit(q):
