@@ -352,7 +352,10 @@ def _rates(system: System, options: Options) -> tuple[float, ...]:
 
 def _refuse_off_constraints(spec: Spec, system: System, options: Options) -> None:
     """Refuse a start off the constraints at the artefact's parameters: steps do not project it."""
-    projection = consistent(system, options.q, options.p, parameters=options.parameters)
+    # the struct in C has the time, too, and a member where there are no parameters
+    own_names = {symbol.name for symbol in (*system.parameters, *system.inputs)}
+    projection = consistent(system, options.q, options.p, parameters={
+        name: number for name, number in options.parameters.items() if name in own_names})
     size = max(map(abs, (*options.q, *options.p)))
     # the projection moves a start by its distance from the constraints
     distance = max(projection.q_moved, projection.p_moved)
