@@ -375,8 +375,9 @@ def is_invariant(
     # without forces the sum is empty
     power = sp.Add(*(derivative(J, y) * F for y, F in zip(system.p, system.forces, strict=False)))
     parts = [x.xreplace(conditions) for _, x in hamiltonians(splitting)]
-    power, *kept = (e.xreplace(dict(numbers or {})) for e in (power, *system.constraints, *parts))
-    return ring.vanishes(power) and all(ring.keeps(J, x) for x in kept)
+    power, *functions = (
+        e.xreplace(dict(numbers or {})) for e in (power, *system.constraints, *parts))
+    return ring.vanishes(power) and all(ring.keeps(J, x) for x in functions)
 
 
 def invariants(splitting: Splitting) -> tuple[tuple[str, sp.Expr], ...]:

@@ -39,8 +39,8 @@ class FixedAttributes:
 
     def __setattr__(self, name: str, value: Any) -> None:
         if not name.startswith("_") and name not in self._SETTERS:
-            taken = name in self.__dict__ and not self._REASSIGNED
-            if (taken or name not in self._DECLARED) and _is_ours(type(self)):
+            is_fixed = name in self.__dict__ and not self._REASSIGNED
+            if (is_fixed or name not in self._DECLARED) and _is_ours(type(self)):
                 raise _unassignable(type(self), name, self._CURE)
         object.__setattr__(self, name, value)
 

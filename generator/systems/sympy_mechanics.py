@@ -430,10 +430,10 @@ def _with_velocity_constraints(
 
     The rows may have parameters and the time, which L does not contain.
     """
-    given = [e for e in velocity_constraints if e != 0]
-    refuse_unless_linear(system.name, given, system.velocities,
-                         [f"A{i}" for i in range(len(given))])
-    rows = _independent(system, given)
+    nonzero_rows = [e for e in velocity_constraints if e != 0]
+    refuse_unless_linear(system.name, nonzero_rows, system.velocities,
+                         [f"A{i}" for i in range(len(nonzero_rows))])
+    rows = _independent(system, nonzero_rows)
     if not rows:
         return system
     t, row_symbols = me.dynamicsymbols._t, symbols_of(rows)

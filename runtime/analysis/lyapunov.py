@@ -265,7 +265,7 @@ class Benettin:
         if self.spread > _SPREAD:
             warn(f"Between two decompositions directions grow {self.spread:.1e} times more than "
                  f"others, which leaves them fewer than half of their digits; give an every below "
-                 f"{every}, a smaller dt, or a unit of time nearer to that of the motion.")
+                 f"{every}, a smaller dt, or a unit of time nearer to the motion's.")
 
     def _propagate(self, steps: KeptSteps) -> None:
         """Propagate the directions V by the derivatives of stored steps, in place."""

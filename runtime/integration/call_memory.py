@@ -61,7 +61,7 @@ class _Call:
                     _are_same(parameters, self.parameters))
 
     def has_start(self, start: Any) -> bool:
-        """Whether the start differs from that of the call by q, p and t alone."""
+        """Whether a start differs in q, p and t alone from the start of the call."""
         return (type(start) is Start and self.start is not None and not start._events
                 and (start._span, start._spare) == self.span_and_spare
                 and all(map(_are_same, _dicts_of(start), self.start)))

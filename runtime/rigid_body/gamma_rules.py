@@ -173,11 +173,11 @@ def _mean(
     exact_moments = [exact(moment) for moment in inertia]
     # the rows of a tensor are no numbers, and moments that are doubles lose nothing
     if None in exact_moments or exact_moments == [Fraction(moment) for moment in moments]:
-        taken = sorted(moments)[-largest:] if largest < 3 else moments
-        mean_of_doubles: float = rule(taken)
+        summands = sorted(moments)[-largest:] if largest < 3 else moments
+        mean_of_doubles: float = rule(summands)
         # sums beyond the largest double, and of 1/I where I is below its reciprocal, are exact
         return mean_of_doubles if 0 < mean_of_doubles < math.inf else as_double(
-            rule([Fraction(moment) for moment in taken]))
+            rule([Fraction(moment) for moment in summands]))
     mean: Any = rule(sorted(x for x in exact_moments if isinstance(x, Fraction))[-largest:])
     if all(isinstance(moment, (float, int)) for moment in inertia):
         return Rounded(mean)

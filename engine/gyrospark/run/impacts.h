@@ -56,7 +56,7 @@ typedef struct {
     long capacity, *count, *places;
     real *hits;
     int tried; /* whether parts of the present step were taken in search of its lowest gap */
-    int taken; /* iterations of the present step, whose parts between impacts are solved apart */
+    int step_iterations; /* of the present step, whose parts between impacts are solved apart */
     int most; /* iterations of a step since the last stored row */
     gap_state from, end, trial;
 } impact_run;
@@ -378,11 +378,11 @@ static void store_on_grid(impact_run *r, long first, long every, rows_t out, int
 {
     const long done = ++report->steps - first, row = done/every - 1;
     real *multipliers = out.multipliers;
-    if (r->taken > report->iterations_max)
-        report->iterations_max = r->taken;
-    if (r->taken > r->most)
-        r->most = r->taken;
-    r->taken = 0;
+    if (r->step_iterations > report->iterations_max)
+        report->iterations_max = r->step_iterations;
+    if (r->step_iterations > r->most)
+        r->most = r->step_iterations;
+    r->step_iterations = 0;
     if (done % every != 0)
         return;
     if (begun)
@@ -447,7 +447,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
         }
         if (whole && hit < 0 && !r->tried && !falls(r, &r->end)) {
             report->iterations += r->end.taken;
-            r->taken += r->end.taken;
+            r->step_iterations += r->end.taken;
             r->from = r->end;
             store_on_grid(r, first, every, out, 0, report);
             continue;
@@ -466,7 +466,7 @@ static int run_with_impacts(impact_run *r, long last, long every, rows_t out, re
                 return AT_REST;
         }
         report->iterations += r->end.taken;
-        r->taken += r->end.taken;
+        r->step_iterations += r->end.taken;
         report->newton_steps += r->end.own.newton_steps;
         IF_FORCES(add_work(report, r->end.own.work);)
         *since += h;
