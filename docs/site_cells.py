@@ -37,6 +37,7 @@ def prepare_forks(app: Sphinx) -> None:
     import matplotlib.pyplot  # noqa: F401
     import matplotlib_inline.backend_inline  # noqa: F401
     import myst_nb.core.execute.cache as execution
+    from jupyter_cache.cache.main import JupyterCacheBase
 
     import gyrospark as gs
 
@@ -45,6 +46,9 @@ def prepare_forks(app: Sphinx) -> None:
     with tempfile.TemporaryDirectory() as folder:
         run.show(f"{folder}/picture.png")
     run.plot()
+    # Beyond 1,000 pages old ones are deleted; a page that another process is writing may count as
+    # one of them. There are never so many.
+    JupyterCacheBase.truncate_caches = lambda cache: None
     execution.single_nb_execution = run_cells  # where a notebook with a kernel would be executed
 
 
