@@ -1,13 +1,13 @@
 """Second derivatives: how an adjoint changes along a direction, and Hessians of functions of a run.
 
 A function L of a run is one of its start (q, p), which is projected onto the constraints, and of
-parameters and times. Its gradient is D(z)ᵀ z̄, where z̄ is the cotangent that the adjoint of the
-steps leads to and D the derivative of the projection (``tangent_space``). Along a direction in the
-range of D, tangent to the constraints, it changes by
+parameters and times. Its gradient is Π(z)ᵀ z̄, where z̄ is the cotangent that the adjoint of the
+steps leads to and Π the derivative of the projection (``tangent_space``). Along a direction in the
+range of Π, tangent to the constraints, it changes by
 
-    Dᵀ z̄' + D'ᵀ z̄
+    (Πᵀ z̄)' = Πᵀ z̄' + Π'ᵀ z̄
 
-z̄' by the compiled derivative of the adjoint, D' by that of the derivatives of g and f.
+z̄' by the compiled derivative of the adjoint, Π' by that of the derivatives of g and f.
 """
 
 from __future__ import annotations
@@ -221,15 +221,15 @@ def hessian_of(
     checked: Callable[[Mapping[str, Any]], Cotangents], wrt: tuple[str, ...], memory: Any,
     value: Any = None,
 ) -> Hessian:
-    """Return the Hessian Dᵀ (z̄' D) of a function of a checked run, one column a direction of D.
+    """Return the Hessian Dᵀ (Πᵀ z̄)' of a function of a checked run, one column a direction of D.
 
-    z̄, shape (rows,), are the function's derivatives by z = (q₀, p₀, parameters, Δt, t0), and z̄' D
-    their slopes along the columns of D, shape (rows, k), directions tangent to the constraints: one
-    for each name of ``wrt``, and for "start" a basis. ``cotangents`` are the function's derivatives
-    by the stored states; ``slopes`` says how these change along a direction (None: they do not),
-    and ``checked`` checks its answers. All steps are kept, in at most ``memory``; ``value`` goes
-    into the result. Raises InputError for what a Hessian is not taken by, for states within steps,
-    for too little memory; StepFailed as the run itself does.
+    z̄, shape (rows,), are the function's derivatives by z = (q₀, p₀, parameters, Δt, t0), and
+    (Πᵀ z̄)' are slopes along the columns of D, shape (rows, k), directions tangent to the
+    constraints: one for each name of ``wrt``, and for "start" a basis. ``cotangents`` are the
+    function's derivatives by the stored states; ``slopes`` says how these change along a direction
+    (None: they do not), and ``checked`` checks its answers. All steps are kept, in at most
+    ``memory``; ``value`` goes into the result. Raises InputError for what a Hessian is not taken
+    by, for states within steps, for too little memory; StepFailed as the run itself does.
     """
     refuse_run(run)
     _refuse_first_order_alone(cotangents)
@@ -254,7 +254,7 @@ def hessian_of(
         start_slope = pulled_back_slope(stored_run.second_order, space,
                                         stored_run.second_parameters, run.q, run.p, dz, z_bar,
                                         z_bar_slope)
-        columns.append(D.T @ start_slope)
+        columns.append(D.T @ start_slope)  # (Πᵀ z̄)' along dz is ``start_slope``
         gradient[j] = dz @ space.pulled_back(z_bar)  # z̄ is the same in every pass
     matrix, asymmetry = _symmetric_part(np.array(columns).T)
     return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)

@@ -67,10 +67,6 @@ class Objective:
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._inputs = inputs
         self._span, self._memory, self._options = span, memory, options
-        input_values: Any = inputs
-        self._hold = 1  # an array has a row for each step
-        if isinstance(inputs, Inputs):
-            input_values, self._hold = inputs.values, inputs.hold
         # the state that coordinates of the tangent space count from: the start, projected, as a run
         # of no steps has it
         run_of_start = stepper._resolve(stepper._run_arguments(replace(
@@ -83,11 +79,16 @@ class Objective:
         self._basis = TangentSpace(
             binding, binding.module.parameters(run_of_start.parameters, run_of_start.t0),
             run_of_start.q, run_of_start.p, stepper.constraint_names).basis()
+        input_values: Any = inputs
+        self._hold = 1  # an array has a row for each step
+        if isinstance(inputs, Inputs):
+            input_values, self._hold = inputs.values, inputs.hold
         inputs_array = real_array(input_values)
         if "inputs" in wrt and inputs_array is None:
             raise InputError(f"inputs = {shown(input_values)} are no rows of numbers, by which "
                              "\"inputs\" in wrt asks for derivatives; give a row of each step.")
         self._input_shape = (0, 0) if inputs_array is None else inputs_array.shape
+        #: The number of entries of x by name: 1 of each parameter and time.
         self._sizes = dict.fromkeys(wrt, 1) | {
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
 

@@ -82,8 +82,8 @@ class Differentiation(Evaluation):
         """
         super().__init__(name, files)
         self._derive = derive
-        self._derivative_bindings: list[DerivativeBinding] = []
-        self._second_bindings: list[SecondBinding] = []
+        self._first_order: DerivativeBinding | None = None
+        self._second_order: SecondBinding | None = None
         self._controls: dict[str, str] = {}
         self._jumps: Any = None
         self._deriving = threading.Lock()
@@ -94,14 +94,14 @@ class Differentiation(Evaluation):
         from ..derivatives.binding import DerivativeBinding, QuadDerivativeBinding
 
         with self._deriving:
-            if not self._derivative_bindings:
+            if self._first_order is None:
                 module = load_module(self.name, self._derivative_files(), "derivatives")
                 binding = self._bind(module)
                 quad = self.manifest.real == "float128"
                 kind = QuadDerivativeBinding if quad else DerivativeBinding
-                self._derivative_bindings.append(kind(
-                    binding, self.binding, self.manifest.scheme.keeps_momentum_constraint))
-        return self._derivative_bindings[0]
+                self._first_order = kind(
+                    binding, self.binding, self.manifest.scheme.keeps_momentum_constraint)
+        return self._first_order
 
     def _derivative_files(self) -> dict[str, str]:
         """Return header, source and manifest with the derivatives of a step, file name → text.
@@ -138,13 +138,13 @@ class Differentiation(Evaluation):
 
         first_order = self._derivative_binding()
         with self._deriving:
-            if not self._second_bindings:
+            if self._second_order is None:
                 refuse_together(second=f"second derivatives of {self.name}",
                                 frame=bool(self.symmetries) and "its co-moving frame")
                 files = self._more_files("its second derivatives were", second=True)
                 binding = self._bind(load_module(self.name, files, "second"))
-                self._second_bindings.append(SecondBinding(binding, first_order))
-        return self._second_bindings[0]
+                self._second_order = SecondBinding(binding, first_order)
+        return self._second_order
 
     def _jump_binding(self) -> Callable[..., None]:
         """Return fill(parameters, t, *arrays), for derivatives of impulses and rates of gaps.
@@ -420,8 +420,8 @@ class Differentiation(Evaluation):
         names = names_of(stepper, wrt)
         value, cotangents = _value_and_cotangents(run, cotangents, loss)
         rows_by_kind = self._rows_by_kind(run, solver)
-        # the last row may be an event or a time within a step, and of t_eval there may be no row:
-        # then the repeated whole steps have no row that their end could be compared with
+        # The end of the repeated run is compared with the last row, if this is the end of a step:
+        # it may be an event or a time within a step, and a run at ``t_eval`` may have no rows.
         q, p = full_states(run)
         end = None if rows_by_kind.points or not len(q) else (q[-1], p[-1])
         return gradient_of(stepper, rows_by_kind.run,
