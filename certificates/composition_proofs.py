@@ -96,10 +96,11 @@ class OrderConditions:
         return [i for i in range(len(self.unknowns)) if i not in self.composition.free]
 
     def _numbers(self) -> list[list[Affine]]:
-        """Return each number of each palindrome as an affine function of the unknowns.
+        """Return each number of each palindrome as (constant, {index of an unknown: factor}).
 
         A palindrome of ``size`` numbers is fixed by its first half. Where the sum is 1, the middle
-        number is 1 − 2 Σ of the numbers before, or one half of it each for two middle numbers.
+        number is 1 − 2 Σ of the numbers before, or one half of it each for two middle numbers: it
+        is no unknown.
         """
         palindromes, first = [], 0  # ``first``: index of the palindrome's first unknown
         for size, summed in self._palindromes:

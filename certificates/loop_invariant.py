@@ -159,9 +159,10 @@ def loop_drift(
 ) -> LoopDrift | None:
     """Return the change of ∮ p·dq around a start in a run; None if no loop can be integrated.
 
-    ``sizes`` are the half widths of the loop in q and p, ``rounded`` their round-off
-    (``loop_integral``). The result is for the largest loop and the fewest points with which the
-    spectrum of the curve is resolved at the start, at the end and at seven instants between.
+    ``sizes`` are the half widths, shape (n,) each, of a loop of radius 1 in q and p; ``rounded``
+    are lower bounds of the sizes that round-off is relative to (``loop_integral``). The result is
+    for the largest radius and the fewest points with which the spectrum of the curve is resolved at
+    the start, at the end and at seven instants between.
     """
     smoothest: LoopDrift | None = None
     for radius in _RADII:

@@ -290,10 +290,10 @@ class Examination:
 
     @property
     def _kick(self) -> float:
-        """Round-off that multipliers add to p in a step, in units of ε.
+        """Largest round-off that multipliers add to a momentum in a step, in units of ε.
 
-        0 if a scheme projects p (T2) or has no constraints: multipliers that follow from g = 0
-        alone carry its round-off, divided by Δt.
+        Multipliers that follow from g = 0 alone carry the round-off of g, divided by Δt, into p.
+        It is 0 without constraints, and if each step ends with a projection of p.
         """
         if self._projects or not self.step.m:
             return 0.0

@@ -146,9 +146,10 @@ def momentum_maps(
 def momentum_map_of(
     A: ArrayLike, name: str, system: System, *, any_parameters: bool
 ) -> MomentumMap:
-    """Return the map of a generator A, shape (n, n), that is known to be a symmetry.
+    """Return the map pᵀA q of a symmetry of a co-moving frame, A in doubles, shape (n, n).
 
-    Its entries are fractions with denominators ≤ 1000, which doubles of A determine.
+    The search for the frame has proved the symmetry. Entries of A are fractions with small
+    denominators, which the doubles determine: the nearest ones with denominators ≤ 1000.
     """
     entries = {(int(i), int(j)): Fraction(float(np.asarray(A)[i, j])).limit_denominator(1000)
                for i, j in np.argwhere(np.asarray(A))}

@@ -111,9 +111,9 @@ class RoundOff:
 
     @cached_property
     def impulse(self) -> Floats:
-        """Effect of ε of g on each p, in units of ε and divided by Δt.
+        """Δt times the round-off of each p by that of g, shape (n,), in units of ε.
 
-        Multipliers that follow from g alone change p by
+        A round-off δg moves multipliers that follow from g = 0 alone, and they move p by
         Δp = g_qᵀ (g_q H_pp g_qᵀ)⁻¹ δg/Δt, for a quaternion 4γ δg/Δt.
         """
         system, n = self.system, self.system.n

@@ -79,7 +79,7 @@ def fit(
     from ..runtime.analysis.observations import observation_of
 
     _, step, start, t0 = stepper_and_start(problem, settings, choice, scaled=True)
-    # the columns of the table are those of the observation
+    # DATA.csv has a column for each number that is observed
     observed_names = _names(observe)
     names = observation_of(step, observed_names).names
     for name in names:

@@ -157,15 +157,15 @@ def knowing(value: Any) -> float:
 def nearest(value: Fraction, bits: int, least_exponent: int) -> tuple[int, int]:
     """Return m and e of the binary number m 2^e next to a value, ties to even.
 
-    m has at most ``bits`` bits, and e is at least ``least_exponent``, that of the last bit of a
-    subnormal number.
+    |m| has at most ``bits`` bits, or is 2^bits, one bit alone; e is at least ``least_exponent``,
+    that of the last bit of a subnormal number.
     """
     # |value| < 2^(size + 1): the first exponent may leave one bit or two too many
     size = abs(value.numerator).bit_length() - value.denominator.bit_length()
     exponent = max(size - bits - 1, least_exponent)
     while True:
         mantissa = round(value / Fraction(2) ** exponent)  # Python rounds ties to even
-        if abs(mantissa) <= 1 << bits:  # 2^bits itself has one bit that is not 0
+        if abs(mantissa) <= 1 << bits:
             return mantissa, exponent
         exponent += 1
 

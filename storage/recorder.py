@@ -416,7 +416,11 @@ class Recorder:
         return EventProgress(self.counts, self.observer.memory)
 
     def _report(self, state: CheckpointState) -> Report:
-        """Return the diagnostics up to a checkpoint, with a last step that is shorter than dt."""
+        """Return the diagnostics up to a checkpoint.
+
+        The record of the run has its whole steps alone: impacts, and a last step that is shorter
+        than dt, are added.
+        """
         run = state.run
         report = Report.read(run.record, run.q, run.p, self.binding)
         if self.observer is not None:

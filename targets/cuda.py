@@ -72,9 +72,10 @@ def _bits(built: Built) -> str:
         """Return numbers on the device as rows, with an equal column for each trajectory."""
         return device.put(np.repeat(np.array([*numbers], real)[:, None], count, axis=1))
 
+    # "measure" writes the words of memory that one trajectory needs, and the number of its
+    # parameters, which the host knows
     sizes = device.zeros((2,), np.int64)
     device.launch(program, "measure", 1, sizes)
-    # "measure" writes the words of memory that one trajectory needs
     words = device.zeros((int(device.get(sizes)[0]), count), np.uint32)
     state, status = rows_on_device((*options.q, *options.p)), device.zeros((count,), np.intc)
     steps, iterations = (device.zeros((count,), np.int64) for _ in range(2))
@@ -84,7 +85,7 @@ def _bits(built: Built) -> str:
                   real(0), np.intc(options.max_iterations), state, words, status, steps, iterations)
     states = [device.zeros((2, n, count), real) for _ in range(2)]
     most_iterations = device.zeros((2, count), np.intc)
-    # storing every step_total-th state keeps the start and the end alone; rows count from 0
+    # storing every step_total-th state keeps the start and the end alone; 0 is the first row
     for first_step, end_step in ((0, step_total // 3), (step_total // 3, step_total)):
         device.launch(program, "advance_trajectories", count, np.int64(count), *map(np.int64, (
             first_step, end_step, step_total, step_total, 0)), state, words, status, steps,

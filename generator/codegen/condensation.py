@@ -200,8 +200,10 @@ def _couplings(
 ) -> _Couplings:
     """Return the couplings of all coordinates by energies, constraints and forces.
 
-    ``block_of`` has, of each momentum, the coordinates of the element of H that it belongs to;
-    ``free`` are the free coordinates, whose only coupling is their own 1/m.
+    Coordinates are coupled where an entry of the module's H_pp, H_pq, X, C, D or K is not always 0.
+    ``block_of`` has, of each momentum, the coordinates of the element of H that it belongs to: the
+    columns of its row of H_pp⁻¹. ``free`` are the free coordinates, whose only coupling is their
+    own 1/m.
     """
     n = structure.system.n
     columns = [{a} for a in range(n)]  # the diagonal is stored in any case
@@ -217,7 +219,7 @@ def _couplings(
             for a in elements[-1]:
                 columns[a] |= elements[-1]
     for template in structure.force_templates:
-        # F_q, and C = −F_p H_pp⁻¹ of the blocks of these momenta
+        # F_q in D, and −F_p H_pp⁻¹ in C: the blocks of the momenta that F depends on
         for instance in template.instances:
             reached = set(instance.q).union(*(block_of[a] for a in instance.p))
             elements.append((reached | set(instance.rows)) - free)

@@ -115,7 +115,8 @@ def derivatives_of(
     definition_of = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
     constants = [definition_of[name] for name in constants_c]
     times = time_columns(scheme)
-    # C has no arrays of length 0: without constants there is one column of zeros
+    # the symbols that kernels are differentiated by, a column of their Jacobians for each; C has no
+    # arrays of length 0: without constants there is one column of zeros
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     element_tables = [] if elements is None else element_derivatives(derived, elements)
     step = _step_kernels(derived, columns, has_templates=bool(element_tables))
@@ -130,6 +131,7 @@ def derivatives_of(
     # second derivatives, and derivatives of flows that are not on lanes, are by dual numbers
     needs_duals = derived.second or (isinstance(scheme, SplittingScheme) and not lane_kernels)
     duals = dual_kernels(derived, step.duals, chain.slopes) if needs_duals else None
+    # an input that no formula uses is no constant of a run: its column is −1
     index_of = {name: i for i, name in enumerate(constants_c)}
     return Derivatives(
         kernels=kernels,

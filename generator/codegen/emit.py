@@ -118,7 +118,9 @@ def emit(derived: Derived, elements: bool | None = None) -> Source:
     templates = (_environment().get_template(f"{kind}.{ending}.jinja") for ending in "hc")
     header, source = (wrap_lines(template.render(context)) for template in templates)
     manifest = manifest_text(derived, program, _IDENTITY)
-    if program.profile == "full":  # the cache identifies it by a key of its own
+    # The texts contain a placeholder for the hash of all three. Profile full needs no hash: the
+    # cache has a key of its own.
+    if program.profile == "full":
         return Source(program.name, header, source, manifest)
     files = header, amalgamate(source), manifest
     identity = hashlib.sha256("\0".join(files).encode()).hexdigest()[:32]

@@ -343,7 +343,7 @@ def _equation(e: sp.Expr) -> str:
 
 
 def _terms(e: sp.Expr) -> tuple[tuple[str, dict[str, int]], ...]:
-    """Return the terms (coefficient, {parameter: power}) of a polynomial e."""
+    """Return the terms (coefficient, {parameter: power}) of a polynomial e in parameters."""
     symbols = sorted(e.free_symbols, key=str)
     terms = []
     for powers, coefficient in sp.Poly(e, *symbols).terms():

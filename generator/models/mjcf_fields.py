@@ -168,6 +168,7 @@ def fields_of(model: Any) -> set[str]:
 def check_fields(fields: Collection[str], version: str) -> None:
     """Refuse a version of MuJoCo whose compiled models have other fields than the known ones."""
     unknown = sorted({*fields} - READ - INERT - REFUSED.keys())
+    # a version without one of INERT serves: nothing reads these
     absent = sorted((READ | REFUSED.keys()) - {*fields})
     if unknown or absent:
         raise InputError(

@@ -84,7 +84,8 @@ def move_bodies(links: Sequence[Connection], poses: Mapping[Frame, Pose]) -> dic
         joint = next((link for link in (*joints, *rods) if (link.a in start) != (link.b in start)),
                      None)
         if joint is None:
-            # no joint leads on: a floating body, or the first of a group, stays as described
+            # no joint leads on: a floating body, or the first of a group, stays as described, in a
+            # copy, as the velocities of a pose are set later
             root = next(body for body in bodies if body not in start)
             start[root] = replace(poses[root])
             continue

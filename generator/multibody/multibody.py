@@ -548,7 +548,8 @@ class Multibody(FixedAttributes):
         """
         h, segment_count = beam.spacing, len(beam.segments)
         for k in range(1, segment_count):
-            # The half segments at both ends have no joint: the next joint stretches for them. A
+            # A joint has the extension of the half segments on both sides, ``gap`` in m. Those at
+            # the ends of the beam have no joint of their own, and the next one has theirs too. A
             # beam without extension keeps its length, and its joints have no gap.
             outer_count = (k == 1) + (k == segment_count - 1)
             self._join(BeamJoint(
@@ -631,6 +632,7 @@ class Multibody(FixedAttributes):
                            else self._components.bodies[holder].q)
         section = end.q
         if q is not None:
+            # q turns from a to b, so that a beam at a has the inverse turn from the holder at b
             section = np.array(quaternion_product(holder_attitude, conjugate(q) if ends[0] else q))
             # q and −q are one attitude: the sign that is nearer to the start
             section = section * (1 if section @ end.q >= 0 else -1)

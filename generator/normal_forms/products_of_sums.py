@@ -296,12 +296,13 @@ class _PowerSplitter:
     def take_lengths(self) -> None:
         """Subtract a (√u + s)ⁿ, n = 4, 3, 2, from the remainder: u a sum, as x² + y², s constant.
 
-        The term of degree n gives a, the term n a s of degree n − 1 gives s.
+        Each u whose root occurs in a term is tried, those with the longest products of variables
+        first. The terms a √uⁿ give a, the terms n a s √u^(n−1) give s.
         """
         sums = {base for m in self.remainder for base, n in m if base.is_Add and n == _HALF}
         for base in sorted(sums, key=lambda base: (-self._variable_count(base), base_key(base))):
             root: Terms = {frozenset([(base, _HALF)]): 1}
-            powers: list[Terms] = [{ONE: 1}, root]
+            powers: list[Terms] = [{ONE: 1}, root]  # entry k is √u^k
             highest = 4 if len(self.form.terms(base)) <= _LARGEST_LENGTH else 2
             for _ in range(highest - 1):
                 powers.append(self.form.product([powers[-1], root]))

@@ -160,7 +160,10 @@ class _SymmetrySearch:
         self.unconditional = self._unconditional_symmetries(list(self._candidates()))
 
     def _candidates(self) -> Iterator[LinearField]:
-        """Yield the named linear fields, and the rotations of pairs of coordinates."""
+        """Yield the named fields A q, and the rotations of pairs of few coordinates.
+
+        A frame turns and does not translate: a field A q + a with a ≠ 0 is none of it.
+        """
         yield from (field for field in known_fields(self.system) if not field.a.any())
         n = self.system.n
         for i, j in combinations(range(n), 2) if n <= _MOST_PAIRED else ():

@@ -40,7 +40,7 @@ class LinearField:
     def linear_combination(
         cls, name: str, factors: Iterable[Fraction], fields: Iterable[LinearField], n: int
     ) -> LinearField:
-        """Return a linear combination of fields."""
+        """Return Σ factor · field on n coordinates, with a factor for each field."""
         weights: dict[tuple[int, int], Fraction] = {}
         for factor, field in zip(factors, fields, strict=True):
             for entry, x in field.weights.items() if factor else ():

@@ -112,6 +112,7 @@ def units_of(system: System, given_units: Mapping[str, str]) -> dict[str, str | 
     if system.time is not None:
         dimensions[system.time] = base_units("s")
     for body in system.bodies:
+        # three principal moments, or the six entries of J⁻¹
         inertia = base_units("kg.m2" if len(body.inertia) == 3 else "1/kg/m2")
         dimensions |= dict.fromkeys(body.q, DIMENSIONLESS) | dict.fromkeys(body.x, base_units("m"))
         dimensions |= dict.fromkeys(body.inertia, inertia)

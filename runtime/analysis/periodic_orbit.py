@@ -278,7 +278,7 @@ class OrbitSearch:
         for name, fixed_value in self.fixed_values.items():
             slope = float(np.linalg.norm(self._slope(name, guess, B)))
             self.fixed_scales[name] = max(abs(float(fixed_value)), slope * guess.scale) or 1.0
-        gaps = [guess.size]
+        gaps = [guess.size]  # |Φ_h^N(z) − z| of each guess
         while not self._is_closed(guess, gaps):
             if report is not None:
                 report(len(gaps) - 1)

@@ -626,7 +626,8 @@ def _back_through_impacts(
 ) -> Iterator[KeptSteps]:
     """Yield the steps of a run with impacts, all of which are kept, the last ones first.
 
-    A step keeps q, p and its unknowns; one with impacts also its matrix, (2 n, rows).
+    A step keeps q, p and its unknowns; one with impacts also the derivative of the state at its end
+    by the direction at its start, (2 n, rows).
     """
     binding = stepper._derivative_binding()
     matrix_bytes = 2 * binding.n * binding.rows * number_bytes(stepper)

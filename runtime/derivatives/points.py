@@ -318,7 +318,10 @@ def _from_first_row(
 
 
 def single_step(stepper: Stepper, run: RunArguments, point: Point, z: Array) -> SingleStep:
-    """Return the step of length τ from a state z, (2 n,), in space, that leads to a point."""
+    """Return the step of length τ from a state z, (2 n,), that leads to a point.
+
+    z and the point are in space, not in a co-moving frame.
+    """
     n, parameters = stepper.binding.n, run.parameters
     # the inputs of the point's step are constant in it: parameters of this step
     if run.inputs is not None:

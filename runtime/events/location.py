@@ -337,10 +337,10 @@ class _SignChanges(NamedTuple):
 
 
 def _sign_changes(work: _Work, indices: Array) -> _SignChanges:
-    """Return the sign changes in those of the turning steps in which x goes through its level.
+    """Return a place beyond the level in each turning step that has one.
 
-    ``indices`` are those of the brackets in which x may turn; ``_TurningSearch`` looks for its
-    extremum in each.
+    ``indices`` are those of the brackets at whose ends the value of an event, x, has one sign, and
+    between which it may turn; ``_TurningSearch`` looks for its extremum in each.
     """
     search = _TurningSearch.at_start(work, indices)
     sign_changes: list[_SignChanges] = []
@@ -349,7 +349,7 @@ def _sign_changes(work: _Work, indices: Array) -> _SignChanges:
         search = search.subset(search.is_open)
         if not len(search.indices):
             break
-        # each second place keeps a distance from the last: parabolas alone may creep
+        # places by parabolas alone may creep, each close to the last: every other one keeps away
         search = search.with_next_place(away=iteration % 2 == 1)
     return _SignChanges(*map(np.concatenate, zip(*sign_changes, strict=True)))
 

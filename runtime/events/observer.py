@@ -278,8 +278,9 @@ class Observer:
                                     for event in self.events if event.terminal}
         crossing, binding = crossings[name].first, self._binding
         steps = int(crossing.steps[0])
-        # Back to the start of a piece before the event, then to its step; nothing is stored.
-        # The piece of its step, or the next one, shows an event: one of the two starts is before.
+        # An event shows in the piece of its step or in the next one, so that one of the last two
+        # pieces starts before it. From there the run is repeated up to its step; as ``every`` is
+        # more than the number of steps, no row is stored.
         piece_start = next(start for start in reversed(self._piece_starts) if start.steps <= steps)
         remaining_steps = steps - piece_start.steps
         state.assign(binding, piece_start)

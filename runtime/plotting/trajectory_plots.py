@@ -189,6 +189,7 @@ def _mark_impacts(axes: Any, trajectory: Trajectory) -> None:
     """Draw a tick at the time of each impact."""
     for impacts in trajectory.impacts.values():
         t = impacts.t[:: max(1, len(impacts) // _POINTS)].astype(float)
+        # with this transform y is a share of the height of the axes, from below
         axes.plot(t, np.full(len(t), 0.03), "|", color=_ACCENT, markersize=7,
                   transform=axes.get_xaxis_transform())
 

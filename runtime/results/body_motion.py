@@ -77,15 +77,16 @@ class BodyMotion(FixedAttributes):
         return quaternion.to_rotation(self.attitude)
 
     def rotation_matrix(self) -> Array:
-        """Return R(q) of (3), body to space axes, shape (N+1, 3, 3)."""
+        """Return R(q) of the paper's (3), body to space axes, shape (N+1, 3, 3)."""
         return quaternion.rotation_matrix(self.attitude)
 
     def euler(self, sequence: str, *, degrees: bool = False) -> Array:
         """Return Euler angles, shape (N+1, 3), in rad or in degrees, an angle for each letter.
 
         Small letters turn about the axes of space, the first letter's first, capitals about those
-        of the body, as in SciPy: ``"ZXZ"`` gives φ, θ, ψ of (81), ``"ZYX"`` yaw, pitch and roll,
-        ``"zyx"`` the angles of R_x R_y R_z. See ``runtime.rigid_body.euler_angles`` for ranges.
+        of the body, as in SciPy: ``"ZXZ"`` gives φ, θ, ψ of the paper's (81), ``"ZYX"`` yaw, pitch
+        and roll, ``"zyx"`` the angles of R_x R_y R_z. See ``runtime.rigid_body.euler_angles`` for
+        ranges.
 
         Raises
         ------
@@ -102,7 +103,7 @@ class BodyMotion(FixedAttributes):
     # ------------------------------------------------------------ turning
 
     def angular_velocity(self, frame: FrameName = "body") -> Array:
-        """Return Ω = J⁻¹ ½ L(q) p (19), or R(q) Ω for ``frame="space"``, shape (N+1, 3), in rad/s.
+        """Return Ω = J⁻¹ ½ L(q) p, or R(q) Ω for ``frame="space"``, shape (N+1, 3), in rad/s.
 
         In a model whose space axes turn (``gs.models.satellite``) it is the angular velocity
         against axes that do not.

@@ -103,7 +103,7 @@ class PresentBody(_SingleState, BodyMotion):
         return quaternion
 
     def angular_velocity(self, frame: FrameName = "body") -> Array:
-        """Return Ω = J⁻¹ ½ L(q) p (19), or R(q) Ω for ``frame="space"``, shape (3,), in rad/s.
+        """Return Ω = J⁻¹ ½ L(q) p, or R(q) Ω for ``frame="space"``, shape (3,), in rad/s.
 
         Raises
         ------

@@ -39,10 +39,10 @@ def euler_angles(q: ArrayLike, sequence: str) -> Array:
 
     ``"zyx"``: R(q) = R_x(c) R_y(b) R_z(a), turns by a, b, c about the axes of space, the first
     letter's first. Capitals turn about the axes that the body carries: ``"ZXZ"`` is
-    R_z(a) R_x(b) R_z(c), the angles φ, θ, ψ of (81). These are SciPy's conventions. The first and
-    the last angle lie in [−π, π], the middle one in [0, π] where the outer axes are the same, else
-    in [−π/2, π/2]. Where the middle one stands at the end of its range (within 1e-7) the outer ones
-    are not determined, and the last is 0.
+    R_z(a) R_x(b) R_z(c), the angles φ, θ, ψ of the paper's (81). These are SciPy's conventions. The
+    first and the last angle lie in [−π, π], the middle one in [0, π] where the outer axes are the
+    same, else in [−π/2, π/2]. Where the middle one stands at the end of its range (within 1e-7) the
+    outer ones are not determined, and the last is 0.
 
     Source: Bernardes and Viollet, Quaternion to Euler angles conversion: a direct, general and
     computationally efficient method, PLOS ONE 17 (2022) e0276302. Raises InputError for another

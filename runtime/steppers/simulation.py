@@ -226,7 +226,7 @@ class RecordingRun(AdvancingRun):
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
-        # super() reads properties alone
+        # the entries of the image as the getter lists them; super() can read a property, not set it
         AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
         report, rows, inputs, self._has_inputs, self._failed = image[3:]
         self.binding.image(self.record)[:] = np.frombuffer(report, dtype=np.uint8)
@@ -239,6 +239,7 @@ class RecordingRun(AdvancingRun):
         inputs = InputRows(self.binding.input_names, self._inputs[None, :step_count].copy(),
                            hold=1)
         run = replace(self.run, steps=step_count).with_inputs(inputs if self._has_inputs else None)
+        # a copy: the simulation may go on
         record = self.binding.report()
         self.binding.image(record)[:] = self.binding.image(self.record)
         return trajectory_of(self.binding, manifest, run, lambda: rows, record, self.q.copy(),
@@ -691,7 +692,7 @@ def _no_input(name: Any, names: list[str]) -> InputError:
 def _simulation(
     stepper: Stepper, run: RunArguments, image: tuple[Any, ...], record: bool
 ) -> Simulation:
-    """Return a simulation with a copy of another one's memory."""
+    """Return a simulation in the state of another one, of which ``image`` has copies."""
     simulation = Simulation(stepper, run, record)
     simulation._run.image = image
     return simulation
