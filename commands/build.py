@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
@@ -23,7 +22,7 @@ from ..targets.build import Changed, target_named
 from ..targets.build import build as build_artefact
 from ..targets.native import DifferentBitsError
 from ..targets.tools import TOOLS
-from .options import DEFAULT, check_no_file, completing, optional, real_number, whole_number
+from .options import DEFAULT, PATH, check_no_file, completing, optional, real_number, whole_number
 from .run.starts import arguments_of, refuse_repeated_keys, settings_of
 
 __all__ = ["build"]
@@ -91,7 +90,7 @@ def _command(target: Target) -> click.Command:
                      help="Argument of a problem or model, or a key of a model file, as in run."),
         click.Option(["--parameter", "values"], metavar="NAME=VALUE", multiple=True,
                      help="Value of a parameter at the start, gamma=m among them."),
-        click.Option(["--out"], type=click.Path(path_type=Path), metavar="PATH",
+        click.Option(["--out"], type=PATH, metavar="PATH",
                      help=f"The {'file' if target.suffix else 'folder'} (default: the stepper's "
                           f"name{target.suffix and ' with ' + target.suffix})."),
     ]

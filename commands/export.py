@@ -8,14 +8,14 @@ import click
 
 from ..core.arguments import count_text
 from ..core.file_formats import format_of
-from .options import check_writable
+from .options import PATH, check_writable
 
 __all__ = ["export"]
 
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("store", metavar="STORE", type=click.Path(path_type=Path))
-@click.argument("target", metavar="FILE", type=click.Path(path_type=Path))
+@click.argument("store", metavar="STORE", type=PATH)
+@click.argument("target", metavar="FILE", type=PATH)
 @click.option("--columns", metavar="NAME,...",
               help="Of a .csv or .parquet file, beside the time: headings, patterns such as "
                    "'wheel*', and arrays: q, p, multipliers, quantities (default: all).")

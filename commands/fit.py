@@ -15,6 +15,7 @@ from ..core.arguments import few, join_or
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS
 from .options import (
+    PATH,
     completing,
     json_option,
     method_options,
@@ -33,7 +34,7 @@ __all__ = ["fit"]
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("problem", metavar="PROBLEM", shell_complete=completing([*PROBLEMS, *MODELS]))
-@click.argument("data", metavar="DATA.csv", type=click.Path(path_type=Path))
+@click.argument("data", metavar="DATA.csv", type=PATH)
 @method_options
 @click.option("--observe", metavar="NAME,...", default="attitude", show_default=True,
               help="What is measured: attitude (of all bodies), 'upper attitude' (of one), "

@@ -21,6 +21,7 @@ from ..generator.codegen.profiles import PROFILES
 from ..generator.fingerprint import generator_fingerprint
 from ..generator.spec import PAPER_SPECS, Spec
 from .options import (
+    PATH,
     check_no_file,
     completing,
     frame_option,
@@ -41,7 +42,7 @@ __all__ = ["generate"]
 @frame_option
 @click.option("--profile", metavar="NAME", shell_complete=completing(PROFILES),
               help=f"How much is written: {join_or(PROFILES)} (default: full, which Python needs).")
-@click.option("--out", type=click.Path(path_type=Path), default=Path("generated"),
+@click.option("--out", type=PATH, default=Path("generated"),
               show_default=True, metavar="DIR", help="Where the three files go.")
 @click.option("--check", is_flag=True,
               help="Write nothing; fail with a diff if the files in DIR are not up to date.")

@@ -12,6 +12,7 @@ import click
 from ..core.arguments import count_text, join_or
 from ..core.registry import MODELS, PROBLEMS
 from .options import (
+    PATH,
     check_picture,
     completing,
     json_option,
@@ -41,7 +42,7 @@ __all__ = ["lyapunov"]
 @click.option("--set", "settings", metavar="KEY=VALUE", multiple=True,
               help="As of gyrospark run: the time of the start, t=0.5; an argument of the "
                    "problem, or of a model file a parameter or a key.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--plot", type=PATH, metavar="FILE",
               help="Draw the running exponents and MEGNO (.png, .svg, .pdf).")
 @json_option
 def lyapunov(

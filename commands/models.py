@@ -11,7 +11,7 @@ import click
 from ..core.arguments import join_or, proposal, shown
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS, SYSTEMS
-from .options import json_option
+from .options import PATH, json_option
 
 __all__ = ["examples", "models"]
 
@@ -91,7 +91,7 @@ def list_examples(as_json: bool) -> int:
 
 @examples.command("copy", context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("names", metavar="NAME...", nargs=-1, required=True)
-@click.option("--to", "folder", metavar="DIR", default=".", type=click.Path(path_type=Path),
+@click.option("--to", "folder", metavar="DIR", default=".", type=PATH,
               help="The folder to copy them into (default: this one).")
 def copy_examples(names: tuple[str, ...], folder: Path) -> int:
     """Copy examples by NAME, or "all", to where they can be changed; nothing is written over.

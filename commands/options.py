@@ -27,15 +27,29 @@ from ..generator.schemes.named_schemes import DEFAULT_SCHEME, DEFAULT_STAGES, SC
 from ..generator.spec import Spec
 from ..generator.tableaux.compositions import COMPOSITIONS
 
-__all__ = ["DEFAULT", "Grouped", "check_ending", "check_folder", "check_no_file", "check_picture",
-           "check_writable", "completing", "frame_option", "is_given", "json_option",
-           "method_options", "optional", "real_number", "solver_from", "spec_from",
+__all__ = ["DEFAULT", "PATH", "Grouped", "check_ending", "check_folder", "check_no_file",
+           "check_picture", "check_writable", "completing", "frame_option", "is_given",
+           "json_option", "method_options", "optional", "real_number", "solver_from", "spec_from",
            "stepper_options", "whole_number"]
 
 Number = TypeVar("Number", int, float)
 
 #: What is taken where no scheme is named, in words.
 DEFAULT = f"{DEFAULT_SCHEME} with {DEFAULT_STAGES} stages"
+
+
+class _PathName(click.Path):
+    """A path that is not empty: the text of a shell variable that is unset is no folder."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Return the path; raises click.BadParameter, as ``click.Path`` does."""
+        if value == "":
+            self.fail("'' is no path; give one.", param, ctx)
+        return super().convert(value, param, ctx)
+
+
+#: The type of options and arguments that are paths.
+PATH = _PathName(path_type=Path)
 #: Endings of what is written to folders.
 _FILES = (".c", ".h", ".json", ".html", ".csv", *endings("picture"))
 
@@ -63,7 +77,7 @@ def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
                      help="Composition of splitting by name, instead of --order."),
         click.option("--rep", metavar="NAME", shell_complete=completing(REPS),
                      help="Inertia: gamma (default) or alpha."),
-        click.option("--tableau", metavar="FILE", type=click.Path(path_type=Path),
+        click.option("--tableau", metavar="FILE", type=PATH,
                      help="A SPARK tableau as JSON, instead of --scheme and --stages."),
         click.option("--real", metavar="TYPE", shell_complete=completing(REALS),
                      help=f"{join_or(REALS)} (default: double)."),

@@ -12,7 +12,7 @@ import click
 from ..core.arguments import choose
 from ..core.errors import InputError
 from .generate import write_files
-from .options import check_ending, check_picture, check_writable, json_option
+from .options import PATH, check_ending, check_picture, check_writable, json_option
 
 if TYPE_CHECKING:
     from ..references.problem import Reference
@@ -24,9 +24,9 @@ __all__ = ["reference"]
 @click.command(context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("name", metavar="list|NAME|all", default="list")
 @click.option("--quick", is_flag=True, help="The first scheme of each problem alone, timed once.")
-@click.option("--plot", metavar="FILE.png", type=click.Path(path_type=Path),
+@click.option("--plot", metavar="FILE.png", type=PATH,
               help="Draw error against CPU time, a panel for each problem.")
-@click.option("--out", metavar="FILE.md", type=click.Path(path_type=Path),
+@click.option("--out", metavar="FILE.md", type=PATH,
               help="Write a page with digits and runs, as docs/references.md is.")
 @json_option
 def reference(name: str, quick: bool, plot: Path | None, out: Path | None, as_json: bool) -> int:

@@ -13,7 +13,7 @@ import click
 from ..core.errors import MissingDependencyError
 from ..core.progress import hide_tasks
 from .generate import write_files
-from .options import check_folder, check_writable, json_option
+from .options import PATH, check_folder, check_writable, json_option
 
 if TYPE_CHECKING:
     from ..studies.study_result import Claim, Result, Table
@@ -27,10 +27,10 @@ _COLOURS = {"agrees": "green", "round-off": "blue", "misprint": "yellow", "diffe
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
 @click.argument("name")
-@click.option("--out", type=click.Path(path_type=Path), metavar="DIR",
+@click.option("--out", type=PATH, metavar="DIR",
               help="Write DIR/paper.md with JSON, CSV and SVG beside it (for all: report).")
 @json_option
-@click.option("--summary", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--summary", type=PATH, metavar="FILE",
               help="Write what was found as Markdown; docs/paper.md is made like this.")
 def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) -> int:
     """Compute NAME again: table-2 to table-14, figure-5 to figure-16, a finding, or all.

@@ -18,6 +18,7 @@ from ..core.errors import GyrosparkError, InputError, Stopped
 from ..core.interrupts import catch_signals
 from . import exit_code_of
 from .options import (
+    PATH,
     check_ending,
     check_picture,
     check_writable,
@@ -34,8 +35,8 @@ __all__ = ["sweep"]
 
 
 @click.command(no_args_is_help=True, context_settings={"help_option_names": ["-h", "--help"]})
-@click.argument("study", metavar="STUDY.toml", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), metavar="STORE",
+@click.argument("study", metavar="STUDY.toml", type=PATH)
+@click.option("--out", type=PATH, metavar="STORE",
               help="The Zarr store (default: STUDY.zarr in this folder).")
 @click.option("--resume", is_flag=True,
               help="Go on with the sweep in the store; begin it if there is none.")
@@ -44,7 +45,7 @@ __all__ = ["sweep"]
               help="A Dask cluster in their place: its scheduler's tcp://HOST:PORT.")
 @click.option("--dry-run", is_flag=True,
               help="Say what it will cost, from a few cells, and compute nothing else.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--plot", type=PATH, metavar="FILE",
               help="Draw a result over the axes (.png, .svg, .pdf).")
 @click.option("--show", metavar="RESULT", default="energy_error_max", show_default=True,
               help="The result to draw and to summarise.")

@@ -21,6 +21,7 @@ from ..generator.spec import PAPER_SPECS, Spec, is_model_file
 from ..generator.tableaux.compositions import COMPOSITIONS, Composition, composition_named
 from ..generator.tableaux.compositions import composition as composition_of
 from .options import (
+    PATH,
     check_picture,
     frame_option,
     is_given,
@@ -55,7 +56,7 @@ SPLITTING = "splitting"
 @click.option("--dtau", metavar="DTAU", help="In place of --dt, of a model with time_scale.")
 @click.option("--steps", metavar="N",
               help="With --model: number of steps (default: its own, or 1000).")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--plot", type=PATH, metavar="FILE",
               help="With --model: draw the error over the step and over the CPU time (.png, .svg, "
                    ".pdf).")
 @json_option

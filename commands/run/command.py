@@ -18,6 +18,7 @@ from ...runtime.plotting.scene import check_bodies
 from .. import exit_code_of
 from ..options import (
     DEFAULT,
+    PATH,
     Grouped,
     completing,
     json_option,
@@ -96,15 +97,15 @@ class RunCommand(Grouped):
               help='Where a quantity, coordinate or momentum crosses a level: "height=0", '
                    '"height=0 down", "x=pi/2 up stop" (the run ends there); with a name '
                    '"landing: height=0". Beside [events] of a model file.')
-@click.option("--out", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--out", type=PATH, metavar="FILE",
               help="Write the states: .zarr (streamed, for runs of any length), or at the end "
                    ".npz, .csv, .nc, .parquet.")
 @click.option("--resume", is_flag=True,
               help="Go on with the run in --out NAME.zarr, to the same bits; also to more "
                    "--steps. Begin it if there is none.")
-@click.option("--plot", type=click.Path(path_type=Path), metavar="FILE",
+@click.option("--plot", type=PATH, metavar="FILE",
               help="Draw axis trace, energy and constraint errors (.png, .svg, .pdf).")
-@click.option("--show", type=click.Path(path_type=Path), metavar="FILE", multiple=True,
+@click.option("--show", type=PATH, metavar="FILE", multiple=True,
               help="Show the bodies: a page that moves (.html), a picture at the time of their "
                    "largest extent (.png), a film (.gif; .mp4 with ffmpeg), or a 3-D model that "
                    "moves, for Blender and other viewers (.glb).")

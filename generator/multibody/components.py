@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -119,12 +119,12 @@ class Components:
             return moving[frame]
         if isinstance(frame, MovingPoint) and frame in self.moving_points:
             return frame
-        return self.body(frame, label)
+        return self.body(frame, label, ("ground", *moving))
 
-    def body(self, body: Any, label: str) -> Body:
+    def body(self, body: Any, label: str, other_names: Sequence[str] = ()) -> Body:
         """Return a body, given as an object or by name; an end of a beam stands for its segment.
 
-        ``label`` begins the message for anything else.
+        ``label`` begins the message for anything else, which allows ``other_names`` too.
         """
         bodies_by_name = {candidate.name: candidate for candidate in self.bodies
                           if not isinstance(candidate, FlywheelBody)}
@@ -135,10 +135,11 @@ class Components:
             return bodies_by_name[body]
         if isinstance(body, Body) and body in bodies_by_name.values():
             return body
+        names = [*other_names, *bodies_by_name]
         raise InputError(
             f"{label} connects {shown(body)}, which is no body of Multibody {self.name!r}; pass "
             "what body(...) returned, or a name: "
-            f"{', '.join(bodies_by_name) or 'there is none yet'}{proposal(body, bodies_by_name)}.")
+            f"{', '.join(names) or 'there is none yet'}{proposal(body, names)}.")
 
     def joint(self, joint: Any, label: str) -> Connection:
         """Return a joint, given as an object or by name; ``label`` begins the message."""

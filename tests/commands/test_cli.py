@@ -156,6 +156,8 @@ def test_bad_cone_is_refused(setting, gyrospark):
         (["verify", "--scheme", ""], "scheme"), (["verify", "--system", ""], "system"),
         (["generate", "--system", ""], "system"), (["generate", "--check", "--rep", ""],
                                                    "representation"))),
+    (["generate", "--no-compile", "--out", ""], ["--out", "'' is no path"]),
+    (["export", "", "table.csv"], ["STORE", "'' is no path"]),
 ])
 def test_bad_command_is_refused(arguments, fragments, gyrospark):
     refused(gyrospark(*arguments), *fragments)
