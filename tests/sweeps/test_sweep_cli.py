@@ -76,6 +76,12 @@ def test_wrong_files_end_in_one_sentence(text, fragments, tmp_path, gyrospark):
     assert all(fragment in done.stderr for fragment in [*fragments, "study.toml"]), done.stderr
 
 
+def test_a_picture_that_cannot_be_drawn_is_refused_before_a_cell_is_computed(tmp_path, gyrospark):
+    study_file(tmp_path, STUDY)
+    refused(gyrospark("sweep", "study.toml", "--plot", "s.txt"), "s.txt")
+    assert not (tmp_path / "study.zarr").exists()
+
+
 def test_a_gamma_without_moments_of_inertia_is_not_chosen(tmp_path, gyrospark):
     (tmp_path / "mass.toml").write_text("""name = "mass"
 [system]

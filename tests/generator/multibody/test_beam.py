@@ -465,6 +465,7 @@ beams = [
 ]
 joints = [{name = "top", type = "ball", bodies = ["mast_last", "hub"], on_b = [0, 0, -0.1]}]
 forces = [{type = "force", bodies = ["mast_last"], force = ["2", "0", "sin(t)"]}]
+contacts = [{name = "floor", bodies = ["mast_2"], radius = 0.25}]
 quantities = {lean = "mast_last_y + mast_2_x + mast_first_R33"}
 """
 
@@ -480,6 +481,7 @@ def test_files_have_beams():
         velocity=(0, 1, 0), angular_velocity=(0, 0, 2 * np.pi), rep="alpha")
     build.ball("top", beam.last, hub, on_b=(0, 0, -0.1))
     build.force(beam.last, (2, 0, sp.sin(build.time)))
+    build.contact("floor", beam.segments[1], radius=0.25)
     build.quantity("lean", beam.last.point()[1] + beam.segments[1].x[0] + beam.first.direction(
         (0, 0, 1))[2])
     built = build.model()
