@@ -238,8 +238,8 @@ class _IndependentMaps:
 def _echelon(space: Floats, system: System) -> list[LinearField]:
     """Return a basis in reduced echelon form, with simple fractions where entries are close.
 
-    ``space`` has the fields in columns: the n × (n + 1) entries of (A | a), row by row. By
-    Gauss-Jordan elimination with the largest entry of a column as its pivot.
+    ``space``, shape (n (n + 1), fields), has a field in each column: the entries of (A | a), row by
+    row. By Gauss-Jordan elimination with the largest entry of a column as its pivot.
     """
     basis, n = space.T.copy(), system.n  # rows are fields; a copy, since they are changed in place
     rank = 0

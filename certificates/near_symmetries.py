@@ -86,7 +86,10 @@ class RandomPoints:
                                for s in (*system.parameters, *time) if s not in self.parameters}
 
     def _symbol_values(self, q: Floats, p: Floats) -> dict[Any, Any]:
-        """Return symbol → value at a state, with the parameters and the symbols drawn at random."""
+        """Return symbol → value at states, with the parameters and the symbols drawn at random.
+
+        q and p have the shape (n, states).
+        """
         symbol_values: dict[Any, Any] = dict(self.parameters)
         symbol_values |= dict(zip(self.system.q, q, strict=True))
         symbol_values |= dict(zip(self.system.p, p, strict=True))
@@ -265,7 +268,7 @@ def _orthonormal(columns: Floats) -> Floats:
 
 
 def _null_space(conditions: Floats) -> Floats:
-    """Return an orthonormal basis, as columns, of the null space."""
+    """Return an orthonormal basis, as columns, of the null space of ``conditions``, a row each."""
     size = conditions.shape[1]
     if len(conditions) < size:  # too few points where everything is finite: nothing is claimed
         return np.zeros((size, 0))

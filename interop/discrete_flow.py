@@ -316,7 +316,10 @@ class DiscreteFlow:
         return np.concatenate([pulled[:, self._fixed_rows], u_bar.reshape(count, -1)], axis=1)
 
     def _second_tangent(self, x: Array, v: Array, dx: Array) -> Array:
-        """Return the derivative of F'(x) v along dx: that of each entry's gradient, times v."""
+        """Return the derivative of F'(x) v along dx, a row for each pair of v and dx.
+
+        Entry i is the derivative of the gradient of F_i along dx, times v.
+        """
         units = np.eye(2 * self.n)  # cotangents that pick one entry of F
         rows = []
         for direction, along in zip(v, dx, strict=True):

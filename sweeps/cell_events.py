@@ -52,8 +52,9 @@ def run_with_events(study: Study, stepper: Stepper, steps: int, cells: Cells,
                     group: Array, q: Array, p: Array) -> CellEnds:
     """Integrate cells of equal scheme and number of steps from q and p, and locate their events.
 
-    Event detection does not change the bits of the states. It runs on the caller's thread. A cell
-    with an event that is not located has the status NOT_CONVERGED.
+    ``group`` has the indices of the cells, q and p have a row for each. Event detection does not
+    change the bits of the states. It runs on the caller's thread. A cell with an event that is not
+    located has the status NOT_CONVERGED.
     """
     every = study.every or steps  # without samples only the start and the end are stored
     runs = _runs(study, stepper, steps, every, cells, group, q, p)

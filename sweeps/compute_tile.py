@@ -105,7 +105,8 @@ def _run_without_events(
 ) -> CellEnds:
     """Integrate cells in one call of compiled code; ``structs`` has a row of parameters each.
 
-    The samples are q and p at the start and after every ``study.every`` steps.
+    dt has an entry, q0 and p0 have a row for each cell. The samples are q and p at the start and
+    after every ``study.every`` steps.
     """
     binding, every = stepper._binding_of_many, study.every or steps
     q, p = q0.copy(), p0.copy()

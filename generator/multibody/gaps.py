@@ -58,7 +58,8 @@ def gaps_of_plane(
     """Return the gap φ = R_b n · d − ϱ of each point of a, or sphere about it, to a plane of b.
 
     d leads to the point from a point of the plane, and ϱ is ``radius``. ``frames`` are a and b;
-    ``points`` are in axes of a; ``on_b``, the point of the plane, and ``normal`` n in axes of b.
+    ``points``, shape (points, 3), are in axes of a; ``on_b``, the point of the plane, (3,), and
+    ``normal`` n in axes of b.
     Values of parameters go into ``store``. Raises InputError for a normal of length 0 and for a
     negative radius.
     """
@@ -93,7 +94,7 @@ def _distances(
 ) -> list[Sequence[sp.Expr]]:
     """Return d = x_a + R_a r_a − x_b − R_b r_b, three expressions, for each point r_a.
 
-    ``frames`` are a and b, ``points`` has r_a as rows, and ``on_b`` is r_b.
+    ``frames`` are a and b, ``points``, (points, 3), has r_a as rows, and ``on_b``, (3,), is r_b.
     """
     a, b = frames
     point_b = b.point(named_vector(f"{name}_b", on_b.tolist(), store))

@@ -315,9 +315,9 @@ class Fitting:
     def scale_residuals(self, point: Point, r: Array, J: Array, units: Array) -> Linear:
         """Return residuals in standard deviations, with the units of parameters and of the start.
 
-        r/σ and J/σ, with a unit for each column of J: ``units`` for the parameters; the unit
-        1/|B_k/sizes| of a coordinate y_k of the start, B the ``basis`` of the point, changes the
-        state by its size.
+        r, (samples, c), and J, (samples, c, k), become r/σ and J/σ, with a row for each entry of r.
+        Each column of J has a unit: ``units`` for the parameters; the unit 1/|B_k/sizes| of a
+        coordinate y_k of the start, B the ``basis`` of the point, changes the state by its size.
         """
         jacobian = (J / self.sigma[:, None]).reshape(-1, J.shape[2])
         relative = point.basis / point.sizes[:, None]

@@ -91,10 +91,11 @@ class UnitaryFrame:
 def tangent_projection(
     binding: DerivativeBinding, parameters: Any, q: Array, p: Array
 ) -> tuple[Array, Array]:
-    """Return the normals of the tangent space, 2 m rows, and the projection onto it, in double.
+    """Return the normals of the tangent space, (2 m, 2 n), and the projection onto it, (2 n, 2 n).
 
-    Like ``project`` with states, it moves dq along Gᵀ and then dp along Gᵀ; Ω of directions with
-    G dq = 0 does not change. IMS and EMS need it: their steps keep g = 0 but not f = 0.
+    Both are in double. Like ``project`` with states, the projection moves dq along Gᵀ and then dp
+    along Gᵀ; Ω of directions with G dq = 0 does not change. IMS and EMS need it: their steps keep
+    g = 0 but not f = 0.
     """
     n = binding.n
     g, f = (derivatives[:, : 2 * n].astype(float)

@@ -220,7 +220,7 @@ class Cotangents:
 
     @property
     def sizes(self) -> Array:
-        """Euclidean norms of the cotangents of q and of p, or of multipliers where these are 0."""
+        """Euclidean norms (2,) of cotangents of q and of p, or of multipliers where these are 0."""
         states = np.concatenate([self.rows, *(w[None] for _, w, *_ in self.points)])
         forces = [self.multipliers.ravel(), *(w for *_, w in self.points if w is not None)]
         size = np.linalg.norm(np.concatenate(forces).astype(float))
@@ -506,8 +506,8 @@ def _cotangents_of_rows(
 ) -> Array:
     """Return the cotangents of the stored states before these steps, in the frame, (·, 2 n).
 
-    ``rows`` has the cotangents of all stored states in space. Those of the frame's rates are added
-    to ``z_bar``.
+    ``rows``, (stored states, 2 n), has the cotangents of all stored states in space. Those of the
+    frame's rates are added to ``z_bar``, (rows of a direction,).
     """
     first_row = steps.first // run.every
     # a copy, for it is changed below

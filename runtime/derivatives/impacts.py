@@ -273,7 +273,7 @@ class _JumpEquations:
         return self._pad_columns(forces, n), self._pad_columns(rates[gap : gap + 1], 2 * n)
 
     def _pad_columns(self, derivatives: Array, state_columns: int) -> Array:
-        """Return derivatives of the C with columns of 0 for those that it leaves out.
+        """Return derivatives of the C with columns of 0 for those that it leaves out: (·, rows).
 
         The first ``state_columns`` are by q (n), or by q and p (2 n); those of parameters and the
         time follow.

@@ -433,7 +433,7 @@ def _cotangent_slopes(
 def _add_explicit(
     stepper: Stepper, run: RunArguments, cotangents: Cotangents, z_bar: Array
 ) -> None:
-    """Add to ``z_bar`` the derivatives by parameters at fixed states, and by the times of rows.
+    """Add to ``z_bar``, (rows,), derivatives by parameters at fixed states, and by times of rows.
 
     t_k = t0 + k Δt: the cotangent of t_k adds to that of t0, and k times to that of Δt.
     """

@@ -257,10 +257,10 @@ class EventDetector:
         return self._levels.differences(self._parameters, self._times(first_step, q), q, p)
 
     def detect(self, first_step: int, q: Array, p: Array) -> None:
-        """Examine the states after ``first_step``, ``first_step`` + 1, … steps, rows of q and p.
+        """Examine the states after ``first_step``, ``first_step`` + 1, … steps.
 
-        The first of them may have been examined before: the last state of one piece is the first of
-        the next.
+        They are the rows of q and p, shape (states, n). The first of them may have been examined
+        before: the last state of one piece is the first of the next.
         """
         if self._tail is not None and first_step == self._last_step:
             first_step, q, p = first_step + 1, q[1:], p[1:]

@@ -127,7 +127,7 @@ class _Work:
         return times
 
     def tolerance(self, indices: Array) -> Array:
-        """Return the resolution of times since the start, as a share of a step."""
+        """Return the resolution of times since the start, as a share of a step, one per bracket."""
         runs, owner = self.runs, self.owner[indices]
         size = np.maximum(abs(self.brackets.step[indices] * runs.dt[owner]), abs(runs.dt[owner]))
         share: Array = epsilon_of_times(self.stepper) * size / abs(runs.dt[owner])
@@ -181,7 +181,10 @@ class _Work:
         return slopes
 
     def _values(self, indices: Array, t: Array, q: Array, p: Array) -> Array:
-        """Return x − level of the event of each bracket, at times t and states q and p."""
+        """Return x − level of the event of each bracket.
+
+        The entries of t and the rows of q and p, shape (brackets, n), are its time and state.
+        """
         event_values, owner = np.empty_like(t), self.owner[indices]
         # one call of C for all brackets of a run, or of all runs if their parameters are the same
         order = np.argsort(owner, kind="stable")

@@ -86,6 +86,8 @@ def cubic_zero(past: Array, f0: Array, f1: Array) -> Array:
 def _fraction(x1: Array, x2: Array, x3: Array, y1: Array, y2: Array, y3: Array) -> Array:
     """Return the next point as a fraction of x2 − x1: by inverse quadratic interpolation, or ½.
 
+    Arrays have an entry for each function. x1, the newest point, and x2 bracket its zero, and x3 is
+    the point that they replace; y1, y2 and y3 are the values there.
     Chandrupatla's test: with ξ = (x1 − x2)/(x3 − x2) and φ = (y1 − y2)/(y3 − y2) the interpolation
     is monotonic, and safe, if φ² < ξ and (1 − φ)² < 1 − ξ.
     """

@@ -326,7 +326,7 @@ def _defects_and_bounds(
     binding: Binding, keeps_f: bool, parameters: ParameterStruct, q: Array, p: Array, dt: Array,
     moves: _Moves
 ) -> Defects:
-    """Return |g| and |f| of each row, and their bounds by ``moves``.
+    """Return |g| and |f| of each row of q and p, shape (states, n), and their bounds by ``moves``.
 
     The bound of g is its change by a move of 64 ε |q|, computed with a larger move and scaled down.
     The bound of f is the like change of f; for rows beyond it, p also moves by 64 ε of the kick of

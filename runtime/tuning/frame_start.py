@@ -142,7 +142,7 @@ class Velocities:
 def least_squares(
     velocities: Velocities, directions: list[Direction], q: ArrayLike, p: ArrayLike
 ) -> Array:
-    """Return the ω that minimises Σ |W (H_p − Σ ω_i A_i q)|² over all rows of q and p.
+    """Return the ω that minimises Σ |W (H_p − Σ ω_i A_i q)|² over all rows of q and p, (rows, n).
 
     A_i are the generators of ``directions``; |W v|² is twice the kinetic energy of velocities v.
     """

@@ -295,6 +295,7 @@ class Search:
     def _weighted_step(self, forms: Array, damping: float) -> tuple[Array, Array]:
         """Return the damped step that minimises Σ_j w_j e_j², and the weights w of the paths.
 
+        ``forms``, shape (paths, 1 + k, 1 + k) for k variables, are the quadratic forms of e_j².
         With the sum of the weighted forms, [[c, bᵀ], [b, A]], and μ (``damping``) the step is
         change = −(A + μ diag A)⁻¹ b. Weights grow until no path's error is expected above the
         base's: they are multipliers of these inequalities.
