@@ -320,7 +320,8 @@ class RobotBuilder:
         for loop in robot.loops:
             name = self.joint_names.free(loop.name, "loop")
             self._add_loop_springs(loop, loop.close(self.builder, name, mounts))
-        # angles of joints that a user adds move bodies to them, as in any Multibody
+        # bodies of the file are where they start; those that a user adds are moved there by the
+        # angles of their joints, as in any Multibody
         self.builder._describes_start = False
         return self.builder
 

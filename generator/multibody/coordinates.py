@@ -260,7 +260,7 @@ class Translation(Fixed):
     normal: Array | None = field(kw_only=True, default=None)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield n · d = 0 of a plane with the normal n, and the constraints of ``turns``."""
         if self.normal is not None:
             point_a, point_b = self.points(store)
             n = unit_vector(f"{self.name}_normal", self.normal, store)
@@ -354,11 +354,12 @@ class Arm(Connection):
     def generalised_forces(
         self, quantity: str, effort: sp.Expr, poses: Poses, store: Store
     ) -> Iterator[GeneralisedForce]:
-        """Yield the generalised forces of a torque about the arm: on b, opposite on a."""
+        """Yield the generalised forces of a torque in N m about the arm: on b, opposite on a."""
+        # the arm e is fixed in one of the bodies, and turns with it
         frame = (self.a, self.b)[self.own]
         e = frame.direction(self._in(frame, f"{self.name}_arm", self.arms[self.own], poses, store))
         for body, sign in ((self.b, 1), (self.a, -1)):
-            # the torque in body axes: R has the body's axes as columns
+            # the torque effort · e in body axes: R has the body's axes as columns
             if isinstance(body, Body):
                 yield from body.torque_on([sign * effort * dot(body.rotation.col(k), e)
                                            for k in range(3)])
@@ -443,6 +444,7 @@ class Chain(Joint):
         assert a.x is not None
         on_a, on_b = self.local_points(store)
         point: list[sp.Expr] = list(on_a)
+        # as described, where each coordinate has its ``value``: displacements count from there
         attitude: Sequence[sp.Expr] = tuple(
             named_number(f"{self.name}_before{k}", x, store, UNIT) for k, x in enumerate(
                 direction(np.array(quaternion_product(conjugate(a.q), b.q))).tolist()))
@@ -456,7 +458,8 @@ class Chain(Joint):
                 continue
             half = displacement / 2
             attitude = quaternion_product((sp.cos(half), *(sp.sin(half) * x for x in e)), attitude)
-            # a hinge through the point of b, which no joint behind it moved, does not move it
+            # a hinge whose axis passes through the point of b leaves it there, unless a joint
+            # behind the hinge has moved the point
             if np.abs(link.at - np.asarray(self.at)).max() <= 1e-15 and point == list(on_a):
                 continue
             c = named_vector(f"{self.name}_point{k}", (a.R.T @ (link.at - a.x)).tolist(), store)
@@ -488,7 +491,7 @@ class Law(Connection):
     expression: sp.Expr = field(kw_only=True)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraint; values of its parameters go into ``store``."""
+        """Yield f(c₁, c₂, …) = 0 of the coordinates c_k of the joints."""
         measures = {x: joint.measure(quantity, poses, store) for x, joint, quantity in zip(
             self.coordinates, self.joints, self.quantities, strict=True)}
         yield Equation(f"{self.name}: law", self.expression.xreplace(measures))

@@ -355,7 +355,7 @@ class Joint(PointConnection):
         return np.zeros(3)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the components of x_a + R(q_a) r_a − x_b − R(q_b) r_b = 0."""
         for k, (x, y) in enumerate(zip(*self.points(store), strict=True)):
             yield Equation(f"{self.name}: {'xyz'[k]}", x - y,
                            ConstraintForce("force", coordinate_axis(k)))
@@ -415,7 +415,7 @@ class Align(Connection):
         return propagate("spin", poses[self.a], poses[self.b], rate)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield R(q_a) n_k · R(q_b) e = 0, k = 1, 2."""
         # the axis is perpendicular to two directions of a; e · e' = 1 would be one equation with a
         # gradient that vanishes where it holds
         normals_of_a, axis = self.axes(poses, store)
@@ -530,7 +530,7 @@ class Revolute(HingedJoint):
     """A hinge: a ball joint whose bodies keep an axis in common."""
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints of a ball joint, and those of the axis."""
         yield from super().equations(poses, store)
         yield from self.hinge.equations(poses, store)
 
@@ -546,7 +546,7 @@ class Fixed(Joint):
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints of a ball joint, and those of ``turns``."""
         yield from super().equations(poses, store)
         yield from self.turns(poses, store)
 
@@ -587,7 +587,7 @@ class Rod(PointConnection):
     length: float | None = None
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraint; values of its parameters go into ``store``."""
+        """Yield |x_a + R(q_a) r_a − x_b − R(q_b) r_b|² − l² = 0; l goes into ``store``."""
         length = sp.Symbol(f"{self.name}_length", positive=True)
         store[str(length)] = self.distance(poses) if self.length is None else self.length
         yield Equation(f"{self.name}: length", self.square(store) - length**2,
@@ -677,7 +677,7 @@ class Planar(HingedJoint):
     """A plane of b that slides on one of a, normal to the axis of ``hinge``."""
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints of the axis, and R(q_a) e · d = 0."""
         yield from self.hinge.equations(poses, store)
         in_a, _ = self.hinge.ends(poses, store)
         yield Equation(f"{self.name}: distance", self.along(poses, store),
@@ -743,7 +743,7 @@ class Cylindrical(Planar):
         return (self.speed or 0.0) * self.hinge.axis_at(poses)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints of the axis, and R(q_a) n_k · d = 0, k = 1, 2."""
         yield from self.hinge.equations(poses, store)
         d = self.offset(store)
         for k, normal in enumerate(self.triad(poses)[:2], start=1):
@@ -799,7 +799,7 @@ class Prismatic(Cylindrical):
     MEASURES: ClassVar[tuple[str, ...]] = ("travel", "speed")
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints of ``Cylindrical``, and R(q_a) n₁ · R(q_b) m₂ = 0."""
         yield from super().equations(poses, store)
         n1, n2 = self.triad(poses)
         n = unit_vector(f"{self.name}_normal1", n1, store)
@@ -881,7 +881,7 @@ class Universal(Joint):
         return propagate("spin", poses[self.a], poses[self.b], about_arm_a + about_arm_b)
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints; values of their parameters go into ``store``."""
+        """Yield the constraints of a ball joint, and R(q_a) e₁ · R(q_b) e₂ = 0."""
         yield from super().equations(poses, store)
         x, y = (unit_vector(f"{self.name}_arm_{side}", direction(poses[frame].R.T @ arm), store)
                 for frame, side, arm in zip((self.a, self.b), "ab", self.arms, strict=True))

@@ -630,6 +630,7 @@ class Multibody(FixedAttributes):
         holder_attitude = (np.array([1.0, 0, 0, 0])
                            if holder is GROUND or isinstance(holder, MovingPoint)
                            else self._components.bodies[holder].q)
+        # attitude in space of the section at the clamp
         section = end.q
         if q is not None:
             # q turns from a to b, so that a beam at a has the inverse turn from the holder at b
@@ -1002,10 +1003,11 @@ class Multibody(FixedAttributes):
                              "give both.")
         axis = _direction(name, "axis", keys["axis"])
         point = vector(f"at of {name!r}", keys.get("at", (0.0, 0.0, 0.0)))
+        # T = p²/(2 a) of the coordinate itself, as of a flywheel
         body = self._flywheel_body(name, keys["inertia"])
-        value, start = self._value(_number_or_none(f"{kind} of {name!r}", keys.get(kind)))
+        value, start_value = self._value(_number_or_none(f"{kind} of {name!r}", keys.get(kind)))
         return Link(Coordinate(
-            name, a, body, kind=kind, value=value, start_value=start,
+            name, a, body, kind=kind, value=value, start_value=start_value,
             speed=_number_or_none(f"{rate} of {name!r}", keys.get(rate))), axis, point)
 
     def _flywheel_body(
@@ -1091,6 +1093,7 @@ class Multibody(FixedAttributes):
         hinge = hinge_of(hinge_joint)
         _refuse_other_start(name, hinge_joint, begin, rate)
         hinge.rate = rate
+        # without an angle for the start the joint has that of the law as described: no body moves
         if hinge.start_angle is None:
             hinge.angle = begin
             if isinstance(hinge_joint, Screw):
