@@ -156,8 +156,9 @@ def as_path(name: str, value: Any, example: str) -> Path:
     usable = isinstance(value, (str, os.PathLike))
     try:
         path = Path(value) if usable else Path()
+        # "." and "/" have no name
         usable = usable and bool(path.name) and b"\0" not in os.fsencode(path)
-    except (TypeError, UnicodeError):  # a PathLike of bytes; half a character
+    except (TypeError, UnicodeError):  # a PathLike of bytes; half of a surrogate pair
         usable = False
     if not usable:
         raise InputError(f"{name} = {shown(value)} is no file name; give one such as {example!r}.")

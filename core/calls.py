@@ -146,7 +146,7 @@ def _refusal(
     for name in unknown:
         if cure := former_argument(shown_name, name, {parameter.name for parameter in parameters}):
             return f"{shown_name} has no argument {name!r} any more; {cure}."
-    # the dt of a class, as of Tangents, may be no step
+    # functions take steps; a class, whose name has capitals, may have another dt, as Tangents has
     if "dtau" in unknown and "dt" in by_name and shown_name.islower():
         return (f"{shown_name} has no argument 'dtau': it takes steps of t, dt=...; for a system "
                 "with time_scale take integrate(..., dtau=...) and run.gradient(...), or a stepper "

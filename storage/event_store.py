@@ -48,7 +48,10 @@ class EventStore:
         return chunks
 
     def _of_field(self, field: StoredField, stored_count: int, array: Array) -> list[Chunk]:
-        """Return the chunks that new rows of a field add behind ``stored_count`` rows."""
+        """Return the chunks that new rows of a field add behind ``stored_count`` rows.
+
+        Numbers wider than a double are in two arrays: rounded, and as bytes.
+        """
         arrays = {field.name: array.astype(field.dtype)}
         if field.wide:
             arrays[wide_name(field.name)] = as_bytes(array)

@@ -59,7 +59,7 @@ def identity_of(
 def _event_identity(
     events: tuple[Event | Impact, ...], parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the quantities, levels and restitutions of events, alike in a resumed run."""
+    """Return the quantities, levels and restitutions of events, which a resumed run must have."""
     events_json: dict[str, dict[str, Any]] = {}
     for event in events:
         own_fields: dict[str, Any]

@@ -77,14 +77,15 @@ def nearer_zero(a: Any, b: Any) -> Any:
 
 
 def absorb_factor_two(factor: Number, terms: Terms, n: int = 1) -> tuple[Number, Terms]:
-    """Return (a, u), where a uⁿ is factor · termsⁿ, with u = 2 terms if all terms are products x y.
+    """Return (a, u) with a uⁿ = factor · termsⁿ: (factor, terms), or (factor/2ⁿ, 2 terms).
 
-    2 x y stays together: it comes from (x + y)², and its derivatives share subexpressions with the
+    The latter if 2ⁿ divides the factor, and all terms are products x y of two variables. 2 x y
+    stays together: it comes from (x + y)², and its derivatives share subexpressions with the
     derivatives of x².
     """
     are_bilinear = all(len(m) == 2 and all(b.is_Symbol and varies(b) and k == 1 for b, k in m)
                        for m in terms)
-    if not are_bilinear or factor.numerator % 2**n:  # the factor has no divisor 2ⁿ
+    if not are_bilinear or factor.numerator % 2**n:
         return factor, terms
     return quotient(factor, 2**n), scale_terms(terms, 2)
 

@@ -128,9 +128,12 @@ class FastSystem:
 
     @cached_property
     def shared_sums(self) -> list[sp.Expr]:
-        """Sums u in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically."""
+        """Sums u in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically.
+
+        The kernel of H_p computes them for that of H_q, which is called after a correction of P.
+        """
         if self.system.m and self.correction is None:
-            return []  # the kernel of H_q evaluates H_p again, with what they share
+            return []  # the kernel of H_q evaluates H_p again, and these sums with it
         if self.is_separable:
             return []  # Gauss-Seidel ordering: H_q − F and H_p are evaluated at different states
         # the kernel of H_p computes the shared sums, and has no time among its inputs

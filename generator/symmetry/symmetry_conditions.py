@@ -137,7 +137,10 @@ class SymmetrySpace:
         return Residues(prime, symbols, expressions, count, constants, seed=count)
 
     def _combine(self, prime: int, term: Callable[[int, int], Residue], count: int) -> Residue:
-        """Return Σ_ij w_ij term(i, j) modulo the prime, shape (count, number of fields)."""
+        """Return Σ_ij w_ij term(i, j) modulo the prime, shape (count, number of fields).
+
+        A term has the shape (count,). Primes are below 2³¹, so that products fit into int64.
+        """
         rows = np.zeros((count, len(self.fields)), dtype=np.int64)
         terms = {entry: term(*entry) for entry in self._entries}
         for column, field in zip(rows.T, self.fields, strict=True):

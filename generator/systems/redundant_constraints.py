@@ -224,8 +224,8 @@ def refuse_constant(owner: str, constraints: Sequence[sp.Expr], names: Sequence[
 def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
     """Return for each expression whether its values at four random points differ.
 
-    Such an expression is no constant, which an expansion would take long to show: twelve factors
-    that are sums have thousands of terms. False where the difference may be round-off.
+    One whose values differ is no constant, and need not be expanded: a product of twelve sums has
+    thousands of terms. False where the difference may be round-off.
     """
     rng = np.random.default_rng(21)
     point = {x: rng.uniform(0.5, 1.5, 4)
@@ -238,6 +238,7 @@ def _vary(constraints: Sequence[sp.Expr]) -> Sequence[bool]:
     except (InputError, TypeError, ArithmeticError):
         # one expression that cannot be evaluated does not hide the others
         return [False] if len(constraints) == 1 else [_vary([g])[0] for g in constraints]
+    # by a factor of 1e6 more than round-off: an expansion decides about the others
     varies: Sequence[bool] = (np.isfinite(values).all(axis=1)
                               & (np.ptp(values, axis=1) > 1e6 * round_off.max(axis=1))).tolist()
     return varies

@@ -170,7 +170,7 @@ class Structure:
         return self._templates_of(parts)
 
     def _overlapping(self, rows: list[int]) -> Iterator[list[int]]:
-        """Yield groups of rows with common coordinates; equal names alone do not relate rows."""
+        """Yield the groups of rows that common coordinates connect; a common name does not."""
         support = {r: self._indices(self.system.constraints[r], self._q) for r in rows}
         # all coordinates of a row are in one component
         for coordinates in connected_components([s for s in support.values() if s]):

@@ -166,11 +166,11 @@ def _power_bound(base: _Bound, e: sp.Expr) -> _Bound:
 def _value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
     """Return an interval that contains a number, from the cache if it has it."""
     if e not in cache:
-        cache[e] = _new_value(e, interval, cache)
+        cache[e] = _value_from_operands(e, interval, cache)
     return cache[e]
 
 
-def _new_value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
+def _value_from_operands(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
     """Return an interval that contains a number with radicals, by those of its operands.
 
     ``interval`` is mpmath's context of intervals; ``cache`` has intervals by expression.
@@ -182,5 +182,6 @@ def _new_value(e: sp.Expr, interval: Any, cache: dict[sp.Expr, Any]) -> Any:
         for _ in range(int(e.exp.q).bit_length() - 1):  # roots are square roots of square roots
             root = interval.sqrt(root)
         return root ** int(e.exp.p)
+    # a sum or a product
     operands = [_value(argument, interval, cache) for argument in e.args]
     return sum(operands[1:], operands[0]) if e.is_Add else prod(operands[1:], start=operands[0])
