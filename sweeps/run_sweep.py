@@ -103,8 +103,8 @@ def sweep(
         Beside the model's own, and like these where no axis varies them; γ and α that are not
         given are γ_m, another mean is ``gyrospark.gamma(inertia, "h")``.
     dt, steps, t_end : float, int, float
-        Of every cell; ``t_end``, in seconds from the start at t = 0, in place of steps: a cell
-        ends with the whole step that is nearest to it.
+        The time step and the number of steps of every cell; or, in place of ``steps``, ``t_end`` in
+        seconds from the start at t = 0: a cell ends with the whole step that is nearest to it.
     dtau : float
         In place of dt, of systems with ``time_scale``: the step of scaled time. Cells have equal
         numbers of steps, and the results ``t`` and, with ``every``, ``t_samples``.
@@ -145,7 +145,7 @@ def sweep(
     InputError
         For what cannot be swept, before anything is computed.
     StorageError
-        If the store cannot be written, or another process is at it.
+        If the store cannot be written, or another process writes to it.
     Stopped
         After a signal, with every finished cell in the store, or in the error's ``dataset``.
     """

@@ -157,7 +157,8 @@ def lyapunov(
     every : int
         Steps between two QR decompositions.
     covariant : bool
-        Compute covariant Lyapunov vectors too; 2 n k numbers are kept for each row, and back.
+        Compute covariant Lyapunov vectors too, backwards along the run: for k exponents
+        2 n k + k² numbers are kept at each decomposition.
     progress : callable or bool, optional
         As of ``integrate``.
 

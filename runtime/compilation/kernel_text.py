@@ -233,8 +233,9 @@ class _ShuntingYard:
 
 
 def _expression(text: str) -> Expression:
-    """Return an expression of C in reverse Polish notation."""
-    text = text.replace("c->_used, ", "")  # how many lanes to do; each point is one
+    """Return an expression of C in reverse Polish notation, by Dijkstra's shunting yard."""
+    # how many lanes a function computes, its first argument: here each point is one lane
+    text = text.replace("c->_used, ", "")
     yard = _ShuntingYard()
     position, follows_operand = 0, False
     while position < len(text):

@@ -53,7 +53,7 @@ def compile_verified(
     """
     manifest = Manifest.from_text(files[f"{name}.json"])
     real = REALS[manifest.real]
-    # The other modules have some of the kernels, on lanes for example, or none that is checked.
+    # a module of lanes has some of the kernels, those of other kinds none that is checked
     expected = set(manifest.operations) if module_kind == "runs" else set()
     usual_mismatches: list[KernelMismatch] = []  # of the usual flags, for messages
     for number, flags in enumerate(SAFER_FLAGS):

@@ -58,7 +58,7 @@ class Objective:
         self, stepper: Stepper, loss: Callable[..., Any], start: StartNumbers, wrt: tuple[str, ...],
         dt: Any, span: dict[str, Any], inputs: Any, memory: str, options: dict[str, Any],
     ) -> None:
-        """Project the start, and keep a basis of the tangent space there: x has its coordinates.
+        """Project the start, and keep a basis of the tangent space there, for "start" in x.
 
         ``span`` is {"t_end": ...} or {"steps": ...}, ``options`` are further arguments of
         ``integrate``; other arguments as for ``value_and_gradient``.

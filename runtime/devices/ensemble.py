@@ -155,14 +155,14 @@ def views_of(device: Device, stepper: Stepper, q: Any, p: Any) -> tuple[View, Vi
 def shared_ensemble(
     stepper: Stepper, trajectories: Trajectories, like: Any, stop: Callable[[], bool]
 ) -> DeviceEnsemble:
-    """Take all steps, or as many until ``stop()``; return arrays of the library of ``like``.
+    """Take all steps, or those before ``stop()`` is true; return arrays of ``like``'s library.
 
     Memory on the card has the trajectory as its fastest index; strides give its arrays the shape
     (trajectories, states, n) without a copy.
     """
     runs, device, windows = trajectories.runs, trajectories.device, list[Window]()
+    # a window of all rows, the start's and the others: there is no second one
     step_count = trajectories.integrate(runs.first.rows + 1, windows.append, stop)
-    # one window had room for all rows
     states, (window,) = runs.first.rows_after(step_count) + 1, windows
     count, n = len(runs), stepper.n
 

@@ -88,7 +88,7 @@ class Trajectories:
     def integrate(
         self, rows: int, store: Callable[[Window], None], stop: Callable[[], bool]
     ) -> int:
-        """Take all steps, or as many until ``stop()``; return how many.
+        """Take all steps, or those before ``stop()`` is true; return how many.
 
         ``store`` is called with each window of ``rows`` stored states when it is full; the start is
         in the first one.
@@ -119,7 +119,7 @@ class Trajectories:
         return self.device.get(self.steps)
 
     def states(self, binding: Binding, stop: Callable[[], bool]) -> DeviceStates:
-        """Take all steps, or as many until ``stop()``; return the stored states on the host.
+        """Take all steps, or those before ``stop()`` is true; return the stored states on the host.
 
         Windows of states are copied one by one, so that the card need not hold all of them.
         """

@@ -107,7 +107,8 @@ class EndTimeObserver:
         """Return τ and the row of the partial step from ``state`` whose end is nearest to t_end.
 
         t(τ) = t_end by the inverse cubic through the two nearest points (τ, t − t_end, dτ/dt =
-        1/σ), which a partial step of τ then corrects; bisection where that leaves the bracket.
+        1/σ), which a partial step of τ then corrects; bisection where that leaves the bracket. In
+        scaled time t is the last coordinate, q[-1].
         """
         binding, t_end = self._stepper.binding, self._t
         low, high = 0 * self._run.dt, self._run.dt

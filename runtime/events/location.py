@@ -269,8 +269,10 @@ def _simple_roots(work: _Work) -> _Roots:
     """Return the roots of steps at whose ends the value has two signs, neither of them 0."""
     brackets = work.brackets
     indices = np.flatnonzero(~brackets.turning & ~brackets.on_level)
+    # sought in the whole step, from its share 0 to 1
     best_states = _BestStates(work, indices, *_zero_and_one(work, indices))
     before, after = brackets.before[indices], brackets.after[indices]
+    # the search returns nothing: ``best_states`` keeps the nearest state of each root
     zeros(best_states, before, after, work.tolerance(indices),
           cubic_zero(brackets.past[indices], before, after))
     return best_states.roots(before < 0)

@@ -46,8 +46,9 @@ _WHEEL, _AXLE = 1.5, (0.1, 1.35)
 _THIN_BETWEEN_JOINTS = 0.3
 #: A free body is flat, drawn as two rods, where its shortest half edge is this part of the longest.
 _FLAT = 0.05
-#: Semi-axis of an elliptic cylinder, in parts of half the edge of the box of the same inertia.
-_ROUND = np.sqrt(4 / 3)
+#: Semi-axis r of an elliptic cylinder over half the edge, a, of the box of the same inertia: both
+#: have the mean square r²/4 = a²/3 of this coordinate.
+_SEMI_AXIS = np.sqrt(4 / 3)
 #: Half the height of the flywheel of a top in parts of its radius and of its distance.
 _THICK = (0.14, 0.35)
 
@@ -193,7 +194,7 @@ def _disc(body: ScenePart, half: Array) -> Shape | None:
     axis = next((k for k in range(3) if np.ptp(np.delete(half, k)) < _EQUAL * half.max()), None)
     if axis is None:
         return None
-    r = float(np.delete(half, axis)[0]) * _ROUND
+    r = float(np.delete(half, axis)[0]) * _SEMI_AXIS
     return Shape("disc", np.array([r, r, float(half[axis])]), body.centre,
                  _axes_with_third(body.axes, axis))
 
@@ -210,7 +211,7 @@ def _top_on(body: ScenePart, joints: list[Held], foot: Array, k: int) -> Iterato
     axes = axes * (1 if lever @ axes[:, 2] > 0 else np.array([1, -1, -1]))
     end = max(float((joint.at - foot) @ lever) / height for joint in joints)
     half = body.sizes["box"]
-    return _top(foot, axes, height, half[[(k + 1) % 3, (k + 2) % 3]] * _ROUND, end)
+    return _top(foot, axes, height, half[[(k + 1) % 3, (k + 2) % 3]] * _SEMI_AXIS, end)
 
 
 def _axes_with_third(axes: Array, axis: int) -> Array:

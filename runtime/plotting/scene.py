@@ -404,9 +404,10 @@ def _up(trajectory: Trajectory) -> Array | None:
 def _weight_times_centre(trajectory: Trajectory, moments: Array, axes: Array) -> Array | None:
     """Return m g times the centre of mass of a body on a fixed point, in its principal axes.
 
-    V = H − T is fitted to c + w · (third row of R) by least squares over states of the run, with T
-    = ½ Σ L_i²/I_i. None where that does not fit, so that the potential is another one, or where the
-    states determine no w.
+    ``moments``, (3,), are those about the axes, the columns of ``axes``. V = H − T is fitted to
+    c + w · (third row of R) by least squares over states of the run, with T = ½ Σ L_i²/I_i and the
+    angular momentum ½ L(q) p of components L_i about these axes. None where that does not fit, so
+    that the potential is another one, or where the states determine no w.
     """
     # over the whole run: one state determines no direction
     state_indices = np.unique(np.linspace(0, len(trajectory) - 1, 60).astype(int))
@@ -414,6 +415,7 @@ def _weight_times_centre(trajectory: Trajectory, moments: Array, axes: Array) ->
     L = (left_matrix(q) @ p[..., None])[..., 0] @ axes / 2
     V = trajectory.energy()[state_indices].astype(float) - (L**2 / moments).sum(axis=1) / 2
     row = rotation_matrix(q)[:, 2]
+    # w and c are four unknowns; a row that hardly turns does not determine them
     if len(state_indices) < 6 or np.ptp(row, axis=0).max() < 1e-6:
         return None
     columns = np.column_stack([row, np.ones(len(state_indices))])

@@ -71,7 +71,7 @@ class Crossings:
         """Return the crossings as users see them: in scaled time t is apart from q and p."""
         if not binding.clocked:
             return self
-        # compiled code has the time as its last coordinate, and τ as t
+        # compiled code has the time as its last coordinate, behind n others, and τ as t
         n = binding.shown
         return replace(self, t=self.q[:, -1].astype(self.t.dtype), q=self.q[:, :n].copy(),
                        p=self.p[:, :n].copy())

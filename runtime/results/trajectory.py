@@ -224,7 +224,8 @@ class Trajectory(Shown):
                              f"{count_text(len(self), 'stored state')}.") from None
         inputs: dict[str, Any] = {}
         if self._inputs is not None and len(self) > 1:
-            # of the step that ends at the row; a run at given times has none: they lie within steps
+            # of the step that ends at the row, where the quotient is whole but for round-off; a run
+            # at given times has none: they lie within steps
             step = math.ceil(float(self.elapsed[index] / self.dt) - 1e-6) - 1
             inputs = dict(zip(self._inputs.names,
                               self._inputs.at(max(step, 0)).tolist(), strict=True))

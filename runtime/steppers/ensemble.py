@@ -396,8 +396,7 @@ def _progress_of(
 def _stop_exception(
     interrupts: Interrupts, stored: int, ensemble: Ensemble | DeviceEnsemble, size: int
 ) -> Stopped:
-    """Return the exception after Ctrl-C, with the ``stored`` of ``size`` states that are computed.
-    """
+    """Return the exception after Ctrl-C, when ``stored`` of ``size`` states are computed."""
     return Stopped(f"Stopped with {stored:,} of {count_text(size, 'state')}; they are in "
                    ".ensemble.",
                    interrupts.signal, ensemble=cast(Ensemble, ensemble))

@@ -97,9 +97,11 @@ class Evaluation(FixedAttributes):
         dt: Number | None = None, dtau: Number | None = None,
         parameters: Mapping[str, Number] | None = None, t: Number | None = None,
     ) -> Array:
-        """Return r(x), shape (unknowns,): (B.1) for SPARK, (53) or (61) for IMS and EMS.
+        """Return r(x), shape (unknowns,): (B.1) of the paper for SPARK, (53) or (61) for IMS, EMS.
 
-        ``t`` is the time at the start of the step, ``dtau`` its length in scaled time.
+        ``x`` has the rates k, k̂ and multipliers Λ of the stages, of IMS and EMS the state (q, p)
+        at the end of the step and λ; ``guess`` returns one. ``t`` is the time at the start of the
+        step, ``dtau`` its length in scaled time.
         """
         self._refuse_unless_solving("residual")
         step = self._step_of(dt, dtau)

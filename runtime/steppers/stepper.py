@@ -425,13 +425,12 @@ class Stepper(Dynamics):
             from ..integration.dense_output import stored_steps_at
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
-        # one warning of a kind for a run, of its start or of its stored states; none without steps,
-        # and the states of fewer than two rows are not looked at
-        warned = not run.steps or (not repeated and self._warn(run)) or run.rows < 2
+        # one warning of a kind for a run, of its start or of its stored states; none without steps
+        start_warned = bool(run.steps) and not repeated and self._warn(run)
         trajectory = self._steps_of(plan, run, progress)
         # derivatives of the run repeat as many steps as it took
         run = run.until(trajectory.report.steps) if run.open_end else run
-        if not warned:
+        if run.steps and run.rows > 1 and not start_warned:
             self._warn_of_motion(trajectory, run)
         if run.rest:
             from ..events.last_step import ended_between
@@ -441,7 +440,8 @@ class Stepper(Dynamics):
             run, () if plan.impacts else observed_events, rest=run.rest, impacts=plan.impacts))
         if t_eval is None:
             return trajectory
-        # impacts may end a run, where a gap stays closed; the times were checked against its steps
+        # the times were checked against all steps; a terminal event ends the run earlier, and so
+        # does an impact after which a gap stays closed
         if plan.impacts or any(event.terminal and len(trajectory.events.get(event.name, ()))
                                for event in observed_events):
             from ..integration.dense_output import times_reached
@@ -659,6 +659,7 @@ class Stepper(Dynamics):
         from ..integration.dense_output import between
 
         states = between(self, trajectory, times, workers)
+        # tangents are computed by the same run once more, which only ``_origin`` knows
         if trajectory.tangents is None or trajectory._origin is None:
             return states
         return with_tangents(self, trajectory.tangents, states)

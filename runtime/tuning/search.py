@@ -320,7 +320,7 @@ class Search:
     # ------------------------------------------------------------ words
 
     def _reason(self, best: int, why_gamma_stays: str) -> str:
-        """Return why a run is chosen, as a sentence."""
+        """Return why run ``best`` is chosen and not the base, run 0, as a sentence."""
         pilots = self.pilots
         error_name = "error of the motion" if pilots.aim == "motion" else "energy error"
         best_pilot, base_pilot = pilots.pilot(best), pilots.pilot(0)
@@ -328,6 +328,7 @@ class Search:
         if best == 0:
             return (f"{base_pilot.label}: no trial makes the {error_name} of every path 5 % "
                     f"smaller{gamma_text}")
+        # by a search for a small energy error, the error of some path may grow
         cost_text = ""
         if pilots.aim == "energy" and best_pilot.worst > 1.05:
             cost_text = f"; the error of the motion grows up to {best_pilot.worst:.3g} times"

@@ -234,7 +234,8 @@ def tuned_run(stepper: Stepper, run: RunArguments) -> RunArguments:
     A run of 0 steps, as of a simulation, may continue after the pilot runs.
     """
     rules = _searches(run.parameters)
-    tuned = _Rules(stepper, run, rules).choose(PILOT_STEPS, longer=not 0 < run.steps <= PILOT_STEPS)
+    may_be_longer = run.steps == 0 or run.steps > PILOT_STEPS
+    tuned = _Rules(stepper, run, rules).choose(PILOT_STEPS, longer=may_be_longer)
     return replace(run, parameters={**run.parameters, **tuned.parameters})
 
 
