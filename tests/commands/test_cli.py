@@ -85,7 +85,7 @@ def test_bad_value_is_refused_by_run(arguments, fragments, gyrospark):
 @pytest.mark.parametrize(("option", "file", "fragments"), [
     *((option, f"none/top{ending}", ["'none'"]) for option, ending in {
         "--out": ".npz", "--plot": ".png", "--show": ".gif"}.items()),
-    ("--out", "", ["file name"]), ("--out", ".", ["file name"]),
+    ("--out", "", ["--out", "''"]), ("--out", ".", ["file name"]),
     ("--out", "top.xlsx", ["'top.xlsx'", ".npz, .csv, .nc, .parquet, .zarr"]),
     ("--plot", "top.txt", ["'top.txt'", ".png", ".svg", ".pdf"]),
     ("--show", "top.svg", ["'top.svg'", ".png", ".html", ".gif"]),
@@ -156,8 +156,8 @@ def test_bad_cone_is_refused(setting, gyrospark):
         (["verify", "--scheme", ""], "scheme"), (["verify", "--system", ""], "system"),
         (["generate", "--system", ""], "system"), (["generate", "--check", "--rep", ""],
                                                    "representation"))),
-    (["generate", "--no-compile", "--out", ""], ["--out", "'' is no path"]),
-    (["export", "", "table.csv"], ["STORE", "'' is no path"]),
+    (["generate", "--no-compile", "--out", ""], ["--out", "''", "no path"]),
+    (["export", "", "table.csv"], ["STORE", "''", "no path"]),
 ])
 def test_bad_command_is_refused(arguments, fragments, gyrospark):
     refused(gyrospark(*arguments), *fragments)
