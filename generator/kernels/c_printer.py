@@ -1,4 +1,7 @@
-"""SymPy expressions as C text, with a count of the operations they cost."""
+"""SymPy expressions as C text, with a count of the operations they cost.
+
+Numbers are printed by ``Real.literal`` of ``core/real_types.py``.
+"""
 
 from __future__ import annotations
 

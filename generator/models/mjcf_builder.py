@@ -193,8 +193,8 @@ class MjcfBuilder(RobotBuilder):
     def _add_actuator(self, label: str, actuator: MjcfActuator) -> None:
         """Add an actuator's effort on its joints: gear (gain u + b₀ + b₁ l + (b₂ + drag u) l̇).
 
-        u is the input ``label``, l = gear · Σ coefficient · coordinate the actuator's length, and
-        (b₀, b₁, b₂) its ``bias``.
+        u is the input ``label``, the actuator's name as C takes it, l = gear · Σ coefficient ·
+        coordinate the actuator's length, and (b₀, b₁, b₂) its ``bias``.
         """
         build, gear = self.builder, actuator.gear
         length, rate = (gear * e for e in self._length(

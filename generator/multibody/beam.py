@@ -409,15 +409,17 @@ def curve_of(name: str, start: Any, end: Any, points: Any, count: int) -> BeamCu
 def frames_along(
     name: str, tangents: Array, arc: Array, normal: ArrayLike | None, twist: float
 ) -> list[Array]:
-    """Return the unit quaternions of k sections by parallel transport along the beam.
+    """Return the unit quaternions of sections by parallel transport along the beam.
+
+    The first and the last section are at the ends, the others in the segments 1, 2, … of the beam.
 
     From section to section the attitude turns by the shortest rotation from tangent to tangent,
     and by its part of ``twist`` about the tangent. The third axis of a section is its tangent.
 
     Parameters
     ----------
-    tangents : ndarray, shape (k, 3)
-    arc : ndarray, shape (k,)
+    tangents : ndarray, shape (sections, 3)
+    arc : ndarray, shape (sections,)
         Distances of the sections from the start, as parts of the length.
     normal : three floats, optional
         Direction of the first axis at the start.

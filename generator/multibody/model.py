@@ -302,7 +302,7 @@ class Model:
         if state is None or state.shape != (count,) or not np.isfinite(state).all():
             raise InputError(f"{name} of model {self.name!r} is {shown(values)}; give "
                              f"{count} finite numbers.")
-        fractions = [exact(x) for x in np.array(values, dtype=object).flat]
+        fractions = [exact(x) for x in np.array(values, dtype=object).flat]  # None: no number
         # numbers that doubles would round keep their digits, for steppers of wider types
         if None not in fractions and fractions != [Fraction(x) for x in state]:
             is_long = isinstance(values, np.ndarray) and values.dtype == np.longdouble

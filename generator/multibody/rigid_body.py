@@ -152,7 +152,7 @@ def angular_velocity(
 ) -> list[sp.Expr]:
     """Return Ω = J⁻¹ ½ L(q) p in body axes (19), three entries, for q = x and p = y.
 
-    ``inertia`` is as of ``kinetic_energy``.
+    ``inertia`` is as of ``kinetic_energy``: three moments, or the six entries of J⁻¹.
     """
     if len(inertia) != 3:
         halves = sp.Matrix(double_momentum(x, y)) / 2

@@ -91,7 +91,9 @@ def discrete_gradient(
     expression: sp.Expr, symbols: Sequence[sp.Symbol], means: Sequence[sp.Symbol],
     differences: Sequence[sp.Symbol]
 ) -> list[sp.Expr]:
-    """Return D_i of the expression for each symbol, in terms of means and differences.
+    """Return D_i u of the expression u for each symbol x_i, in terms of means and differences.
+
+    u₁ − u₀ = Σ_i (D_i u) Δx_i holds exactly for the values u₀ and u₁ at the ends.
 
     Parameters
     ----------
@@ -99,7 +101,7 @@ def discrete_gradient(
         Built from the symbols and parameters with +, ×, /, powers and the functions in the
         docstring of this module.
     symbols, means, differences : sequences of Symbol
-        x, and the symbols of x̄ and Δx.
+        x, and the symbols of x̄ and Δx, in the same order.
 
     Raises
     ------
@@ -107,6 +109,7 @@ def discrete_gradient(
         If the expression contains a function without a known exact difference.
     """
     steps = list(differences)
+    # variables, by their means and D_i x_i = 1: first the symbols, then shared subexpressions
     leaves = {
         symbol: DiscreteDifference(mean, {i: sp.Integer(1)}, steps)
         for i, (symbol, mean) in enumerate(zip(symbols, means, strict=True))

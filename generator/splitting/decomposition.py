@@ -301,7 +301,8 @@ class _Search:
     def _monomial_coefficients(self, slots: _LocalTerm, e: sp.Expr) -> dict[Monomial, sp.Expr]:
         """Return monomial → coefficient of the normal form of e, a polynomial in q, r, m and y.
 
-        Coefficients are expressions of constants that are not 0.
+        A monomial is the set of its powers of these symbols. Coefficients are expressions of
+        constants that are not 0.
         """
         try:
             terms = Quotient(unit_quaternions(slots.q)).terms(e)
@@ -311,11 +312,11 @@ class _Search:
                 "splitting; take another scheme, such as 'G-L'.") from None
         constants = {*slots.constants}
         terms_of: dict[Monomial, Terms] = defaultdict(dict)
-        for m, a in terms.items():
+        for powers, a in terms.items():
             # the powers that are not constant; the others, with a, are a term of the coefficient
             monomial = frozenset(
-                power for power in m if not symbols_in([frozenset([power])]) <= constants)
-            terms_of[monomial][m - monomial] = a
+                power for power in powers if not symbols_in([frozenset([power])]) <= constants)
+            terms_of[monomial][powers - monomial] = a
         sums = {monomial: expression_of(a) for monomial, a in terms_of.items()}
         return {monomial: e for monomial, e in sums.items() if not _is_zero(e)}
 

@@ -320,11 +320,11 @@ class Splitting:
 
     @cached_property
     def kick(self) -> Kick:
-        """N of each body and the force on each point, of V and of ``applied``.
+        """The torque N of each body and the force of each coordinate, of V and of ``applied``.
 
         The kicks of all instances of templates are added, in the symbols of the system.
         """
-        # terms of each component of a torque, and of each force by its coordinate
+        # terms of each component of a torque, and of each force by the index of its coordinate
         torques = [[[e] for e in N] for N in self.applied.torques]
         forces = {i: [e] for i, e in zip(self.points, self.applied.forces, strict=True)}
         for template in self.templates:

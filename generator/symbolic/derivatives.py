@@ -32,8 +32,9 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
     if e.is_Pow and e.exp.is_number:
         inner = derivative(e.base, x)
         rate = product_of([e, product_of([inner, e.exp]), 1 / e.base])
-        if 0 < e.exp < 1 and has_sides(e.base):  # (√max(x, 0))' = 0 for x < 0, not 0/0
-            return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))
+        # where a base with a switch stays at 0: (√max(x, 0))' = 0 for x < 0, not 0/0
+        if 0 < e.exp < 1 and has_sides(e.base):
+            return Where(sp.Integer(0), sp.Abs(inner), rate, sp.Integer(0))  # rate if 0 < |inner|
         return rate
     if e.is_Pow:  # (u^v)' = u^v (v' log u + u' v/u)
         by_base, by_exponent = (derivative(argument, x) for argument in e.args)

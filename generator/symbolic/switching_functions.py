@@ -103,14 +103,17 @@ class Where(Switch):
 
 
 def _condition_text(e: Where, printer: Any, *, holds: bool = True) -> str:
-    """Return the text of the condition, or of its negation: a < b, or a conjunction."""
+    """Return the condition of e, or its negation, as text of model files: a < b, or a conjunction.
+
+    ``holds`` is False for the negation.
+    """
     factors = _factors_of_conjunction(e)
     if not factors:
         a, b, _, _ = e.args
         return f"{printer.doprint(a)} {'<' if holds else '>='} {printer.doprint(b)}"
     texts = []
     for factor in factors:
-        _, _, if_true, _ = factor.args
+        _, _, if_true, _ = factor.args  # 1 for a condition, 0 for its negation
         texts.append(_condition_text(factor, printer, holds=if_true == 1))
     text = " and ".join(texts)
     return text if holds else f"not ({text})"

@@ -59,8 +59,8 @@ class Mechanics:
         Pairs of a point and a force, or a frame and a torque.
     constraints : list of Expr
         g(q, t).
-    rates : list of Expr
-        Constraints on the velocities; they may follow from g.
+    velocity_constraints : list of Expr
+        Constraints on q̇; they may follow from g.
     inputs : dict
         Output of a controller, as the user wrote it → its symbol.
     """
@@ -70,7 +70,7 @@ class Mechanics:
     L: sp.Expr
     loads: list[Any]
     constraints: list[sp.Expr]
-    rates: list[sp.Expr] = field(default_factory=list)
+    velocity_constraints: list[sp.Expr] = field(default_factory=list)
     inputs: dict[sp.Expr, sp.Symbol] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -121,25 +121,25 @@ def from_mechanics(
     has_contradictions = _warn_of_velocities(mechanics.motion, method_bodies)
     mechanics.inputs = _inputs(inputs)
     t = me.dynamicsymbols._t
-    rates = [x.diff(t) for x in mechanics.q]
-    symbol_of = _symbols_of_motion(mechanics, rates)
+    velocities = [x.diff(t) for x in mechanics.q]
+    symbol_of = _symbols_of_motion(mechanics, velocities)
     F, potential = _generalised_forces(mechanics, symbol_of)
     placed, places = (_places(mechanics.motion, method_bodies) if as_flag("bodies", bodies)
                       else ({}, {}))
     # one substitution for all expressions, as each is a pass over their whole graph
-    L, *expressions = _replace_symbols(mechanics, [mechanics.L - potential, *mechanics.constraints,
-                                             *mechanics.rates, *places.values()], symbol_of)
+    L, *expressions = _replace_symbols(mechanics, [
+        mechanics.L - potential, *mechanics.constraints, *mechanics.velocity_constraints,
+        *places.values()], symbol_of)
     g_end = len(mechanics.constraints)
-    rows_end = g_end + len(mechanics.rates)
+    rows_end = g_end + len(mechanics.velocity_constraints)
     g, velocity_constraints = expressions[:g_end], expressions[g_end:rows_end]
     quantities = dict(zip(places, expressions[rows_end:], strict=True))
     _refuse_functions(name, [L, *g, *F, *velocity_constraints])
-    # a body that is placed, with velocities that agree with the places, has a velocity that is a
-    # rate
+    # where places and velocities agree, the velocity of a body with a known place is a rate
     _refuse_substituted(mechanics, symbol_of, [
         body for body in method_bodies
         if has_contradictions or not mechanics.motion.is_placed(body.masscenter)])
-    q, v = [symbol_of[x] for x in mechanics.q], [symbol_of[x] for x in rates]
+    q, v = [symbol_of[x] for x in mechanics.q], [symbol_of[x] for x in velocities]
     input_symbols = tuple(mechanics.inputs.values())
     symbols = symbols_of([L, *g, *F, *quantities.values()])
     parameters = sorted(symbols - {*q, *v, *input_symbols, t}, key=str)
@@ -185,10 +185,10 @@ def _of_kane(method: Any) -> Mechanics:
     kinematics = (method._k_ku_implicit * sp.Matrix(u)
                   + method._k_kqdot_implicit * method._qdot + method._f_k_implicit)
     speeds = _solve_speeds(list(kinematics), u)
-    rates = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
+    velocity_constraints = list(method._k_nh * sp.Matrix(u) + method._f_nh) if method._k_nh else []
     motion = FrameMotion(frame, speeds | zeros)
     return Mechanics(motion, list(method.q), motion.energy(method.bodies),
-                     [*(method.loads or ())], list(method._f_h), rates)
+                     [*(method.loads or ())], list(method._f_h), velocity_constraints)
 
 
 def _of_system(method: Any) -> Mechanics:

@@ -9,6 +9,7 @@ Geometric Numerical Integration, VIII.2; E. Hairer, Appl. Numer. Math. 25 (1997)
 SIAM J. Numer. Anal. 36 (1999) 1549-1570).
 
 e is −H − W, W the work of forces and of explicit time dependence: it is constant without both.
+Named scales σ are in ``scales.py``.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ def _tableau(
 
 
 def _lobatto_nodes(count: int, rounding: Rounding | None) -> list[sp.Expr]:
-    """Return the Lobatto nodes: exact, or for decimals rounded to 10 digits more than these."""
+    """Return the Lobatto nodes, exact; for a tableau of decimals rounded to 10 more digits."""
     polynomial = lobatto_polynomial(count)
     if rounding is None:
         return list(exact_roots(polynomial))

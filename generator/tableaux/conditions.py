@@ -213,11 +213,11 @@ def check_tableau(tableau: Tableau) -> list[Condition]:
 @cache
 def _conditions_of(tableau: Tableau) -> tuple[Condition, ...]:
     """Return all conditions of a tableau, each with its residual."""
-    largest_k = counts(tableau)
+    largest_k = counts(tableau)  # of B(k), C(k) and D(k)
     lines = (
         *_structure_conditions(tableau),
         _multipliers_condition(tableau),
-        *(_symplectic_conditions(tableau)),
+        *_symplectic_conditions(tableau),
         *(_counted_condition(tableau, label, largest_k) for label in LABELS),
         *(_adjoint_condition(label, largest_k) for label in D_LABELS),
         _symmetry_condition(tableau),

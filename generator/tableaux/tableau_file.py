@@ -246,6 +246,7 @@ class _Reader:
 
     def name(self, name: Any) -> str:
         """Return the tableau's name; refuse a name that is no identifier in C."""
+        # a number of the file is a text as well, of the class _Number
         is_text = isinstance(name, str) and not isinstance(name, _Number)
         if not is_text or not NAME.fullmatch(name) or name in KEYWORDS:
             raise self.error(f"name is {_describe(name)}; write a C identifier of at most 40 lower "
