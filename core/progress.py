@@ -152,7 +152,7 @@ def _install() -> None:
 
 @contextlib.contextmanager
 def log_task(text: str, done: str = "") -> Iterator[None]:
-    """Log the begin of a task, and at its end ``done`` with the duration."""
+    """Log the start of a task, and at its end ``done`` with the duration."""
     _install()
     start, level, message = time.perf_counter(), logging.DEBUG, f"{text}: ended"
     _LOGGER.debug("%s …", text, extra={"task": "begin"})

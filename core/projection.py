@@ -259,6 +259,7 @@ def dependent_rows(G: Array | csr_array) -> DependentRows:
     if len(G) <= G.shape[1] and _is_well_conditioned(rows):
         return DependentRows([], [])
     U, singular_values, _ = np.linalg.svd(rows)
+    # the second RANK_TOLERANCE is for a G that is 0
     rank = int(np.sum(singular_values > RANK_TOLERANCE * max(singular_values.max(initial=0.0),
                                                              RANK_TOLERANCE)))
     null = U[:, rank:]  # nullᵀ rows = 0: a column for each dependency

@@ -188,8 +188,8 @@ class Coordinates:
     def _size(self, name: str, parameters: Mapping[str, float]) -> float:
         """Return the unit of changes of a parameter x: |x|, or its first |x| if that is larger.
 
-        |x| of a positive parameter. Infinite for one that began at 0 and may have either sign: it
-        has no scale of its own.
+        For a positive parameter it is |x|. It is infinite for one that began at 0 and may have
+        either sign, which has no scale of its own.
         """
         first = abs(self._first[name])
         if self.positive[self.free.index(name)]:

@@ -95,7 +95,7 @@ def tangent_projection(
 
     Both are in double. Like ``project`` with states, the projection moves dq along Gᵀ and then dp
     along Gᵀ; Ω of directions with G dq = 0 does not change. IMS and EMS need it: their steps keep
-    g = 0 but not f = 0.
+    g = 0 but not f = dg/dt = 0.
     """
     n = binding.n
     g, f = (derivatives[:, : 2 * n].astype(float)

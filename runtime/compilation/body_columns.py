@@ -120,7 +120,7 @@ class JointAt:
     constraints : int
         Number of its constraints: 0 for a spring.
     section : SectionManifest, optional
-        Of a joint of a beam.
+        The section of a beam at this joint.
     """
 
     a: str

@@ -33,6 +33,7 @@ class FrameMotion:
         """Compute the generator Σ ω_i A_i of (q, p), (2 n, 2 n), with the run's rates ω_i."""
         derivative_module, n = binding.module, binding.n
         self.n, self.dt, self._row_count = n, run.dt, binding.rows
+        #: Whether there is a frame: without symmetries S = 1.
         self.moves = bool(symmetries)
         #: For each symmetry: the row of its rate ω_i in a direction, and A_i for (q, p).
         self._rate_rows, self._lifted = [], []

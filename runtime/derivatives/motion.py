@@ -196,7 +196,8 @@ class Kinematics:
         """Return rows C of a body's velocity and ω in space axes, and their drift (dC/dt) v.
 
         A body that moves freely has six rows, the first three of the velocity of its origin; a
-        body whose origin is held has the three rows of ω. The drift has as many entries.
+        body whose origin is held has the three rows of ω. The drift has as many entries: that of
+        ω is 0 (``_turning``).
         """
         turning, no_drift = self._turning(name), np.zeros(3)
         if not self.bodies[name].x:
@@ -278,13 +279,13 @@ class StateMotion:
         has_axis = name in layout.joints and bool(layout.joints[name].axis_b)
         # without an axis in common there is no C(q): derivatives of the quantity by each momentum
         if name in layout.measures and not has_axis:
-            no_dq, row, measure = binding.new(binding.n), [], layout.measures[name]
+            quantity, no_dq, by_momenta = layout.measures[name], binding.new(binding.n), []
             for k in range(binding.n):
                 dp = binding.new(binding.n)
                 dp[k] += 1
-                row.append(float(self._along(no_dq, dp, dt=0)[measure]))
-            return RateRows(np.array([row]), np.array([float(self.quantity_rates()[measure])]),
-                            by_momentum=True)
+                by_momenta.append(float(self._along(no_dq, dp, dt=0)[quantity]))
+            y_rate = float(self.quantity_rates()[quantity])
+            return RateRows(np.array([by_momenta]), np.array([y_rate]), by_momentum=True)
         kinematics = self._kinematics
         rows, drift = kinematics.joint(name, v) if is_joint else kinematics.body(name, v)
         return RateRows(rows, rows @ self.acceleration.astype(float) + drift, by_momentum=False)

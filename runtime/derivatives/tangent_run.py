@@ -73,6 +73,7 @@ def with_tangents(stepper: Stepper, tangents: Any, trajectory: Trajectory) -> Tr
         raise InputError(f"tangents = {shown(tangents)} are no directions; give "
                          "gyrospark.Tangents(...).")
     rows = rows_of(stepper, trajectory, trajectory._origin.run)
+    # rows within steps, then events: both are points besides the rows at ends of steps
     events = [point for points in rows.events.values() for point in points]
     stored_tangents, at_points, point_times = _propagate(stepper, rows.run, tangents,
                                                          [*rows.points, *events])

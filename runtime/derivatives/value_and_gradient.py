@@ -95,8 +95,8 @@ class Objective:
     def _numbers_of_rules(self, start: StartNumbers, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the numbers at the start of γ, α and rates of a frame that follow from a rule.
 
-        They stay: a mean that followed the moments in x would have a derivative that a run does not
-        know. A rule may be text, or left out.
+        They are constant in x. A mean that followed the moments of inertia in x would add a term to
+        the derivative, which a run does not compute. A rule may be text, or left out.
         """
         return {name: number for name, number in numbers.items()
                 if name not in self._stepper.binding.input_names

@@ -65,7 +65,7 @@ def cuda_text(name: str, files: Mapping[str, str]) -> str:
     Parameters
     ----------
     name : str
-        Of the stepper.
+        Name of the stepper.
     files : mapping of str to str
         Its header and source by their names.
     """

@@ -294,10 +294,10 @@ def _forth_and_back(values: Array) -> Array:
 @lru_cache(maxsize=8)
 def _single_moves(n: int) -> _Moves:
     """Return moves of each q and each p by itself, whose changes are added up."""
-    unit, zeros = np.eye(n), np.zeros((n + 1, n))
-    # 2 n + 1 moves: none, each q, each p
-    return _Moves(np.vstack([zeros[:1], unit, zeros[1:]]), np.vstack([zeros, unit]), _sum_changes,
-                  euler=1.0)
+    none, unit, zeros = np.zeros((1, n)), np.eye(n), np.zeros((n, n))
+    # 2 n + 1 moves: none, each q, each p; the Euler step is taken whole
+    return _Moves(q=np.vstack([none, unit, zeros]), p=np.vstack([none, zeros, unit]),
+                  change=_sum_changes, euler=1.0)
 
 
 @lru_cache(maxsize=8)

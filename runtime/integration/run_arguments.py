@@ -340,7 +340,7 @@ class StartNumbers:
     t: Any
     #: H + e, which is not 0 of states that steps in scaled time have made.
     excess: Any = 0.0
-    #: Impacts of the model that it is of.
+    #: Impacts of the model from which the start comes.
     impacts: tuple[Impact, ...] = ()
 
 
@@ -354,7 +354,7 @@ class RawArguments:
     t0: Array
     #: H + e at the start, in scaled time.
     excess: Array
-    #: A dict for each run; or what is one for all, and columns.
+    #: A dict for each run; or a dict of numbers for all runs, and one of columns.
     parameters: list[dict[str, Any]] | tuple[dict[str, Any], dict[str, Array]]
     #: Steps, every and solver: the same for all.
     common: Mapping[str, Any]

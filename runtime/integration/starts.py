@@ -251,9 +251,10 @@ def merged_starts(
             for start, own_parameters in zip(starts, parameter_sets, strict=True)]
     if any(row.impacts != rows[0].impacts for row in rows):
         raise InputError("The starts have different impacts; give starts of one model.")
-    return StartNumbers(np.array([row.q for row in rows]), np.array([row.p for row in rows]),
-                        [row.parameters for row in rows], np.array([row.t for row in rows]),
-                        np.array([row.excess for row in rows]), rows[0].impacts)
+    return StartNumbers(
+        q=np.array([row.q for row in rows]), p=np.array([row.p for row in rows]),
+        parameters=[row.parameters for row in rows], t=np.array([row.t for row in rows]),
+        excess=np.array([row.excess for row in rows]), impacts=rows[0].impacts)
 
 
 def _refuse_without_starts(starts: Any) -> None:

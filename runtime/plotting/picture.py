@@ -67,7 +67,7 @@ class RenderedPicture:
     ----------
     pixels : array of uint8, shape (height, width, 3)
     time : float
-        Of the state shown.
+        Time of the state shown.
     path : Path or None
         Where it was written.
     """
@@ -522,8 +522,8 @@ def _tie_meshes(scene: Scene, tie: Tie, frame: int, reach: float) -> Iterator[tu
 
     whose radius r and angle φ are 0 and constant near its ends, s < 0.08 and s > 0.92.
     """
-    a, b = (_point_in_space(scene, frame, i, r)
-            for i, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
+    a, b = (_point_in_space(scene, frame, i, point)
+            for i, point in ((tie.a, tie.on_a), (tie.b, tie.on_b)))
     along = float(np.linalg.norm(b - a))
     if tie.slides and tie.axis is not None:
         yield mesh_of(_rail(scene, tie, frame, 0.5 * JOINT * reach)), STAND

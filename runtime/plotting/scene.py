@@ -491,7 +491,10 @@ def is_held(parts: list[ScenePart], ties: list[Tie], i: int) -> bool:
 
 
 def _axis_in(parts: list[ScenePart], tie: Tie, i: int) -> Array | None:
-    """Return the axis of a hinge in the axes of body i, one of its two; None for other joints."""
+    """Return the axis of a hinge in the axes of body i, one of its two; None for other joints.
+
+    ``tie.axis`` is in the axes of b, for the ground of space.
+    """
     if tie.axis is None or tie.b == i:
         return tie.axis
     in_space = tie.axis if tie.b < 0 else rotation_matrix(parts[tie.b].q[0]) @ tie.axis

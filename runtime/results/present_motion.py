@@ -191,7 +191,7 @@ class PresentJoint(_SingleState, JointMotion):
         return rate
 
     def _reaction(self) -> tuple[Array, Array]:
-        """Return force and torque at the begin of the next step, shape (3,) each, in N and N m."""
+        """Return force and torque at the start of the next step, shape (3,) each, in N and N m."""
         # multipliers belong to a step: the step from the present state, which is discarded
         force, torque = JointMotion(self._run.next_step(), self.name, self._layout)._reaction()
         return force[0], torque[0]

@@ -72,7 +72,7 @@ class FastestRotation:
     dt : float
         The time step, in seconds.
     order : int
-        Of the method.
+        Order of the method.
     error : float or None
         The error of the attitude to expect, in parts of the angle turned, where it is known.
     clocked : bool
@@ -309,7 +309,7 @@ def phase_error(order: int, radians: float) -> float:
     """Return the relative error of a phase that advances by ``radians`` a step, at most 1.
 
     It is the error of the diagonal Padé approximation of exp(iθ), (s!)² θ^2s/((2s)! (2s + 1)!) with
-    2s the order. A rotation by θ has the frequency θ/2 in q, and harmonics up to some θ: measured
+    2s the order. A rotation by θ advances q by the phase θ/2, and harmonics up to a few θ: measured
     errors are between a hundredth of this and a hundred times it.
     """
     # factorials by log Γ, which does not overflow for high orders

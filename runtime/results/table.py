@@ -1,7 +1,8 @@
 """A run, or an ensemble, as one table: the source of xarray, pandas, CSV, NetCDF and Parquet.
 
-A table has arrays by name along ``time``, or along ``trajectory`` and ``state``. It is read in
-blocks of rows, so that writing a stored run to a file needs constant memory.
+A table has arrays by name along ``time``, or along ``trajectory`` and ``state``; those of a run are
+the ``OUTPUTS`` of ``outputs.py``. It is read in blocks of rows, so that writing a stored run to a
+file needs constant memory.
 """
 
 from __future__ import annotations
@@ -81,9 +82,9 @@ class Table:
     read : callable
         Returns an iterator over the blocks, in order.
     manifest : Manifest
-        Of the stepper.
+        The manifest of the stepper.
     attributes : dict
-        Of the run, for files.
+        Attributes of the run, for files.
     labels : dict of str to (list of str, str)
         Dimension → names along it, and their meaning.
     titles : dict of str to list of str

@@ -251,7 +251,8 @@ def integrate_members(
 
     There are four ways: on a card; each run by itself, with impacts; each by itself up to t_end in
     scaled time, ``end.open_end``, where the numbers of steps are not known before; all side by
-    side, which is the usual one. ``options`` are steps, every and solver.
+    side, which is the usual one. ``end.last_part`` is a t_end between two steps; ``options`` are
+    steps, every and solver.
     """
     as_progress(progress)
     card = device_for(device, starts.q, starts.p)
@@ -463,7 +464,8 @@ def _integrate_on(
         name, text = stepper.name, cuda_text(stepper.name, stepper._control_files())
     except InputError as error:
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
-    # an array of the caller, whose library the results have
+    # the checks need NumPy's arrays; results on a card are arrays of the caller's library, that of
+    # ``like``
     state, like = None, starts.q
     if is_on_card(starts.q):
         # the checks read a copy on the host; trajectories begin from what lies on the card

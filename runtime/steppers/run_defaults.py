@@ -36,7 +36,7 @@ class RunDefaults:
     Attributes
     ----------
     name, description : str
-        Of the model.
+        Name of the model, and what it is.
     parameters : mapping of str to float
         All but those of ``bodies`` that are left to be chosen.
     q0, p0 : list of float

@@ -480,7 +480,7 @@ class Simulation(FixedAttributes):
     def joint(self, name: str | None = None) -> PresentJoint:
         """Return a joint at the present state, with the methods of ``run.joint``.
 
-        ``angle()`` and ``rate()`` are numbers, ``force()`` and ``torque()`` those at the begin of
+        ``angle()`` and ``rate()`` are numbers, ``force()`` and ``torque()`` those at the start of
         the step that would follow with the present inputs, which is solved and discarded.
 
         Parameters
