@@ -64,7 +64,7 @@ def stepper_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def method_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options of ``gs.stepper`` but --system and --frame: of commands with a PROBLEM."""
+    """Add the options of ``gs.stepper`` to a command with a PROBLEM, but --system and --frame."""
     options = [
         click.option("--scheme", metavar="NAME", shell_complete=completing(SCHEMES),
                      help=f"{join_or(SCHEMES)} (default: {DEFAULT})."),

@@ -68,11 +68,11 @@ class StoredField:
     ----------
     name : str
     inner : tuple of (dimension, length)
-        Of one state.
+        Dimensions of one state.
     attributes : dict
         ``units`` and ``long_name`` for readers.
     dtype : str
-        Of the array as NumPy names it.
+        Type of the array, as NumPy names it.
     wide : bool
         Whether its numbers are wider than a double.
     """

@@ -314,6 +314,7 @@ class Recorder:
         """
         run, state, binding = self.run, self.state.run, self.binding
         t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
+        # from the start of the run: 0 in the type of t0
         elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
         try:
             partial_run = integrate_observed(self.stepper, run.part_of_step(state.q, state.p, t),
@@ -342,6 +343,7 @@ class Recorder:
         if partial_run._ended_by is not None:
             self.end = partial_run.t[-1:]
             names = [event.name for event in self.events]
+            # the status of ``CheckpointState`` for the event
             self.state = replace(self.state, status=-1 - names.index(partial_run._ended_by))
         self._commit(writer, crossings=crossings)
 

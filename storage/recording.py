@@ -127,7 +127,7 @@ class Recording(Trajectory):
     if not TYPE_CHECKING:  # as in Trajectory
 
         def __getattr__(self, name: str) -> Any:
-            """Read an array, or the events; keep it."""
+            """Read an array, or the events; keep it. Of two threads the first one's stays."""
             if name in ("events", "impacts"):
                 crossings = crossings_in(
                     self.path, self._group, self.manifest, self.attributes["run"].get("events", {}),

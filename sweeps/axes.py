@@ -30,7 +30,7 @@ class Axis:
     Attributes
     ----------
     name : str
-        Of the dimension.
+        Name of the dimension.
     columns : dict
         What varies along it, each with one value a place: parameters and ``dt`` are numbers,
         ``scheme`` is an index into ``labels``, ``q`` and ``p`` are states, one row a place.

@@ -28,13 +28,13 @@ class Estimate:
     Attributes
     ----------
     cells, tiles, steps : int
-        In all; steps of all cells together.
+        Numbers of cells, of tiles, and of steps of all cells together.
     cpu_seconds : float
-        Of one core; ``low`` and ``high`` are two standard errors of the mean away.
+        Time of one core; ``low`` and ``high`` are two standard errors of the mean away.
     disk_bytes, files : int
-        Of the store.
+        Size of the store, and number of its files.
     memory_bytes : int
-        Of a worker, beside the interpreter.
+        Memory of a worker, without the interpreter.
     """
 
     cells: int

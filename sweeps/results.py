@@ -221,12 +221,14 @@ class MemorySink:
         import xarray
 
         dimensions = [axis.name for axis in self._study.axes]
-        results = {f.name: ([*dimensions, *(name for name, _ in f.inner)], self.arrays[f.name],
-                            f.attributes) for f in self._fields}
+        # after the axes of the study, the dimensions of a result in one cell, such as coordinates
+        results = {stored.name: ([*dimensions, *(name for name, _ in stored.inner)],
+                                 self.arrays[stored.name], stored.attributes)
+                   for stored in self._fields}
         coordinates = {}
         for name, (along, numbers, coordinate_attributes) in _coordinates(self._study).items():
             coordinates[name] = along, _labels(name, numbers, coordinate_attributes)
-        return _rename_dimensions(xarray.Dataset(results, coordinates, attributes))
+        return _label_dimensions(xarray.Dataset(results, coordinates, attributes))
 
 
 class StoreSink:
@@ -305,8 +307,9 @@ def _labels(name: str, scheme_numbers: Array, attributes: dict[str, Any]) -> Arr
     return scheme_numbers if name != SCHEME else np.array(attributes["labels"])[scheme_numbers]
 
 
-def _rename_dimensions(dataset: xarray.Dataset) -> xarray.Dataset:
-    """Return a result with the system's names along its dimensions, such as ``coordinate``."""
+def _label_dimensions(dataset: xarray.Dataset) -> xarray.Dataset:
+    """Return a result with the system's names along its dimensions: q0, q1, … of ``coordinate``."""
+    # the steppers of a study differ by their schemes and have one system
     system = Manifest.from_json(next(iter(dataset.attrs["manifests"].values()))).system
     with_labels: xarray.Dataset = dataset.assign_coords({
         dimension: (dimension, names, {"long_name": meaning})
@@ -409,7 +412,7 @@ def load_sweep(path: str | os.PathLike[str]) -> xarray.Dataset:
             dataset = dataset.assign_coords({SCHEME: (scheme.dims, _labels(
                 SCHEME, np.asarray(scheme), scheme.attrs))})
         axes = [name for name in dataset.variables if name not in names]
-        return _rename_dimensions(dataset.set_coords(axes)[names])
+        return _label_dimensions(dataset.set_coords(axes)[names])
     except InputError:
         raise
     except PermissionError as error:

@@ -40,9 +40,9 @@ class Tile:
     Attributes
     ----------
     place : tuple of int
-        Among the tiles, an index for each axis; that of its chunk in a store.
+        Index of the tile along each axis, which is the index of its chunk in a store.
     slices : tuple of slice
-        Of the cells, along each axis.
+        Range of the cells along each axis.
     """
 
     place: tuple[int, ...]
