@@ -996,8 +996,9 @@ class JointSpring(Connection):
     """V = ½ k d² with the distance d of a joint's coordinate from rest, and a damper.
 
     ``quantity`` is the measure "angle" or "travel", ``coordinate`` its symbol and ``rate`` the
-    symbol of its rate; k is ``stiffness``. ``rest`` is a number, or an interval (lower, upper), in
-    which the spring is slack: d is the distance from the interval.
+    symbol of its rate; k is ``stiffness`` in N m/rad or N/m, ``damping`` is in N m s/rad or N s/m.
+    ``rest`` is a number in rad or m, or an interval (lower, upper), in which the spring is slack: d
+    is the distance from the interval.
     """
 
     quantity: str = field(kw_only=True)
@@ -1008,7 +1009,7 @@ class JointSpring(Connection):
     rest: float | tuple[float, float] = 0.0
 
     def energy(self, store: Store) -> sp.Expr:
-        """Return V; values of its parameters go into ``store``."""
+        """Return V = ½ k d²; values of its parameters go into ``store``."""
         k = named_number(f"{self.name}_stiffness", self.stiffness, store)
         if isinstance(self.rest, tuple):
             lower, upper = (named_number(f"{self.name}_{end}", value, store)

@@ -61,7 +61,7 @@ class Rolling(Connection):
     turning: float = field(kw_only=True)  # rate of the plane about its normal, rad/s
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the height; values of its parameters go into ``store``."""
+        """Yield the height of the shape above the plane; its parameters go into ``store``."""
         yield Equation(f"{self.name}: height", self._height(store))
 
     def velocity_equations(self, store: Store) -> Iterator[Equation]:
