@@ -11,7 +11,7 @@ import gyrospark as gs
 import systems
 from gyrospark.core.projection import dependent_rows, project_momenta, solve_sparse
 from gyrospark.generator.systems import numeric_system
-from gyrospark.generator.systems.numeric_system import NumericSystem, find_colours
+from gyrospark.generator.systems.numeric_system import NumericSystem, find_colours, numeric
 from gyrospark.runtime.bindings.binding import CompiledConstraints
 from strategies import EPS
 
@@ -227,6 +227,18 @@ def test_models_are_the_same_with_sparse_matrices(monkeypatch, make):
     assert np.allclose(moved.q, expected.q, atol=1e-13)
     assert np.allclose(moved.p, expected.p, atol=1e-12)
     assert np.abs(moved.q - dense.q0).max() > 1e-5
+
+
+def test_sparse_matrices_are_the_dense_ones(monkeypatch):
+    model = gs.models.chain(3)
+    q, p = model.q0, np.linspace(0.5, 1.5, len(model.p0))
+    dense, sparse = (numeric(model.system, model.parameters) for _ in range(2))
+    G, H_p, W = dense.G(q), dense.H_p(q, p), dense.W(q, p, dense.G(q))
+    monkeypatch.setattr(numeric_system, "_SPARSE", 0)
+    assert np.abs(sparse.G(q).toarray() - G).max() <= 4 * EPS * np.abs(G).max()
+    assert np.abs(sparse.H_p(q, p) - H_p).max() <= 16 * EPS * np.abs(H_p).max()
+    # W is by differences over 1e-3 of p: round-off of 1e3 ε
+    assert np.abs(sparse.W(q, p, sparse.G(q)).toarray() - W).max() <= 1e5 * EPS * np.abs(W).max()
 
 
 def _driven() -> gs.Model:
