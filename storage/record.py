@@ -235,10 +235,13 @@ def _run_attributes(
 ) -> dict[str, Any]:
     """Return the attributes of a new run, or of one with more steps than ``recording``.
 
-    A last state off the storage interval does not belong to the longer run.
+    A last state off the storage interval does not belong to the longer run, nor do the events of
+    a last part of a step, which its next step finds again.
     """
     begun = recording is not None and recording.report is not None
+    counts = {} if recording is None else recording._events_to_resume(stepper.binding)
     return {
+        **({"events": counts} if counts else {}),
         "title": f"{stepper.name}: {count_text(run.steps, 'step')} of {float(run.dt):g} s"
                  + (f", to {float(run.t_end):g} s" if run.rest else ""),
         "status": RUNNING,

@@ -313,6 +313,12 @@ class Recorder:
         Events within it are counted from the start of the run; a terminal one ends the run there.
         """
         run, state, binding = self.run, self.state.run, self.binding
+        block_row = run.steps // run.every + 1 - self.first_row  # of the last row
+        # a longer run that resumes here needs the iterations, for the row that its steps complete,
+        # and no event of this part: it finds these again in its next step
+        iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
+        grid_end = replace(self.state, most_iterations=iterations,
+                           event_progress=self._event_progress())
         t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
         # from the start of the run: 0 in the type of t0
         elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
@@ -330,22 +336,19 @@ class Recorder:
         crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, work_of_steps,
                                               self._latest.get(name))
                      for name, crossings_of_event in new_events.items()}
-        block_row = run.steps // run.every + 1 - self.first_row  # of the last row
-        # a longer run that resumes here needs the iterations, for the row that its steps complete
-        iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
         if block_row == self.block:
             self.first_row, block_row = self.first_row + self.block, 0
             self.rows = self._next_block(writer)
         self.rows.assign(np.s_[block_row : block_row + 1],
                          row_of(partial_run, work_of_steps + partial_run.work[-1:]))
-        self.last_part, self.state = partial_run, replace(self.state, most_iterations=iterations)
+        self.last_part = partial_run
         self.end = np.array([run.t_end], partial_run.t.dtype)
         if partial_run._ended_by is not None:
             self.end = partial_run.t[-1:]
             names = [event.name for event in self.events]
             # the status of ``CheckpointState`` for the event
             self.state = replace(self.state, status=-1 - names.index(partial_run._ended_by))
-        self._commit(writer, crossings=crossings)
+        self._commit(writer, crossings=crossings, checkpoint=grid_end)
 
     # ------------------------------------------------------------ events
 
@@ -382,12 +385,13 @@ class Recorder:
 
     def _commit(
         self, writer: Writer, *, reusable: bool = False,
-        crossings: dict[str, Crossings] | None = None,
+        crossings: dict[str, Crossings] | None = None, checkpoint: CheckpointState | None = None,
     ) -> None:
         """Commit the filled part of the block, and the state of the run.
 
         The writer may give ``reusable`` rows back; whole blocks are not copied. ``crossings`` are
-        those since the last commit, by default those of the observer.
+        those since the last commit, by default those of the observer; ``checkpoint`` is the state
+        from which the run resumes, by default the present one.
         """
         if crossings is None:
             crossings = self._commit_events()
@@ -400,13 +404,13 @@ class Recorder:
         # the counts before this commit, behind which the writer appends its events
         counts = {event.name: int(n) for event, n in zip(self.events, self.counts, strict=True)}
         self.counts = self.counts + [len(crossings.get(name, ())) for name in counts]
-        checkpoint = replace(state, most_iterations=iterations_so_far,
-                             event_progress=self._event_progress())
+        checkpoint = checkpoint or replace(state, most_iterations=iterations_so_far,
+                                           event_progress=self._event_progress())
         block_rows = self.rows
         if count < self.block:  # more rows come into it while these are written
             block_rows = block_rows[:count].copy()
         writer.put(Batch(self.first_row, count, block_rows, pack(self.binding, checkpoint),
-                         self._run_attributes(checkpoint), end=self.end, counts=counts,
+                         self._run_attributes(state), end=self.end, counts=counts,
                          found=crossings, reusable=reusable))
 
     def _event_progress(self) -> EventProgress | None:

@@ -40,7 +40,7 @@ from .array_layout import (
     open_group,
     wide_name,
 )
-from .checkpoint import unpack
+from .checkpoint import CheckpointState, unpack
 from .durable_files import one_line, store_path
 from .event_store import crossings_in
 from .identity import written_by
@@ -59,6 +59,7 @@ if TYPE_CHECKING:
     import xarray
 
     from ..core.start import Start
+    from ..runtime.bindings.binding import Binding
 
 __all__ = ["Recording", "events_in", "group_of", "open_recording", "source_of"]
 
@@ -254,13 +255,36 @@ class Recording(Trajectory):
         if self.status != COMPLETE or "rest" not in self.attributes["run"]:
             return super().grid_end
         binding, run, real = self.stepper.binding, self.attributes["run"], self.manifest.real
-        checkpoint = unpack(binding, np.asarray(array_of(self._group, CHECKPOINT)[:]),
-                            events_in(run))
+        checkpoint = self._checkpoint(binding)
         assert checkpoint is not None  # of a complete run
         t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
         t = binding.times(t0, dt, np.array([run["steps"]]))[0]
         start: Start = self[-1].replace(q=checkpoint.run.q, p=checkpoint.run.p, t=t)
         return start
+
+    def _checkpoint(self, binding: Binding) -> CheckpointState | None:
+        """Return the state from which the run resumes, None before the first commit.
+
+        Raises InputError if it is damaged.
+        """
+        try:
+            return unpack(binding, np.asarray(array_of(self._group, CHECKPOINT)[:]),
+                          events_in(self.attributes["run"]))
+        except ValueError as error:
+            raise InputError(f"The store {str(self.path)!r} cannot be resumed: {error}. What "
+                             "is stored can be read; choose another store for the run.") from error
+
+    def _events_to_resume(self, binding: Binding) -> dict[str, int]:
+        """Return the number of each event, by its name, up to the state from which the run resumes.
+        """
+        counts: dict[str, int] = self.attributes["events"]
+        checkpoint = self._checkpoint(binding)
+        if checkpoint is None or checkpoint.event_progress is None:
+            return counts
+        # the checkpoint of a killed run may be ahead of the attributes
+        return {name: min(counts[name], count) for name, count in zip(
+            self.attributes["run"]["events"], checkpoint.event_progress.counts.tolist(),
+            strict=True)}
 
     @property
     def rows(self) -> int:

@@ -13,8 +13,8 @@ import pytest
 import gyrospark as gs
 import systems
 from calls import integrate
-from event_runs import assert_same_events, in_pieces
-from gyrospark.storage import array_layout
+from event_runs import assert_same_events, in_pieces, period
+from gyrospark.storage import array_layout, recorder, writer
 from stores import (
     Interrupted,
     as_files,
@@ -111,6 +111,55 @@ def test_a_finished_run_goes_on_to_more_steps(first, second, tmp_path, monkeypat
     computed = integrate(step, **run | {"steps": second})
     assert_same(recording[:], computed)
     assert_same_events(recording.events, computed.events)
+
+
+def crossing_in_a_part_of_a_step(**event):
+    """Return stepper, start and run that crosses the bottom behind the last whole of its steps."""
+    step, run = arguments()
+    start = gs.Start(run["q"], run["p"], run["parameters"])
+    return step, start, {"dt": 0.1, "every": 7, "t_end": 1.68, "events": gs.Event("angle", **event)}
+
+
+@pytest.mark.parametrize("terminal", [False, True])
+def test_a_run_that_is_killed_before_it_says_that_it_is_complete(
+        terminal, tmp_path, monkeypatch) -> None:
+    """The last checkpoint is written, the attributes are not: no event comes twice."""
+    small(monkeypatch, 5, 4)
+    step, start, run = crossing_in_a_part_of_a_step(terminal=terminal)
+    assert len(step.integrate(start, **run, out=tmp_path / "whole.zarr").events["angle"]) == 1
+    consolidate = writer.consolidate
+
+    def killed(path, names, attributes):
+        if attributes["status"] != "running":
+            raise Interrupted
+        consolidate(path, names, attributes)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(writer, "consolidate", killed)
+        with pytest.raises(Interrupted):
+            step.integrate(start, **run, out=tmp_path / "killed.zarr")
+    assert gs.load(tmp_path / "killed.zarr").status == "running"
+    gs.resume(tmp_path / "killed.zarr")
+    assert_same_bytes(tmp_path / "whole.zarr", tmp_path / "killed.zarr")
+
+
+def test_a_longer_run_has_an_event_behind_the_last_whole_step_once(tmp_path, monkeypatch) -> None:
+    """Also a run that is killed again, after its arrays have grown, has this event once."""
+    step, start, run = crossing_in_a_part_of_a_step()
+    out = tmp_path / "run.zarr"
+    assert len(step.integrate(start, **run, out=out).events["angle"]) == 1
+    with monkeypatch.context() as patch:
+        patch.setattr(recorder.Recorder, "run_to_end", lambda self, report: ends_after(0)(0))
+        with pytest.raises(Interrupted):
+            gs.resume(out, t_end=1.7)
+    assert len(gs.load(out).events["angle"]) == 0
+    for t_end in (1.75, 2.5):
+        longer = gs.resume(out, t_end=t_end)
+        computed = step.integrate(start, **run | {"t_end": t_end})
+        assert_same(longer, computed)
+        assert_same_events(longer.events, computed.events)
+        # a quarter of the period, to the fourth order of the scheme
+        assert longer.events["angle"].t == pytest.approx([float(period()) / 4], abs=0.1**4)
 
 
 def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
