@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import numpy as np
 from ..core.arguments import few, join_or
 from ..core.errors import InputError
 from ..core.registry import MODELS, PROBLEMS
+from ..core.strict_json import json_text
 from .options import (
     PATH,
     completing,
@@ -95,7 +95,7 @@ def fit(
         dtau=optional(real_number, "--dtau", dtau),
         free=None if free is None else _names(free), fixed=_names(fixed or ""),
         sigma=optional(real_number, "--sigma", sigma))
-    click.echo(json.dumps(_result(outcome), indent=2)
+    click.echo(json_text(_result(outcome))
                if as_json else repr(outcome)[1:-1])  # without < and >
     return 0 if outcome.converged else 1
 
@@ -171,12 +171,12 @@ def _number(text: str) -> float:
 
 
 def _result(outcome: Fit) -> dict[str, Any]:
-    """Return the numbers of the report for JSON; a standard deviation that the data leave open
-    is null."""
+    """Return the numbers of the report; a standard deviation that the data leave open is infinite.
+    """
     return {
         "converged": outcome.converged, "samples": len(outcome.residuals), "rms": outcome.rms,
         "truncation": outcome.truncation, "iterations": outcome.iterations,
         "horizons": outcome.horizons, "parameters": outcome.parameters,
-        "sigma": {name: x if math.isfinite(x) else None for name, x in outcome.sigma.items()},
+        "sigma": outcome.sigma,
         "undetermined": outcome.undetermined, "q": outcome.q.tolist(), "p": outcome.p.tolist(),
     }

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +10,7 @@ import click
 
 from ..core.arguments import count_text, join_or
 from ..core.registry import MODELS, PROBLEMS
+from ..core.strict_json import json_text
 from .options import (
     PATH,
     check_picture,
@@ -76,7 +76,7 @@ def lyapunov(
     if plot is not None:
         spectrum.plot(plot)
         report["plot"] = str(plot)
-    click.echo(json.dumps(report, indent=2) if as_json else _text(report))
+    click.echo(json_text(report) if as_json else _text(report))
     return 0
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 import time
@@ -16,6 +15,7 @@ import click
 from ..core.arguments import count_text
 from ..core.errors import GyrosparkError, InputError, Stopped
 from ..core.interrupts import catch_signals
+from ..core.strict_json import json_text
 from . import exit_code_of
 from .options import (
     PATH,
@@ -92,7 +92,7 @@ def sweep(
             result = _result(loaded.study, store, show, time.perf_counter() - started)
             if plot is not None:
                 failure = _draw(store, show, plot, result)
-            click.echo(json.dumps(result, indent=2) if as_json else _text(result))
+            click.echo(json_text(result) if as_json else _text(result))
     return exit_code_of(trouble or failure, interrupts, "sweep")
 
 
@@ -183,7 +183,7 @@ def _print_estimate(estimate: Estimate, study: Study, workers: int, *, as_json: 
     wall = estimate.cpu_seconds / workers
     if as_json:
         totals = {"workers": workers, "wall_seconds": wall}
-        click.echo(json.dumps(asdict(estimate) | totals, indent=2))
+        click.echo(json_text(asdict(estimate) | totals))
         return
     # cells are independent, so that workers share them evenly
     spread = f"({_duration(estimate.low / workers)} to {_duration(estimate.high / workers)})"

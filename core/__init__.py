@@ -25,6 +25,7 @@ Open first: ``errors``, then ``manifest``.
     frozen_dict    a dict that refuses changes
     records        copies of frozen dataclasses, made without their checks
     json_records   frozen dataclasses as JSON, and back
+    strict_json    JSON text, with null for numbers that JSON does not have
     manifest       the manifest of a stepper: the contract of generator and runtime
     html           tables and formulas as HTML for notebooks
     file_formats   the ending of a file's name

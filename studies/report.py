@@ -11,14 +11,12 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import math
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-import numpy as np
-
 from .._version import __version__
+from ..core import strict_json
 from .drawing import draw
 from .study_result import Cell, Claim, Figure, Finding, Result, Table
 from .summary import (
@@ -69,23 +67,7 @@ def as_json(results: Sequence[Result]) -> str:
 
 def json_text(document: Any) -> str:
     """Return strict JSON: numbers that JSON lacks become null."""
-    return json.dumps(_finite(document), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
-
-
-def _finite(value: Any) -> Any:
-    """Return a document with None for infinite numbers and NaN, which JSON does not have.
-
-    Subclasses of float, NumPy's among them, become plain floats, and NumPy's booleans Python's.
-    """
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(entry) for entry in value]
-    if isinstance(value, np.bool_):
-        return bool(value)
-    if isinstance(value, float):
-        return float(value) if math.isfinite(value) else None
-    return value
+    return strict_json.json_text(document, indent=1, ensure_ascii=False) + "\n"
 
 
 def table_csv(table: Table) -> str:

@@ -12,6 +12,7 @@ from ...core.arguments import join_or
 from ...core.errors import GyrosparkError, StepFailed
 from ...core.interrupts import catch_signals
 from ...core.registry import MODELS, PROBLEMS, RULES
+from ...core.strict_json import json_text
 from ...core.warnings import capture_warnings, warn
 from ...runtime.bindings.binding import SOLVERS
 from ...runtime.plotting.scene import check_bodies
@@ -32,7 +33,6 @@ from .report import (
     about_tuning,
     as_text,
     axis_errors,
-    json_text,
     result_of,
     warn_of_rest,
 )

@@ -56,8 +56,6 @@ class RunOutcome:
     out: str | None
     trouble: GyrosparkError | Stopped | None
     ended_by: str | None = None
-    #: Whether the last row is the state at a t_end between two steps.
-    between_steps: bool = False
 
 
 def check_targets(
@@ -154,7 +152,7 @@ def _integrate_in_memory(
     if isinstance(trouble, Stopped) and count:
         trouble = _with_location(trouble, trajectory.report.steps, count, saved_path)
     return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, saved_path, trouble,
-                      trajectory._ended_by, between_steps=trajectory._grid is not None)
+                      trajectory._ended_by)
 
 
 def _with_location(
@@ -176,7 +174,6 @@ def _integrate_into_store(
     """
     from ...runtime.integration.starts import Span
     from ...storage.recording import Recording, open_recording
-    from ...storage.validation import COMPLETE
 
     before = open_recording(store).steps_done if resume and store.exists() else 0
     trouble: GyrosparkError | Stopped | None = None
@@ -194,6 +191,4 @@ def _integrate_into_store(
     sampled_states = recording[:: -(-len(recording) // _SHOWN)]
     last_state = recording[-1:]
     return RunOutcome(sampled_states, last_state, seconds, recording.steps_done - before,
-                      str(store), trouble, recording.ended_by,
-                      between_steps=recording.status == COMPLETE
-                      and "rest" in recording.attributes["run"])
+                      str(store), trouble, recording.ended_by)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
-import math
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ...core.arguments import count_text
 from ...core.errors import StepFailed, Stopped
@@ -21,7 +19,7 @@ if TYPE_CHECKING:
     from ...runtime.tuning.tune import Tuned
     from .outputs import RunOutcome
 
-__all__ = ["about_tuning", "as_text", "axis_errors", "json_text", "result_of", "warn_of_rest"]
+__all__ = ["about_tuning", "as_text", "axis_errors", "result_of", "warn_of_rest"]
 
 #: Largest change of a coordinate, beside the largest of them, that is none: some round-off.
 _AT_REST = 1e-13
@@ -33,19 +31,10 @@ _REPORTED = ("energy_start", "energy_error_max", "energy_error_mean", "constrain
              "iterations_mean", "iterations_max", "newton_steps")
 
 
-def json_text(result: dict[str, Any]) -> str:
-    """Return the result as JSON, which knows no NaN and no infinity: they become null."""
-    finite = {key: None if isinstance(value, float) and not math.isfinite(value) else value
-              for key, value in result.items()}
-    return json.dumps(finite, indent=2, allow_nan=False)
-
-
 def about_tuning(tuned: Tuned) -> dict[str, Any]:
-    """Return the report of ``gs.tune``; null for an error and a gain that were not measured."""
-    finite = {name: x if math.isfinite(x) else None
-              for name, x in (("error", tuned.error), ("gain", tuned.gain))}
-    return {"tuned": {"parameters": tuned.parameters, "dt": float(tuned.dt), **finite,
-                      "reason": tuned.reason, "pilots": len(tuned.pilots)}}
+    """Return the report of ``gs.tune``; NaN for an error and a gain that were not measured."""
+    return {"tuned": {"parameters": tuned.parameters, "dt": float(tuned.dt), "error": tuned.error,
+                      "gain": tuned.gain, "reason": tuned.reason, "pilots": len(tuned.pilots)}}
 
 
 def result_of(
@@ -57,12 +46,7 @@ def result_of(
     the states that are kept. Of a stored run ``last`` is one state, which has no events.
     """
     trajectory = outcome.last
-    report = trajectory.report
-    clocked = step.binding.clocked
-    end = float(t0) + report.steps * float(trajectory.dt)
-    # a run to t_end, one of scaled time, or one that impacts end, does not end at a multiple of dt
-    if outcome.between_steps or clocked or report.impacts:
-        end = float(trajectory.t[-1])
+    report, end = trajectory.report, _end_of(step, outcome, t0)
     result = {
         "problem": start.name,
         "stepper": step.name,
@@ -71,21 +55,54 @@ def result_of(
         "parameters": {name: float(x) for name, x in trajectory.parameters.items()},
         "steps": report.steps,
         "dt": float(trajectory.dt),
-        **(_scaled_steps(trajectory, end - float(t0)) if clocked else {}),
-        "t_end": end,
-        "q": list(report.q),
-        "p": list(report.p),
+        **(_scaled_steps(trajectory, end.t - float(t0)) if step.binding.clocked else {}),
+        "t_end": end.t,
+        "q": end.q,
+        "p": end.p,
         **{name: getattr(report, name) for name in _REPORTED},
         **({"energy_waits": report.energy_waits} if step.manifest.scheme.exact_energy else {}),
         # of this call: a resumed run has further steps from earlier ones
         "seconds": outcome.seconds,
         "ns_per_step": outcome.seconds / outcome.steps * 1e9 if outcome.steps else None,
     }
-    return (result | _of_some_steppers(step, outcome) | _events(outcome.trajectory)
+    return (result | _of_some_steppers(step, outcome, end) | _events(outcome.trajectory)
             | _start_move(outcome.trajectory, start) | _ending(outcome))
 
 
-def _of_some_steppers(step: Stepper, outcome: RunOutcome) -> dict[str, Any]:
+class _End(NamedTuple):
+    """The end of a run: its time, state, work of the forces and quantities, in doubles."""
+
+    t: float
+    q: list[float]
+    p: list[float]
+    work: float
+    quantities: dict[str, float]
+
+
+def _end_of(step: Stepper, outcome: RunOutcome, t0: float) -> _End:
+    """Return the end of a run that began at t0: its last row, or its last whole step.
+
+    A run that failed or was stopped may have steps behind its last row. In scaled time their times
+    are not known, and its end is the last row.
+    """
+    import numpy as np
+
+    trajectory, binding = outcome.last, step.binding
+    report, dt = trajectory.report, float(trajectory.dt)
+    t = float(t0) + report.steps * dt
+    if binding.clocked or (t - float(trajectory.t[-1])) / dt < 0.5:
+        last_q, last_p = ([float(x) for x in rows[-1]] for rows in (trajectory.q, trajectory.p))
+        return _End(
+            float(trajectory.t[-1]), last_q, last_p, float(trajectory.work[-1]),
+            {name: float(trajectory.quantity(name)[-1]) for name in trajectory.quantities})
+    # a row of each, in the type of the compiled code
+    time, q, p = (binding.to_real(np.array(numbers)) for numbers in ([t], [report.q], [report.p]))
+    values = binding.quantities(binding.parameters(trajectory.parameters, t), time, q, p)
+    return _End(t, list(report.q), list(report.p), report.work,
+                {name: float(x) for name, x in zip(trajectory.quantities, values[0], strict=True)})
+
+
+def _of_some_steppers(step: Stepper, outcome: RunOutcome, end: _End) -> dict[str, Any]:
     """Return the numbers of a run that only some steppers have, such as the work of forces."""
     from ...core.real_types import REALS
     from ...runtime.results.rotation_rate import fastest_rotation
@@ -96,14 +113,13 @@ def _of_some_steppers(step: Stepper, outcome: RunOutcome) -> dict[str, Any]:
     if REALS[step.manifest.real].wide:
         result["all_digits"] = _all_digits(trajectory)
     if step.binding.has_forces:
-        result["work"] = trajectory.report.work
+        result["work"] = end.work
     rotation = fastest_rotation(outcome.trajectory)
     if rotation is not None:
         result["radians_per_step"] = rotation.radians
         result["fastest_body"] = rotation.body
-    if trajectory.quantities:
-        result["quantities"] = {name: float(trajectory.quantity(name)[-1])
-                                for name in trajectory.quantities}
+    if end.quantities:
+        result["quantities"] = end.quantities
     return result
 
 
@@ -305,9 +321,13 @@ def _error_lines(result: dict[str, Any]) -> list[str]:
 
 
 def _scaled_steps(trajectory: Trajectory, duration: float) -> dict[str, float]:
-    """Return Δτ, and the mean, the least and the largest Δt, of a run in scaled time."""
-    report = trajectory.report
-    return {"dtau": float(trajectory.dt), "dt": duration / max(report.steps, 1),
+    """Return Δτ, and the mean, the least and the largest Δt, of a run in scaled time.
+
+    A part of a step, to t_end, counts by its share of Δτ.
+    """
+    report, dtau = trajectory.report, float(trajectory.dt)
+    count = float(trajectory.tau[-1]) / dtau
+    return {"dtau": dtau, "dt": duration / count if count else 0.0,
             "dt_min": report.time_step_min, "dt_max": report.time_step_max}
 
 

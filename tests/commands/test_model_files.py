@@ -127,7 +127,8 @@ def test_events_of_a_file_are_those_of_its_runs(tmp_path, gyrospark, document):
     run = step.integrate(model)
     assert run.events["low"].t.tolist() == answer["events"]["low"]["t"]
     assert run.t[-1] == run.events["end"].t[0] == answer["ended"]["t"]
-    assert [*run.report.q] == answer["q"]
+    assert run.t[-1] == answer["t_end"]
+    assert (run.q[-1].tolist(), run.p[-1].tolist()) == (answer["q"], answer["p"])
     stored = step.integrate(model, out=tmp_path / "run.zarr")
     assert stored.ended_by == "end"
     np.testing.assert_array_equal(stored[:].q, run.q)
@@ -348,10 +349,14 @@ def test_a_run_in_scaled_time_is_that_of_python(orbit, document, gyrospark):
     result = document(*orbit, "--dtau", "0.1", "--t-end", "7")
     assert result.keys() >= CONTRACT
     assert result["t_end"] == run.t[-1] == 7
-    assert np.abs(np.array(result["q"]) - run.report.q).max() < 1e3 * EPS
+    for name in ("q", "p"):
+        assert np.abs(result[name] - getattr(run, name)[-1]).max() < 1e3 * EPS
     assert result["steps"] == run.report.steps
     assert result["dtau"] == 0.1
-    assert result["dt_min"] < result["dt"] == 7 / result["steps"] < result["dt_max"]
+    # the mean lies between those of the whole steps and of all with the short last one
+    assert result["dt_min"] < 7 / (result["steps"] + 1) < result["dt"] < 7 / result["steps"]
+    assert result["dt"] * run.tau[-1] == pytest.approx(0.7, rel=4 * EPS)
+    assert result["dt"] < result["dt_max"]
     assert "0.1" in gyrospark(*orbit, "--dtau", "0.1", "--steps", "3").stdout
 
 
@@ -405,3 +410,39 @@ def test_a_certificate_in_scaled_time(orbit, document, gyrospark):
     assert "τ" in gyrospark(*verify, "--dtau", "0.1", "--steps", "4").stdout
     refused(gyrospark(*verify), "dtau")
     refused(gyrospark(*verify, "--dtau", "0.1", "--plot", "a.png"), "--plot")
+
+
+#: A particle that runs to x = 0, where its potential ends, and no step leads on.
+TO_THE_ROOT = """
+name = "root"
+[system]
+coordinates = ["x"]
+momenta = ["u"]
+hamiltonian = "u**2/2 + sqrt(x)"
+forces = ["0.1"]
+[quantities]
+twice = "2*x"
+logarithm = "log(x - 1/2)"
+[start]
+q = [1]
+p = [-1]
+[run]
+dt = 0.1
+steps = 100
+"""
+
+
+@pytest.mark.parametrize("out", [(), ("--out", "x.zarr")], ids=["memory", "store"])
+def test_the_numbers_of_an_end_belong_to_one_state(out, tmp_path, gyrospark):
+    """A run fails behind its last row; its quantity log(-0.3), which JSON has not, is null."""
+    path = tmp_path / "root.toml"
+    path.write_text(TO_THE_ROOT)
+    answer = gyrospark("run", path, "--stages", "2", "--every", "5", "--json", *out)
+    result = answer.document
+    assert (answer.code, "failed" in result, result["steps"] % 5 > 0) == (1, True, True)
+    assert result["t_end"] == pytest.approx(result["failed"]["t"], rel=4 * EPS)
+    assert result["quantities"] == {"twice": 2 * result["q"][0], "logarithm": None}
+    # the energy balance of that state
+    (x,), (u,) = result["q"], result["p"]
+    assert u**2 / 2 + x**0.5 - result["energy_start"] - result["work"] == pytest.approx(
+        0, abs=2 * result["energy_error_max"])
