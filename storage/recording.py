@@ -330,10 +330,11 @@ class Recording(Trajectory):
         """Return the error of a failed run; its trajectory has the last states."""
         run, real = self.attributes["run"], self.manifest.real
         t0, dt = (from_text(run[name], real) for name in ("t0", "dt"))
-        last_states = self[-_LAST:]
-        # Of steps that adapt, the last stored time.
-        clocked = self.manifest.system.clock is not None
-        t = last_states.t[-1] if clocked else t0 + self.steps_done * dt
+        last_states, t = self[-_LAST:], t0 + self.steps_done * dt
+        if self.manifest.system.clock is not None:  # a coordinate, which may be behind the last row
+            checkpoint = self._checkpoint(self.stepper.binding)
+            assert checkpoint is not None  # of a run that has begun
+            t = self.stepper.binding.time_of(checkpoint.run.q)
         return StepFailed(step=self.steps_done + 1, t=float(t),
                           reason=self.status.removeprefix(FAILED), trajectory=last_states)
 

@@ -66,6 +66,21 @@ def test_runs_that_fail(failures, tmp_path, monkeypatch):
     assert gs.load(tmp_path / "pieces.zarr").status.startswith("failed: ")
 
 
+def test_a_step_of_scaled_time_that_fails_has_its_time(tmp_path):
+    """The step behind the last row begins where a run of the steps before it ends."""
+    step, case = systems.stepper("eccentric"), systems.case("eccentric")
+    start, failed = gs.Start(case.q, case.p, case.parameters), None
+    for limit in range(6, 40):  # of more iterations more steps before one that fails
+        plan = {"dtau": case.dt, "solver": gs.Solver("fixed-point", max_iterations=limit)}
+        with pytest.raises(gs.StepFailed) as failure:
+            step.integrate(start, **plan, steps=60, every=59, out=tmp_path / f"{limit}.zarr")
+        failed = failure.value
+        if failed.step > 1:
+            break
+    before = step.integrate(start, **plan, steps=failed.step - 1)
+    assert failed.t == before.t[-1] > 0
+
+
 @given(steps=st.integers(0, 150), every=st.integers(1, 40), rows=st.sampled_from([1, 2, 4, 16, 64]),
        chunk=st.integers(1, 60), seconds=st.sampled_from([0.0, 1e9]),
        calls=st.lists(st.integers(0, 12), max_size=8), scheme=st.sampled_from(["EMS", "G-L"]))
