@@ -87,7 +87,8 @@ def sweep(
     failure: GyrosparkError | None = None
     with catch_signals() as interrupts:  # to the end: a sweep that is complete is reported
         trouble = _run_to_end(partial(run_study, loaded.study, keep=loaded.keep, out=store,
-                                      resume=resume, workers=threads, dask=dask))
+                                      resume=resume, dask=dask,
+                                      workers=None if workers is None else threads))
         if trouble is None or is_complete(loaded.study, store):
             result = _result(loaded.study, store, show, time.perf_counter() - started)
             if plot is not None:

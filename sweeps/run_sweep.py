@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from .._version import __version__
-from ..core.arguments import as_flag, count_text
+from ..core.arguments import as_flag, count_text, shown
 from ..core.errors import InputError, Stopped, StorageError
 from ..core.exact_numbers import Number, digits_of, exact
+from ..core.incompatibilities import refuse_together
 from ..core.inertia import RepName
 from ..core.interrupts import catch_ctrl_c, catch_signals
 from ..core.progress import Progress, as_progress, log_progress
@@ -169,6 +170,8 @@ def run_study(
     result in memory.
     """
     as_flag("resume", resume)
+    refuse_together(cluster=dask is not None and "a Dask cluster",
+                    workers=workers is not None and f"workers = {shown(workers)}")
     fields = fields_of(study, keep)
     count = os.cpu_count() or 1
     threads = count if workers is None else as_positive_count("workers", workers, minimum=1)

@@ -254,6 +254,7 @@ CALLS = {
     ("cuda", "inputs"): on_card(inputs={"push": 1.0}),
     ("cuda", "tangents"): on_card(tangents=gs.Tangents()),
     ("cuda", "workers"): on_card(workers=2),
+    ("cluster", "workers"): swept(workers=2, dask="tcp://127.0.0.1:1"),
     ("cuda", "newton"): on_card("newton"),
     ("cuda", "long_numbers"): on_card(real="float128"),
     ("cuda", "large"): on_card(n=29),

@@ -107,7 +107,8 @@ dt = [0.1, 0.2]
 
 @pytest.mark.parametrize("arguments", [
     ["--out", "none/s.zarr"], ["--out", "s.csv"], ["--workers", "x"],
-    ["--workers", "0"], ["--dry-run", "--plot", "s.png"],
+    ["--workers", "0"], ["--workers", "2", "--dask", "tcp://127.0.0.1:1"],
+    ["--dry-run", "--plot", "s.png"],
     ["--dry-run", "--resume"], ["--dry-run", "--dask", "tcp://127.0.0.1:1"], ["--show", "q"],
     ["--plot", "s.txt"],
     pytest.param(["--dask", "tcp://127.0.0.1:1"], marks=pytest.mark.slow)])
