@@ -113,12 +113,13 @@ def condensation_of(
         return None
     free_q = _free_coordinates(structure, block_of)
     columns, by_momenta, elements = _couplings(structure, block_of, free_q)
-    # each row begins with the entries of H_pp, H_pq and X, which end at ``momentum_ends``
+    # (row, column) of all matrices of coordinates: in each row first those that are not 0 in H_pp,
+    # H_pq and X = H_qp − F_p, which end at ``momentum_ends``, then those of D and K alone
     entries = [(a, b) for a in range(structure.system.n)
                for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
     stored, nonzero = _jacobian_entries(structure, constraints)
-    # Free coordinates are eliminated if that narrows the band: it couples the multipliers of all
-    # joints of a body to each other, which widens the band of a body with many joints.
+    # Free coordinates are eliminated, all or none, if that narrows the band: it couples multipliers
+    # of all joints of a body to each other, which widens the band of a body with many joints.
     bands = {coordinates: _band(structure, scheme, elements, nonzero, coordinates)
              for coordinates in (free_q, frozenset[int]())}
     eliminated = min(bands, key=lambda coordinates: bands[coordinates].half_width)
@@ -239,7 +240,8 @@ def _tables(
     table for each template of constraints, with its kernels.
     """
     index_of = {entry: k for k, entry in enumerate(entries)}
-    # Derivatives by free coordinates are 0 but for H_pp: their zeros go to the diagonal entry.
+    # Of a free coordinate a only the diagonal entry is stored, H_pp = 1/m: templates have zeros in
+    # the rest of its row and column, which are added there too.
     for template in (*structure.templates, *structure.constraint_templates):
         for instance in template.instances:
             for a in free.intersection((*instance.q, *instance.p)):
@@ -257,7 +259,7 @@ def _tables(
             [*indices(instance.p, instance.p), *indices(instance.p, instance.q),
              *indices(instance.q, instance.p), *indices(instance.q, instance.q)]
             for instance in template.instances]})
-    start = 0  # the first entry of G of a template
+    start = 0  # of a template, in the matrices G of all instances
     for template, constraint in zip(structure.constraint_templates, constraints, strict=True):
         curved = _nonzero(constraint, "curvature")
         # K of each instance

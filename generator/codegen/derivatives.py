@@ -100,7 +100,7 @@ def derivatives_of(
     derived: Derived, constants_c: dict[str, str], elements: Elements | None,
     iteration: LaneIteration | None,
 ) -> Derivatives:
-    """Return the tangents and adjoints of a stepper.
+    """Return the kernels and tables from which the C of tangents and adjoints is made.
 
     Parameters
     ----------
@@ -113,6 +113,7 @@ def derivatives_of(
     """
     scheme, system, real = derived.scheme, derived.system, derived.real
     definition_of = {str(s): (s, e) for e, s in derived.constants.definitions.items()}
+    # the symbol of each constant of a run, and its expression in the parameters
     constants = [definition_of[name] for name in constants_c]
     times = time_columns(scheme)
     # the symbols that kernels are differentiated by, a column of their Jacobians for each; C has no
@@ -120,7 +121,7 @@ def derivatives_of(
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     element_tables = [] if elements is None else element_derivatives(derived, elements)
     step = _step_kernels(derived, columns, has_templates=bool(element_tables))
-    # element templates are not linearised on lanes
+    # small systems are linearised on lanes, those with element templates are not
     kernels, lane_kernels = _emit_kernels(derived, step, None if element_tables else iteration)
     state_kernels = _state_kernels(derived)
     # functions of one state are in the user's parameters, not in constants of a run

@@ -198,8 +198,8 @@ def _constraint_derivatives(
 ) -> list[Kernel]:
     """Return the kernels of a constraint g: derivatives of g, of its rate and of its force.
 
-    The rate is G v + g_t and the force Gᵀ λ; IMS and EMS have the force with the mean G of a step.
-    Derivatives are by q, and by constants and ``times``.
+    With G = g_q the rate is G v + g_t and the force Gᵀ λ, of IMS and EMS with the mean G of a step.
+    Derivatives are by q, and by c: constants, then ``times``.
     """
     nq, m = len(template.q), len(template.expressions)
     lam, v = vector("lambda", m), vector("d", nq)

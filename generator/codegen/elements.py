@@ -84,7 +84,7 @@ def elements_of(structure: Structure, derived: Derived) -> Elements:
         energies, constraints, forces,
         used_constants=[str(parameters[c]) for c in constants],
         blocks=blocks,
-        # each momentum in one instance: H_p is written by the instances, and no zeros before them
+        # each momentum is in one instance: the instances write all of H_p, no zeros before them
         covers_momenta=sorted(momenta) == list(range(structure.system.n)),
         elimination=_elimination_tables(structure.elimination),
         second=_second_derivatives(structure, energies, forces),

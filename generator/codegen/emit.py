@@ -149,8 +149,9 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     is_control = derived.profile == "control"
     code = _step_code(derived, elements)
     plain, lanes = code.plain, code.lanes
+    # renamed: name of a kernel of the plain iteration that a Newton kernel has too → its new name
     iteration_kernels, renamed = additional_kernels(code.kernels, plain.kernels if plain else [])
-    # functions of one state, in the parameters
+    # kernels of one state read the user's parameters, those of a step the constants of a run
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
     constants, constant_calls = _run_constants(derived, code.all_kernels, code.elements)
@@ -504,8 +505,9 @@ def operations_text(operations: dict[str, int]) -> str:
 def _frame(derived: Derived) -> FrameTransformation | None:
     """Return the transformation of states from the co-moving frame to the frame of the user.
 
-    A state is rotated about each axis by the angle ω t, which is computed as a double word: the
-    rate of a group of symmetries is a linear combination of the parameters ``omega_…``.
+    A group of symmetries rotates a state by the angles a ω t, computed as double words: ω is the
+    parameter of a group of one symmetry, or the length of the vector of a larger group's, about
+    whose direction it rotates; a > 0 are the frequencies of its generators (A³ = −a² A).
     """
     frame, system, real = derived.frame, derived.system, derived.real
     if frame is None:
@@ -515,9 +517,9 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     rotation = FrameRotation(frame, system)
     target = Target(real.c_type, constants="parameters_t", prefix="")
     rates: list[str] = []
-    for group, factor in rotation.angles:
-        literal, axis = angle_type.literal(factor), rotation.axes[group]
-        # a parameter is one number; the rate about an axis is a double word already
+    for group, a in rotation.angles:
+        literal, axis = angle_type.literal(a), rotation.axes[group]
+        # the parameter of one symmetry is one number; the length of a vector is a double word
         rates.append(f"product_of({literal}, par->{frame.groups[group][0].name})" if axis is None
                      else f"times((double_word){{ {literal}, 0 }}, omega{axis})")
     return FrameTransformation(

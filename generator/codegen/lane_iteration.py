@@ -78,6 +78,7 @@ def _iteration_of_kernels(derived: Derived) -> LaneIteration:
     kernels = [emit_kernel(k, derived.constants, real, Target.lanes(folds)) for k in fast_kernels]
     # lanes copy the constants of a run from the plain numbers, which C has as ``from``
     printer = CPrinter(real, {s: f"from->{s}" for s in scheme.system.parameters})
+    # parameters, about as many subexpressions of theirs, and folds
     constant_count = 2 * len(scheme.system.parameters) + len(system.folds.definitions)
     is_constant = m > 0 and system.schur_inverse is not None
     return LaneIteration(
@@ -116,11 +117,10 @@ def _history_length(derived: Derived) -> int:
 
 
 def _memory_bytes(derived: Derived, constants: int, factor: int, *, single: bool) -> int:
-    """Return an upper bound of the bytes of the iteration's state; the C checks it.
+    """Return an upper bound of the bytes of the iteration's state; the C asserts that they suffice.
 
     ``constants`` is the number of constants of a run, ``factor`` the number of entries of the
-    factors of W at a node. ``single``: the lanes are
-    stages of one trajectory; else they are trajectories.
+    factors of W at a node. ``single``: lanes are stages of one trajectory; else trajectories.
     """
     scheme, real, history = derived.implicit, derived.real, _history_length(derived)
     n, m = scheme.system.n, scheme.system.m
@@ -141,7 +141,8 @@ def _memory_bytes(derived: Derived, constants: int, factor: int, *, single: bool
     state = 5 * n + 3 * blocks  # q, p, their compensation, zeros; h b, h b̂ and h c of the stages
     constraint_state = 4 * m + m * m  # weights of rows, g twice, an impulse, W⁻¹
     past = (history + 1) * x  # unknowns of previous steps, which predict the next
-    # coefficients of the regressors, two predictions, and coefficients of the multipliers
+    # 2 REGRESSORS coefficients a block (``predictor/least_squares.h``), where REGRESSORS ≤ s + 30,
+    # from six stages on s + 40; two predictions; coefficients of the multipliers
     least_squares = 2 * (s + (30 if s < 6 else 40)) * blocks + 2 * x + 24 if scheme.tableau else 0
     # for q, p and the multipliers: 16 coefficients of a recurrence, and the triangular factor of
     # its fit with the right-hand side; then 24 contraction rates

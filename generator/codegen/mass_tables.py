@@ -47,6 +47,7 @@ def composed_operations(
     products = system.elimination.products if system.is_definite else n * n * (n + 1)
     off_diagonal = system.elimination.entries - n if system.is_definite else n * n
     factor = counts["mass_matrix"] + Counter(div=n, mul=products, add=products)
+    # M v = p − b by both triangles and D
     solve = counts["rest_momentum"] + Counter(mul=2 * off_diagonal + n, add=2 * off_diagonal + n)
     column = counts["force_derivative"] + counts["applied_force_derivative"] + solve
     dense_products = Counter(mul=n**3, add=n**3)

@@ -28,7 +28,7 @@ _ORDERS = 8
 
 
 def plain_iteration(derived: Derived) -> PlainIteration:
-    """Return the iteration on plain numbers.
+    """Return the fixed-point iteration of a step on plain numbers: its kernels, tables and sizes.
 
     Raises
     ------
@@ -40,13 +40,15 @@ def plain_iteration(derived: Derived) -> PlainIteration:
     _refuse(scheme, real, derived.profile)
     system = FastSystem(scheme.system)
     emitted = _emit_kernels(derived, system)
-    # A constant W⁻¹ and its correction are constants of a run; H and F are not evaluated here.
+    # W⁻¹ of W = G H_pp Gᵀ, where it is constant, and c of H_pp Gᵀ = c Gᵀ, the correction, are
+    # constants of a run; H and F are not evaluated here
     unused = {"hamiltonian", "applied_force", "schur_inverse", "correction"}
     if not derived.is_spark:  # IMS and EMS do not project momenta
         unused.add("hidden_constraint")
     printer = CPrinter(real, {s: f"c->{s}" for s in scheme.system.parameters},
                        explicit=derived.profile == "control")
     m, is_constant = scheme.system.m, system.schur_inverse is not None
+    # IMS and EMS count as one stage and one node
     s, p = (scheme.tableau.s, scheme.tableau.p) if scheme.tableau else (1, 1)
     return PlainIteration(
         kernels=[kernel for name, kernel in emitted.items() if name not in unused],

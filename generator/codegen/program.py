@@ -141,7 +141,7 @@ class Elements:
     used_constants: list[str]
     #: Indices of the entries of G, block by block, and of W.
     blocks: Any
-    #: Whether each momentum belongs to some element of H.
+    #: Whether each momentum belongs to one element of H.
     covers_momenta: bool
     #: Tables of the factors of W = G H_pp Gᵀ.
     elimination: dict[str, Any]

@@ -223,6 +223,7 @@ def emit_kernel(
         names |= {symbol: f"{array}[{i}]" for i, symbol in enumerate(symbols)}
     is_compensated = kernel.compensated and all(
         map(_is_exact_polynomial, (e for _, e in entries(kernel))))
+    # double words are sums over the expanded polynomials, which share no subexpressions
     statements = Statements([], entries(kernel)) if is_compensated else kernel.statements
     names |= {t: t.name.lstrip("_") for t, _ in statements.shared}
     printer = CPrinter(real, names, target.prefix, explicit=target.explicit)

@@ -276,8 +276,8 @@ def _rate_kernels(system: System, columns: Sequence[sp.Symbol]) -> list[Kernel]:
 def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kernel]:
     """Return the kernels of IMS and EMS: derivatives of mean rates and of the constraint force.
 
-    D_q, D_p and Ḡᵀ λ are differentiated by the means q̄ and p̄ at fixed increments, and by
-    constants.
+    The mean rates D_p and F − D_q and the force Ḡᵀ λ, with the mean Ḡ of g_q over a step, are
+    differentiated by the means q̄ and p̄ at fixed increments, and by constants.
     """
     system = scheme.system
     (qm, pm), (dq, dp) = scheme.means, scheme.differences
@@ -293,7 +293,7 @@ def _mean_kernels(scheme: MeanScheme, columns: Sequence[sp.Symbol]) -> list[Kern
             arguments,
             {"D_qq": jacobian(D_q, qm), "D_qp": jacobian(D_q, pm), "D_pq": jacobian(D_p, qm),
              "D_pp": jacobian(D_p, pm), "D_qc": derivative_rows(D_q, columns),
-              "D_pc": derivative_rows(D_p, columns)})]
+             "D_pc": derivative_rows(D_p, columns)})]
     if not system.m:
         return kernels
     lam = vector("lambda", system.m)
