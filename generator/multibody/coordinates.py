@@ -458,7 +458,7 @@ class Chain(Joint):
                 continue
             half = displacement / 2
             attitude = quaternion_product((sp.cos(half), *(sp.sin(half) * x for x in e)), attitude)
-            # a hinge whose axis passes through the point of b leaves it there, unless a joint
+            # a hinge at the point of b (in m, up to round-off) leaves it there, unless a joint
             # behind the hinge has moved the point
             if np.abs(link.at - np.asarray(self.at)).max() <= 1e-15 and point == list(on_a):
                 continue

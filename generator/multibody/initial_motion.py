@@ -123,6 +123,7 @@ def close_loops(
     InputError
         For angles and travels that contradict the constraints, with the nearest possible ones.
     """
+    # sin and cos of (angle − target); in place of the sine (travel − target): 0 if targets are met
     sines, cosines = _sines_and_cosines(constraints.symbols, constraints.values, targets)
     tolerance = ROUNDING * max(float(np.abs(start).max()), 1.0)
     if max(np.abs(constraints.g(start)).max(initial=0.0),

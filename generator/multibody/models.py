@@ -171,7 +171,7 @@ def delta_robot(*, rep: RepName = "gamma") -> Model:
     """
     build = Multibody("delta_robot", dt=0.002, steps=2000,
                       description="Delta robot whose arms hang on springs.")
-    base_radius, arm, rod, platform_radius, half_gap = 0.2, 0.3, 0.6, 0.06, 0.05
+    base_radius, arm, rod, platform_radius, half_gap = 0.2, 0.3, 0.6, 0.06, 0.05  # m
     middle = np.array([0.06, -0.03, -0.55])
     platform = build.body("platform", mass=0.6, inertia=(0.0011, 0.0011, 0.002), rep=rep,
                           position=middle)

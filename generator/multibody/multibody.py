@@ -517,6 +517,7 @@ class Multibody(FixedAttributes):
         halves = np.linalg.norm(curve.chords, axis=1) / 2
         v, omega = (optional_vector(f"{option} of {name!r}", entry) for option, entry in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
+        # without the attitudes of both ends
         segments, segment_attitudes = list[Body](), attitudes[1:-1]
         for k, (q, half) in enumerate(zip(
                 segment_attitudes, halves.tolist(), strict=True), start=1):
@@ -1259,10 +1260,11 @@ class Multibody(FixedAttributes):
             return self._contact(
                 name, [as_expression(e) for e in (gap if is_list else [gap])], restitution)
         frames = self._components.frames(name, a, b)
-        # points at the end of a beam are given from that end, ``on`` in the axes of its segment
+        # points at an end of a beam are given from there: ``on`` is the end in its segment's axes
         end_a, end_b = (end.on if end else 0.0 for end in map(self._components.end, (a, b)))
         points_a = points_of(name, on_a, box) + end_a
         point_b = vector(f"on_b of {name!r}", on_b) + end_b
+        # a point mass has no points beside its own
         _refuse_other_points(f"{'on_a' if box is None else 'box'} of {name!r}", frames[0], points_a,
                              on_a if box is None else box)
         _refuse_other_points(f"on_b of {name!r}", frames[1], point_b, on_b)

@@ -158,7 +158,7 @@ class _Search:
 
     def splitting(self, symmetric: bool) -> Splitting:
         """Return the splitting; ``symmetric`` as for ``split``."""
-        # each with the coefficient k of its drag
+        # (N, k): torque in space axes without the drag −k l; (F, k): force without the drag −k p
         torques = [self._force_on(b) for b in range(len(self.names))]
         forces = [self._force_at(i) for i in self.points]
         bodies = [self._body(b, k) for b, (_, k) in enumerate(torques)]
@@ -371,30 +371,31 @@ class _Search:
                            {i: k for i, k in zip(self.points, drag, strict=True) if k != 0})
 
     def _space(self) -> tuple[SpaceRotation, ...]:
-        """Return the rotations of space: −ω·J has δ = −ω, and A = −ω× for points."""
+        """Return the rotations of space −ω·J: δ·l with δ = −ω, and p_rᵀ A r with A = −ω×."""
         # ω → bodies, and points by the indices of their coordinates
         rotations: dict[Vector, tuple[list[int], list[tuple[int, int, int]]]] = defaultdict(
             lambda: ([], []))
         for b, m in enumerate(self.m):
             x, y, z = (-self.total.get(("δ", e), _ZERO) for e in m)
             if (x, y, z) != (0, 0, 0):
-                rotations[x, y, z][0].append(b)
-        # a key of kind "A" has two symbols: x has one
-        A = {(self._momentum_index(y), self.system.q.index(x[0])): e
-             for (kind, y, *x), e in self.total.items() if kind == "A" and e != 0}
+                bodies, _ = rotations[x, y, z]
+                bodies.append(b)
+        # (index in p, index in q) → entry; a key of kind "A" has two symbols: r has one
+        A = {(self._momentum_index(y), self.system.q.index(r[0])): e
+             for (kind, y, *r), e in self.total.items() if kind == "A" and e != 0}
         # coordinates that A couples belong to one point
         for indices in connected_components([frozenset(entry) for entry in A]):
             i, j, k = (*sorted(indices), -1, -1)[:3]  # k = −1: a point that moves in a plane
             if len(indices) not in (2, 3) or not self._is_rotation(sorted(indices), A):
-                # indices are those of entries of A
-                y, x = next((i, j) for i, j in A if i in indices)
+                row, column = next(entry for entry in A if entry[0] in indices)
                 raise InputError(
-                    f"H of system {self.system.name!r} has the term {self.system.p[y]}*"
-                    f"{self.system.q[x]} times a constant, which is no part of a rotation of a "
-                    "point of one mass: no exact flow is known; take another scheme, such as "
+                    f"H of system {self.system.name!r} has the term {self.system.p[row]}*"
+                    f"{self.system.q[column]} times a constant, which is no part of a rotation of "
+                    "a point of one mass: no exact flow is known; take another scheme, such as "
                     "'G-L'.")
             omega = (-A.get((k, j), _ZERO), -A.get((i, k), _ZERO), -A.get((j, i), _ZERO))
-            rotations[omega][1].append((i, j, k))
+            _, points = rotations[omega]
+            points.append((i, j, k))
         return tuple(SpaceRotation(omega, tuple(bodies), tuple(points))
                      for omega, (bodies, points) in rotations.items())
 

@@ -40,7 +40,8 @@ def expanded_polynomial(e: sp.Expr) -> sp.Expr | None:
     except _OtherExpressionError:
         return None
     symbols = list(places)
-    # half the range of an exponent is added to each, so that none is negative
+    # a monomial m is Σ n_k 2^(16 k): half the range of an exponent is added to each n_k, so that
+    # none is negative and 16 bits of the sum belong to each
     bias = sum(_HALF << (_BITS * k) for k in range(len(symbols)))
     rows = [(sp.Rational(a, denominator), _exponents(m + bias)) for m, a in terms.items() if a]
     powers = {(k, n) for _, exponents in rows for k, n in exponents}

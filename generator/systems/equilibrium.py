@@ -107,18 +107,21 @@ class _Statics:
             forces=tuple(forces) if system.forces else (), time=system.time))
         self.time = {x: t for x in (system.time,) if x is not None}
         self.values = np.array([float(parameters[str(x)]) for x in system.parameters])
-        self.parts = [_Part(template, 1, _columns(template), _columns(template),
-                            template.system.H_q, _Sparse.of(template.system.H_qq))
+        # a gradient has a row for each coordinate, forces act on rows of their own
+        self.parts = [_Part(template, sign=1, rows=_columns(template), columns=_columns(template),
+                            entries=template.system.H_q,
+                            derivatives=_Sparse.of(template.system.H_qq))
                       for template in structure.templates if template.q]
-        # forces act on rows of their own; a gradient has a row for each coordinate
-        self.parts += [_Part(template, -1,
-                             np.array([i.rows for i in template.instances], dtype=int),
-                             _columns(template), list(template.expressions),
-                             _Sparse.of(jacobian(list(template.expressions), template.q)))
+        self.parts += [_Part(template, sign=-1,
+                             rows=np.array([i.rows for i in template.instances], dtype=int),
+                             columns=_columns(template), entries=list(template.expressions),
+                             derivatives=_Sparse.of(jacobian(list(template.expressions),
+                                                             template.q)))
                        for template in structure.force_templates]
         # H_p at p = 0, which must vanish at an equilibrium
         self.velocities = [(template, template.system.H_p)
                            for template in Structure(system).templates if template.p]
+        # units are derived from r and r_x at the start, which are evaluated with units of 1
         self.units, self.residual_units = np.ones(len(q)), np.ones(len(q))
         self.units, self.residual_units = self._natural_units(system, q0)
 
@@ -230,8 +233,8 @@ def _continue_to_equilibrium(
 ) -> tuple[Array, _Triplets]:
     """Return x = (q, λ) and J at the equilibrium of the system ``name``; q has n entries.
 
-    Steps and units are as of ``equilibrium`` and ``statics``. Raises InputError if no equilibrium
-    is reached.
+    Steps of length τ are those of ``equilibrium``, x, r and J in the units of ``statics``. Raises
+    InputError if no equilibrium is reached.
     """
     r, J = statics(x)
     size = float(np.linalg.norm(r))
@@ -249,9 +252,9 @@ def _continue_to_equilibrium(
         change = float(np.abs(step[:n]).max()) / (extent if extent > _NOTHING else 1.0)
         if not np.isfinite(change):
             break
-        # A long step is repeated with a smaller τ. No τ shortens the way to g = 0, however: where
-        # 1/τ is above the stiffness, a step that a smaller τ left as long is taken. With a negative
-        # curvature the potential would have a maximum along the step.
+        # A long step is repeated with a smaller τ, for half the largest change. No τ shortens the
+        # way to g = 0, however: where 1/τ is above the stiffness, a step that a smaller τ left as
+        # long is taken. With a negative curvature the potential has a maximum along the step.
         is_long = change > _LARGEST_CHANGE and (
             change < 0.9 * rejected_change or tau * stiffness > _SMALL_TAU)
         if is_long or (curvature < 0 and change > _ROUNDING):
@@ -259,7 +262,7 @@ def _continue_to_equilibrium(
             tau *= min(max(_LARGEST_CHANGE / (2 * change), 1e-3), 0.3)
             continue
         rejected_change = np.inf
-        x = np.concatenate([x[:n] - step[:n], -step[n:]])
+        x = np.concatenate([x[:n] - step[:n], -step[n:]])  # the step is (δq, −λ_new)
         extent = max(extent, float(np.abs(x[:n]).max()))
         r, J = statics(x)
         previous_size, size = size, float(np.linalg.norm(r))

@@ -132,6 +132,7 @@ def _candidates(
     for seed in range(_POINTS):
         q, values = random_point(system, {x[-1]}, seed)
         point = np.array([*q, values[x[-1]]])
+        # W: the one-forms as rows; curls: the matrix of dω of each; G: rows (g_q, g_t)
         W, curls = curls_of(rows, x, point, values)
         G = evaluate(constraint_rows,
                      values | dict(zip(x, point, strict=True))).reshape(-1, len(x))
@@ -143,8 +144,9 @@ def _candidates(
     while len(basis):
         conditions = []
         for G, W, curls in points:
+            # columns X: tangents of g = 0 on which all combinations, the rows of ``basis``, vanish
             tangents = _null_space(np.vstack([G, basis @ W]))
-            # dω(X_i, X_j) of each ω of the basis
+            # dω(X_i, X_j) of each of these ω
             d_omega = tangents.T @ np.tensordot(basis, curls, 1) @ tangents
             conditions.append(d_omega.reshape(len(basis), -1).T)
         smaller = _null_space(np.vstack(conditions)).T @ basis

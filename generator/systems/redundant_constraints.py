@@ -264,7 +264,7 @@ def nearest_point(constraints: NumericConstraints, q: Array) -> Array | None:
                 return q
             step = _least_squares(G, g)
             fraction = 1.0
-            # halve the step until |g| falls: far from g = 0 a full step may lead away
+            # halve the step, down to 2^−13, until |g| falls: far away a full one may not reduce it
             while fraction > 1e-4:
                 q_new, g_new = q - fraction * step, constraints.g(q - fraction * step)
                 if np.linalg.norm(g_new) < np.linalg.norm(g):

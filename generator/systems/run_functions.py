@@ -136,10 +136,10 @@ def slopes_over_states(expression: Any, run: Any) -> Callable[[dict[str, Any]], 
         directions = dict(zip(names, [*along["q"].T, *along["p"].T], strict=True))
         directions |= {time: along["t"], **along["parameters"]}
         cotangents = dict.fromkeys(columns_of, 0 * run.t)
-        for x, y, by_both in second_derivatives:
-            cotangents[x] = cotangents[x] + by_both * directions[y]
-        q, p = (np.stack([cotangents[x] for x in getattr(system, kind)], axis=1)
-                for kind in ("coordinates", "momenta"))
+        for x_name, y_name, by_both in second_derivatives:
+            cotangents[x_name] = cotangents[x_name] + by_both * directions[y_name]
+        q, p = (np.stack([cotangents[name] for name in state_names], axis=1)
+                for state_names in (system.coordinates, system.momenta))
         return {"q": q, "p": p, "t": cotangents[time],
                 "parameters": {name: cotangents[name].sum() for name in run.parameters}}
 

@@ -124,6 +124,7 @@ def from_mechanics(
     velocities = [x.diff(t) for x in mechanics.q]
     symbol_of = _symbols_of_motion(mechanics, velocities)
     F, potential = _generalised_forces(mechanics, symbol_of)
+    # placed: body → names of the quantities of its place and axes; places: such a name → expression
     placed, places = (_places(mechanics.motion, method_bodies) if as_flag("bodies", bodies)
                       else ({}, {}))
     # one substitution for all expressions, as each is a pass over their whole graph
@@ -135,7 +136,7 @@ def from_mechanics(
     g, velocity_constraints = expressions[:g_end], expressions[g_end:rows_end]
     quantities = dict(zip(places, expressions[rows_end:], strict=True))
     _refuse_functions(name, [L, *g, *F, *velocity_constraints])
-    # where places and velocities agree, the velocity of a body with a known place is a rate
+    # if no velocity contradicts a place, that of a body whose place is known is its rate
     _refuse_substituted(mechanics, symbol_of, [
         body for body in method_bodies
         if has_contradictions or not mechanics.motion.is_placed(body.masscenter)])

@@ -18,6 +18,7 @@ from .system import System
 
 __all__ = ["units_of"]
 
+
 class _Solver:
     """Dimensions of symbols, completed by equations."""
 
@@ -65,7 +66,8 @@ class _Solver:
             dimensions_of_e = dimensions if dimensions is not None else self.of(e)
             for a in _alike(e):
                 self.assign(a, dimensions_of_e)
-            # the sides of a comparison have dimensions of their own, equal ones, as terms of a sum
+            # the two sides of a switch's comparison have equal dimensions, other ones than e: they
+            # are treated as the terms of a sum
             compared = [a for a in e.args if isinstance(e, Switch) and a not in _alike(e)]
             self.assign(sp.Add(*compared, evaluate=False), dimensions=None)
         elif e.is_Mul:
@@ -80,10 +82,9 @@ class _Solver:
                     # symbols inside of a known factor may be unknown
                     self.assign(a, dimensions_of[a])
         elif e.is_Pow and e.exp.is_Rational:
-            # the inverse of the exponent
-            power = Fraction(int(e.exp.q), int(e.exp.p))
+            inverse_exponent = Fraction(int(e.exp.q), int(e.exp.p))
             self.assign(e.base, None if dimensions is None
-                        else product_dimensions((dimensions, power)))
+                        else product_dimensions((dimensions, inverse_exponent)))
         else:
             # signs and angles of vectors take arguments of any dimensions, exp and sin of none
             takes_any = isinstance(e, (sp.sign, sp.Heaviside, sp.atan2))
