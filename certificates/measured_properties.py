@@ -263,17 +263,18 @@ class Examination:
         Round-off grows with the distance of neighbours, whose growth is measured.
         """
         quantity = "reversal, N steps and back"
-        sizes = self.round_off.sizes_of_steps(self.run.dt)
+        # round-off of q and of p in units of ε
+        sizes = q_size, p_size = self.round_off.sizes_of_steps(self.run.dt)
         reversed_run = reversal(self.step, self.run, self.parameters, sizes)
         if reversed_run is None:
             return info_line(quantity, "a step of the way back, or of a neighbour, failed", "-",
                              "neighbours part too fast")
         # how much multipliers that follow from g alone enlarge the round-off of p
-        kicks = 1 + self._kick / sizes[1]
+        kicks = 1 + self._kick / p_size
         # rounding adds up like a random walk, √(2N) units over both ways; 8 of its deviations
         random_walk = max(64, 8 * (2 * self.steps) ** 0.5)
         bound = reversed_run.growth * kicks * self.round_off.epsilon * random_walk
-        error = max(reversed_run.q_error / sizes[0], reversed_run.p_error / sizes[1])
+        error = max(reversed_run.q_error / q_size, reversed_run.p_error / p_size)
         measured = f"q {reversed_run.q_error:.1e}, p {reversed_run.p_error:.1e}"
         if not self.guarantees.symmetric:
             why = "the reversed step has another θ" if self._scheme.exact_energy else \
@@ -284,7 +285,7 @@ class Examination:
             return info_line(quantity, measured, "by the same steps back",
                              f"forces jump at {jumps}: a step may have several ends, or none",
                              error)
-        expected = f"≤ {bound * sizes[0]:.0e}, {bound * sizes[1]:.0e}"
+        expected = f"≤ {bound * q_size:.0e}, {bound * p_size:.0e}"
         guarantee = make_guarantee(f"symmetric; neighbours part {reversed_run.growth:.3g} times")
         return bound_line(quantity, measured, expected, guarantee, error, bound)
 
@@ -301,7 +302,7 @@ class Examination:
 
     @property
     def _projects(self) -> bool:
-        """Whether each step ends with a projection of p onto g_q H_p = 0 (T2)."""
+        """Whether each step ends with a projection of p onto g_q H_p = 0, its part T2."""
         return bool(self._scheme.keeps_momentum_constraint)
 
     @property

@@ -137,15 +137,19 @@ def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
 
 
 def _flows() -> Iterator[_Flow]:
-    """Yield the flows of the catalogue, for any axis e and any numbers."""
-    m = left_matrix(q) * sp.Matrix(p) / 2
-    space = space_matrix(q) * sp.Matrix(p) / 2
+    """Yield the flows of the catalogue, for any axis e and any numbers a, d, c, k and ω.
+
+    They are those of ½ a |m|², of ½ d (e·m)² + c (e·m), of the sum of both with the drag −k l, and
+    of −ω·l: rotations by left and right quaternions, with angular velocities W and w.
+    """
+    m, l_of_p = (matrix(q) * sp.Matrix(p) / 2 for matrix in (left_matrix, space_matrix))
     zero, half = [sp.S.Zero] * 3, sp.Rational(1, 2)
     sphere, e_m = a * m.dot(m) / 2, sp.Matrix(e).dot(m)
     axis = d * e_m**2 / 2 + c * e_m
     l_squared, omega_squared = (sp.Add(*(x**2 for x in v)) for v in (l, omega))
     unit = {e[0]: 1 - e[1]**2 - e[2]**2}  # |e| = 1
     left_quaternion, right_quaternion = [C, *(Z * x for x in l)], [D, *(Y * x for x in e)]
+    # d (e·m): _RATE at a state, ``rate`` at t = 0, which is its value along a flow without drag
     W, w = [a * x for x in l], [(_RATE + c) * x for x in e]
     # C = cos(½ a t |l|), Z = sin(½ a t |l|)/|l|
     yield _Flow(
@@ -172,7 +176,7 @@ def _flows() -> Iterator[_Flow]:
     back = [C, *(-Z * x for x in omega)]
     velocity = [-x for x in omega]
     yield _Flow(
-        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(space), left=velocity,
+        "space", "(exp(−½ t ω) q, exp(−t ω×) l)", -sp.Matrix(omega).dot(l_of_p), left=velocity,
         right=zero, q=quaternion_product(back, q), l=list(rotation_matrix(back) * sp.Matrix(l)),
         along=(velocity, zero), rates={C: -half * omega_squared * Z, Z: half * C},
         squares={C: 1 - omega_squared * Z**2},
@@ -268,7 +272,7 @@ class _Ring:
 
 
 def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
-    """Return the parts as functions of q and p of the system, with their names."""
+    """Return the names of the parts of H that are not 0, and the parts in q and p of the system."""
     system, parts = splitting.system, []
     for body, x in zip(splitting.bodies, splitting.quaternions, strict=True):
         y = [system.p[i] for i in body.q]
@@ -288,7 +292,7 @@ def hamiltonians(splitting: Splitting) -> list[tuple[str, sp.Expr]]:
         for b in space.bodies:
             y = [system.p[i] for i in splitting.bodies[b].q]
             J += space_matrix(splitting.quaternions[b]) * sp.Matrix(y) / 2
-        for point in space.points:
+        for point in space.points:  # index −1: r₃ = 0 of a point in a plane
             r, y = (sp.Matrix([side[i] if i >= 0 else 0 for i in point])
                     for side in (system.q, system.p))
             J += r.cross(y)

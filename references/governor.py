@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
 __all__ = ["FLYBALL_GOVERNOR", "FLYBALL_GOVERNOR_STIFF"]
 
-#: Parameters of the model, SI; masses, widths and the half of the block's side.
+#: SI: stiffness and damping, length of the spring at rest, mass and width w of a rod, mass of a
+#: ball; M and a: mass and half the side of the slider, a block, a also from the shaft to a hinge.
 _VALUES = {"K": "8e5", "C": "4e4", "rest": "0.5", "g": "9.81", "m": "0.3", "M": "3", "ball": "5",
            "w": "0.01", "a": "0.05"}
 _DIGITS = 50

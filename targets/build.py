@@ -147,6 +147,7 @@ def build(
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
         check_out(path, chosen_target.suffix)
+    # these are named by the spec
     model = None if isinstance(system, (str, Problem, Changed)) else system
     changes = _changes(system)
     with log_stages(f"building {chosen_target.name}", 2, progress) as end_stage:
@@ -156,7 +157,7 @@ def build(
         _, model_defaults = files_and_defaults[0]
         defaults = RunDefaults.of_problem(system) if isinstance(system, Problem) else model_defaults
         options = _options(steppers[0], defaults, dt, start, parameters, steppers)
-        # other parameters of the constraints than the model's leave its start off them
+        # the model's start is on its constraints, unless the caller changes their parameters
         if start is not None or not {*(parameters or ())}.isdisjoint(
                 steppers[0].manifest.system.start_parameters):
             _refuse_off_constraints(specs[0], _system_of(specs[0], model, changes), options)

@@ -85,10 +85,11 @@ def _bits(built: Built) -> str:
                   real(0), np.intc(options.max_iterations), state, words, status, steps, iterations)
     states = [device.zeros((2, n, count), real) for _ in range(2)]
     most_iterations = device.zeros((2, count), np.intc)
-    # storing every step_total-th state keeps the start and the end alone; 0 is the first row
+    # of all steps, ``total``, every total-th state is stored: the start and the end alone
+    every, total, first_row = step_total, step_total, 0
     for first_step, end_step in ((0, step_total // 3), (step_total // 3, step_total)):
         device.launch(program, "advance_trajectories", count, np.int64(count), *map(np.int64, (
-            first_step, end_step, step_total, step_total, 0)), state, words, status, steps,
+            first_step, end_step, every, total, first_row)), state, words, status, steps,
                       iterations, *states, most_iterations)
     failed = device.get(status).any()
     if failed:

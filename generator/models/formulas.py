@@ -304,6 +304,7 @@ class _Formulas:
                 raise RefusedError("This function of "
                                    f"{', '.join(mp.nstr(x, 5) for x in argument_values)} is no "
                                    "real number of moderate size; write another argument")
+        # bounds of the length of the exact expression, and of its depth
         bits = sum(a.bits for a in arguments) + 1
         level = max(a.level for a in arguments) + 1
         if level > numbers.MAX_LEVEL or bits > MAX_BITS:

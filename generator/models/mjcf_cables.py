@@ -316,6 +316,7 @@ def _bodies(
         if k or initial != "none":
             body.children.append(_joint(f"{prefix}J_{label}", parts["joint"], line,
                                         is_free=k == 0 and initial == "free"))
+        # half edges of a box, the first along the segment; or the radius of a capsule or cylinder
         extent = ({"pos": _text([length / 2, 0, 0]), "size": _text([length / 2, *sizes[1:3]])}
                   if form == "box" else
                   {"fromto": _text([0, 0, 0, length, 0, 0]), "size": _text(sizes[:1])})

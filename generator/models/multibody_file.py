@@ -128,8 +128,8 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     builder = Multibody(name, gravity=gravity, **run_length(content))
     bodies = _add_bodies(content, builder, rep)
     _add_other_frames(content, builder, bodies, rep)
-    # paths of moving points may contain the parameters, which are added before them; without points
-    # the parameters follow the numbers of joints in the system
+    # The system lists its parameters in the order in which they are added: before the points, whose
+    # paths may contain them; without points, behind the numbers of joints.
     has_points = bool(content.tables("points"))
     if has_points:
         _add_parameters(builder, formulas)
@@ -138,7 +138,8 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
             table, lambda table: _add_point(builder, table, formulas))
     for table in content.tables("joints"):
         build_from(table, lambda table: join(builder, bodies, table))
-    # from here on, formulas may also have coordinates, measures of joints and momenta
+    # from here on, formulas may have coordinates, angles and travels of joints, ``position``, and
+    # those of forces and quantities also rates, momenta and t, ``motion``
     position, motion = _symbols_of_formulas(builder, bodies, formulas.parameters)
     if not has_points:
         _add_parameters(builder, formulas)

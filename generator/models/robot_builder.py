@@ -595,9 +595,9 @@ class RobotBuilder:
 
         Limits are stops, or springs beyond the range, as the option ``limits`` says.
         """
-        build, limits = self.builder, self.robot.limits
+        build = self.builder
         # the range of a ball joint is counted among the parts that no model here has
-        is_limited = None not in (limits, joint.range) and joint.kind != "ball"
+        bounds = None if self.robot.limits is None or joint.kind == "ball" else joint.range
         if joint.name in self._measured:
             link = self._measured[joint.name]
             coordinate: Any = "angle" if joint.name in self.cylindrical else None
@@ -605,9 +605,8 @@ class RobotBuilder:
                 build.joint_spring(
                     self.joint_names.free(f"{joint.name}_spring"), link, coordinate=coordinate,
                     stiffness=joint.stiffness, damping=joint.damping, rest=joint.rest)
-            if is_limited:
-                # the range is not None here, which type checkers do not see
-                self._add_limits(joint.name, link, joint.range or (0.0, 0.0), coordinate)
+            if bounds is not None:
+                self._add_limits(joint.name, link, bounds, coordinate)
             return
         # Of joints without a coordinate, a ball may have a damper, and a ball or a free joint that
         # is the only one of its body an armature; anything else is refused.
@@ -616,7 +615,7 @@ class RobotBuilder:
         elements = " and ".join(
             [key for key in ("stiffness", "damping", "armature")
              if getattr(joint, key) and not (is_single and key == "armature")]
-            + ["range"] * is_limited)
+            + ["range"] * (bounds is not None))
         if joint.kind == "ball" and elements == "damping":
             self._add_ball_damper(joint)
         elif elements:
@@ -631,9 +630,8 @@ class RobotBuilder:
             self.builder.joint_spring(
                 self.joint_names.free(f"{connection.name}_spring"), connection,
                 damping=loop.damping, stiffness=loop.stiffness, rest=loop.rest)
-        if None not in (self.robot.limits, loop.range):
-            # the range is not None here, which type checkers do not see
-            self._add_limits(connection.name, connection, loop.range or (0.0, 0.0))
+        if self.robot.limits is not None and loop.range is not None:
+            self._add_limits(connection.name, connection, loop.range)
 
     def _add_limits(
         self, name: str, connection: Connection, bounds: tuple[float, float],

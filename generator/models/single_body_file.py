@@ -71,6 +71,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     _add_mass(body, formulas)
     if has_tensor:
         _add_tensor(inertia, formulas)
+    # scales: the time scale σ, or nothing
     potential, torque, quantities, scales = _read_formulas(content, formulas, has_tensor)
     system_symbols, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
@@ -85,6 +86,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         tensor=has_tensor,
         time_scale=scales[0].xreplace(system_symbols) if scales else None,
     )
+    # used neither in a formula nor in the arithmetic of a number
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
         warn("[body] mass is in no formula: a weight needs a potential, such as "
              '"mass*9.81*0.04*R33".')
@@ -236,7 +238,7 @@ _DIGITS = 50
 
 
 def from_euler(phi: float, theta: float, psi: float) -> list[float]:
-    """Return the quaternion of R_z(φ) R_x(θ) R_z(ψ) (81), angles in rad."""
+    """Return the quaternion of R_z(φ) R_x(θ) R_z(ψ), (81) of the paper; angles in rad."""
     with mp.workdps(_DIGITS):
         (a, b), (c, d), (e, f) = ((mp.cos(x), mp.sin(x)) for x in
                                   (_mpf(angle) / 2 for angle in (phi, theta, psi)))
@@ -264,7 +266,7 @@ def _round_to_doubles(values: Sequence[Any]) -> list[float]:
 
 
 def momentum(q: Sequence[float], omega: Sequence[float], inertia: Inertia) -> list[float]:
-    """Return p = 2 L(q)ᵀ J Ω (82), with Ω in body axes; qᵀp = 0 by (9)."""
+    """Return p = 2 L(q)ᵀ J Ω, (82) of the paper, Ω in body axes; qᵀp = 0, as L(q) q = 0."""
     with mp.workdps(_DIGITS):
         l = [sum(_mpf(I) * _mpf(x) for I, x in zip(row, omega, strict=True))  # noqa: E741
              for row in inertia_rows(inertia)]

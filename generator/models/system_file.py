@@ -51,6 +51,7 @@ def read_system(content: TomlTable, name: str, formulas: Formulas, rep: str | No
     table.require("coordinates", "momenta", "hamiltonian")
     q, p = _coordinates_and_momenta(table)
     v = _symbols(table, "velocities") if "velocities" in table else {}
+    # scales: the time scale σ, or nothing
     H, constraints, velocity_constraints, forces, quantities, scales, time = _read_formulas(
         content, formulas, q, p, v)
     # symbols of parameters that a formula divides by are replaced by symbols that are not 0

@@ -153,18 +153,20 @@ def model_header(
 
     VARIABLES has a row for each value reference: name, offset in the struct of a model, when it
     can be set, domain. INITIAL initialises that struct. Functions that a stepper does not have are
-    macros that do nothing and succeed, so that core.h is the same for all.
+    macros that do nothing and succeed, so that core.h is the same for all. ``version`` of FMI, 2 or
+    3, is in the GUID alone.
     """
     name, system = manifest.name, manifest.system
     roles = [quantity.role for quantity in system.numbers]
     velocities, quantities = roles.count("velocity"), roles.count("quantity")
-    time = "&(m)->time, " if system.quantities_take_time else ""
+    time_argument = "&(m)->time, " if system.quantities_take_time else ""
     # calls of the stepper for a model m
     start = (f"{name}_start(&(m)->parameters, (m)->q, (m)->velocity, (m)->p)" if velocities
              # without that function nothing computes how far a start is from the constraints
              else "STATUS(INVALID)" if system.constraints else "STATUS(OK)")
     velocity = f"{name}_velocity(&(m)->parameters, (m)->q, (m)->p, (m)->velocity)"
-    observe = f"{name}_quantities(&(m)->parameters, {time}(m)->q, (m)->p, (m)->quantities)"
+    observe = (f"{name}_quantities(&(m)->parameters, {time_argument}(m)->q, (m)->p, "
+               "(m)->quantities)")
     variable_rows = ", \\\n    ".join(
         f'{{ "{v.name}", offsetof(model_t, {v.member}), {v.settable}, {v.domain.upper()} }}'
         for v in variables)
