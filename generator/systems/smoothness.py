@@ -171,7 +171,8 @@ class Switching:
     @cached_property
     def _continuity_of_H(self) -> dict[sp.Expr, Continuity]:
         """The continuity of H at the zeros of each of its switching functions."""
-        symbols = [*self.system.q, *self.system.p]
+        time = [] if self.system.time is None else [self.system.time]
+        symbols = [*self.system.q, *self.system.p, *time]
         switches = switches_of([self.system.H])
         return {w: continuity(self.system.H, w, symbols) for w in self.switches[:_MOST_SWITCHES]
                 if not {w, -w}.isdisjoint(switches)}
@@ -217,8 +218,13 @@ class Switching:
         if not self.switches:
             return {}
         remarks = [f"order {order} holds for steps that do not cross {self.description}"]
-        if self.jumps_of_H:
-            remarks.append(f"H jumps at {_describe(self.jumps_of_H)}: no step feels a force there")
+        states = {*self.system.q, *self.system.p}
+        at_times = [w for w in self.jumps_of_H if w.free_symbols.isdisjoint(states)]
+        at_states = [w for w in self.jumps_of_H if w not in at_times]
+        if at_states:
+            remarks.append(f"H jumps at {_describe(at_states)}: no step feels a force there")
+        if at_times:
+            remarks.append(f"H jumps at {_describe(at_times)}: the work of the time omits the jump")
         jumps = self.named_jumps(discrete=discrete)
         if not jumps:
             return {"remarks": remarks}

@@ -86,6 +86,15 @@ def test_remarks():
     assert forces.startswith("forces jump at v = 0, x = 0")
     assert fields["jumps"] == "v = 0, x = 0"
     assert Switching(system).manifest_fields(2, discrete=True)["jumps"] == "v = 0"
+    # a switch of the time alone in H, where no coordinate crosses it
+    switched_on = gs.System((x,), (u,), (), u**2 / 2 + x * sp.Max(0, t - 1), time=t)
+    assert Switching(switched_on).jumps_of_H == []
+    assert re.search("t - 1 = 0", Switching(switched_on).manifest_fields(4, discrete=False)[
+        "remarks"][0])
+    in_steps = gs.System((x,), (u,), (), u**2 / 2 + x * H(t - 1), time=t)
+    assert Switching(in_steps).jumps_of_H == [1 - t]
+    assert "work" in Switching(in_steps).manifest_fields(4, discrete=False)["remarks"][1]
+    assert Switching(in_steps).jumps_of_forces(discrete=False) == []
     smooth = Switching(gs.System((x, y), (u, v), (k,), T + k * LENGTH))
     assert smooth.manifest_fields(2, discrete=True) == {}
 
