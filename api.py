@@ -34,7 +34,7 @@ from .generator.parsing.text_file import (
     states_of_files,
 )
 from .generator.schemes.named_schemes import SCHEMES, SchemeName
-from .generator.spec import Spec
+from .generator.spec import Spec, refuse_beside_tableau
 from .runtime.bindings.array_checks import as_array, as_real
 from .runtime.bindings.real_numbers import rounding
 from .runtime.compilation.build_cache import digest, read_cache, write_cache
@@ -78,7 +78,7 @@ def stepper(
     ----------
     scheme : SchemeName
         ``"IMS"``, ``"EMS"``, ``"G-L"`` (default), ``"LIIIA-B"``, ``"Radau-L"``, ``"splitting"``;
-        left out when a tableau is given.
+        left out, as ``stages``, ``order`` and ``composition``, when a tableau is given.
     stages : int
         Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2);
         3 by default.
@@ -140,9 +140,7 @@ def stepper(
     file = Path(tableau) if isinstance(tableau, (str, Path)) else None
     own_tableau = None if file is not None else tableau
     if own_tableau is not None:
-        if scheme is not None or stages is not None:
-            raise InputError("A tableau fixes the scheme and its stages; leave out scheme and "
-                             "stages.")
+        refuse_beside_tableau(scheme=scheme, stages=stages, order=order, composition=composition)
         spec = Spec.of_tableau(rep, system_name, real)
     else:
         spec = Spec.from_arguments(scheme, stages, rep, system_name, real, file, order, composition)

@@ -92,9 +92,8 @@ class Spec:
         allowed ones and the cure.
         """
         if tableau is not None:
-            if scheme is not None or stages is not None or order is not None:
-                raise InputError("A tableau file fixes the scheme and its stages; leave out "
-                                 "scheme and stages.")
+            refuse_beside_tableau(scheme=scheme, stages=stages, order=order,
+                                  composition=composition)
             return cls.of_tableau(rep, system, real, tableau)
         if scheme is None:
             splits = order is not None or composition is not None
@@ -145,6 +144,14 @@ class Spec:
     def name(self) -> str:
         """Name of the generated files, e.g. ``heavy_top_gl3_gamma``; not of a model file's."""
         return join_name(self.system, self.method, self.rep, self.real, framed=bool(self.frame))
+
+
+def refuse_beside_tableau(**arguments: Any) -> None:
+    """Refuse choices of a method, each None or given, where a tableau is given."""
+    for name, argument in arguments.items():
+        if argument is not None:
+            raise InputError(f"{name} = {shown(argument)} and a tableau are both given, and a "
+                             f"tableau fixes the scheme and its stages; leave out {name}.")
 
 
 def join_name(system: str, method: str, rep: str, real: str, *, framed: bool = False) -> str:

@@ -280,10 +280,14 @@ def test_unusable_system_and_tableau_are_refused():
         ({"tableau": tableau, "system": "car"}, "'car'"),
         ({"tableau": tableau, "scheme": "G-L"}, "leave out"),
         ({"tableau": tableau, "stages": 2}, "leave out"),
+        ({"tableau": tableau, "order": 4}, "order = 4.*leave out"),
+        ({"tableau": tableau, "composition": "SABAG6"}, "'SABAG6'.*leave out"),
         ({"tableau": 42}, "42"),
         ({"tableau": [[1]]}, "tableau"),
         ({"tableau": "none.json"}, "'none.json'"),
         ({"tableau": "none.json", "scheme": "IMS"}, "leave out"),
+        ({"tableau": "none.json", "order": 2}, "order = 2.*leave out"),
+        ({"tableau": "none.json", "composition": "SABAG6"}, "'SABAG6'.*leave out"),
         ({"scheme": "IMS", "system": pendulum, "rep": "gamma"}, "rep"),
     ]:
         with refused(words):
