@@ -5,11 +5,13 @@ Known here and nowhere else: how C writes a type, how many digits it has, how Py
 
 from __future__ import annotations
 
+import math
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from .errors import InputError
 from .records import dataclass
 
 if TYPE_CHECKING:
@@ -33,6 +35,8 @@ class Real:
         As in C.
     bits : int
         Bits of the significand, the hidden one included; eps = 2^(1 − bits).
+    exponent : int
+        2^exponent is above the largest finite number, and the next power of 2 of it.
     digits : int
         Decimal digits that read back to the same number.
     suffix : str
@@ -50,6 +54,7 @@ class Real:
     name: RealName
     c_type: str
     bits: int
+    exponent: int
     digits: int
     suffix: str
     limits: str
@@ -73,8 +78,18 @@ class Real:
         return self.dtype is object
 
     def literal(self, value: Fraction) -> str:
-        """Return a C literal that reads back to the value rounded to this type."""
+        """Return a C literal that reads back to the value rounded to this type.
+
+        Raises InputError for a number above the largest of the type.
+        """
         rounded = round_binary(value, self.bits)
+        if abs(rounded) >= 2**self.exponent:
+            power = math.floor(math.log10(abs(rounded.numerator)) - math.log10(rounded.denominator))
+            raise InputError(f"A number of the order of 1e{power} is above the largest of type "
+                             f"{self.name}, 2^{self.exponent}; choose other units, or a wider "
+                             "type.")
+        if abs(rounded) <= Fraction(1, 2 ** (self.exponent + self.bits - 2)):
+            rounded = Fraction(0)  # at most half of the smallest number above 0
         if rounded.denominator == 1 and abs(rounded) < 10**6:
             return f"{int(rounded)}.0{self.suffix}"
         if self.bits == 53:
@@ -99,10 +114,10 @@ class Real:
 REALS: dict[RealName, Real] = {
     real.name: real
     for real in (
-        Real("double", "double", 53, 17, "", "DBL", 8, np.float64, "f8"),
-        Real("float", "float", 24, 9, "f", "FLT", 4, np.float32, "f4"),
-        Real("long-double", "long double", 64, 21, "L", "LDBL", 16, np.longdouble, "f8"),
-        Real("float128", "_Float128", 113, 36, "F128", "FLT128", 16, object, "f8"),
+        Real("double", "double", 53, 1024, 17, "", "DBL", 8, np.float64, "f8"),
+        Real("float", "float", 24, 128, 9, "f", "FLT", 4, np.float32, "f4"),
+        Real("long-double", "long double", 64, 16384, 21, "L", "LDBL", 16, np.longdouble, "f8"),
+        Real("float128", "_Float128", 113, 16384, 36, "F128", "FLT128", 16, object, "f8"),
     )
 }
 

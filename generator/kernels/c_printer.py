@@ -139,8 +139,11 @@ class CPrinter:
         if denominator & (denominator - 1) == 0 and denominator <= 2**20:
             text = self.real.literal(ratio)
             return text, _PRODUCT if ratio < 0 else _ATOM
-        # the C compiler divides two literals once, correctly rounded
+        # the C compiler divides two literals once, correctly rounded if both are exact
         numerator, divisor = Fraction(ratio.numerator), Fraction(denominator)
+        if max(abs(numerator), divisor) > 2**self.real.bits:
+            text = self.real.literal(ratio)
+            return text, _PRODUCT if ratio < 0 else _ATOM
         return f"{self.real.literal(numerator)}/{self.real.literal(divisor)}", _PRODUCT
 
     def _sum(self, e: sp.Add) -> str:

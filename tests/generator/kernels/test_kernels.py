@@ -362,6 +362,28 @@ def test_names_suffixes_and_literals_of_each_type(real, text):
     assert CPrinter(REALS[real], {x: "a->x"})(e) == text
 
 
+@pytest.mark.parametrize("number", [
+    sp.Rational("0.123456789012345678901"), sp.Rational(10**400 + 7, 3 * 10**400),
+    sp.Rational(2**60 + 1, 3**40), -sp.Rational(3**50, 2**70 + 1), sp.Float("0.1", 400),
+])
+def test_long_fractions_are_rounded_once(number):
+    text = CPrinter(REALS["double"], {})(sp.Rational(number))
+    # Python divides integers of any length with one rounding
+    exact = sp.Rational(number)
+    assert float(text) == int(exact.p) / int(exact.q)
+
+
+@pytest.mark.parametrize(("real", "power"), [
+    ("double", 1024), ("float", 128), ("long-double", 16384), ("float128", 16384)])
+def test_numbers_beyond_a_type_are_refused(real, power):
+    printer, large = CPrinter(REALS[real], {}), sp.Integer(2) ** power
+    assert float(printer(1 / (large**2 * 2**300)).rstrip("fLF128")) == 0
+    assert printer(large / 2)
+    for e in (large, -large, sp.sqrt(2) * large, sp.exp(sp.Integer(power))):
+        with pytest.raises(InputError, match=f"{real}.*wider"):
+            printer(e)
+
+
 @pytest.mark.parametrize("name", ["fourth roots", "power 3/4"])
 def test_fourth_roots_are_square_roots_of_square_roots(name):
     kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": IRRATIONAL[name]})
