@@ -381,6 +381,8 @@ def as_switches(e: sp.Expr) -> sp.Expr:
             replacement[node] = _piecewise(node, arguments)
         elif node.func in _DEFINITIONS:
             replacement[node] = _DEFINITIONS[node.func](*arguments)
+        elif any(not isinstance(a, sp.Basic) for a in arguments):  # conditions, in a set for one
+            raise _condition_error(node)
         else:
             replacement[node] = node.func(*arguments) if arguments else node
     return replacement[e]

@@ -22,12 +22,12 @@ import numpy as np
 import sympy as sp
 from numpy.typing import NDArray
 
-from ...core.arguments import count_text, shown
+from ...core.arguments import count_text, few, shown
 from ...core.errors import InputError
 from ...core.records import dataclass
 from ..parsing.tokens import shorten
 from ..symbolic.derivatives import derivative, slopes
-from ..symbolic.identities import compare
+from ..symbolic.identities import compare, is_refuted
 from ..symbolic.numeric_evaluation import evaluate
 from ..symbolic.shared_subexpressions import (
     Shared,
@@ -40,7 +40,7 @@ from ..symbolic.shared_subexpressions import (
 )
 from ..symbolic.switching_functions import switches_of
 from .elimination_order import Elimination, eliminate
-from .expression_arguments import as_expression, as_sequence
+from .expression_arguments import as_expression, as_sequence, refuse_other_assumptions
 from .system import System
 
 __all__ = ["LagrangianSystem", "from_lagrangian"]
@@ -308,15 +308,17 @@ def _refuse_unknown(
     for label, e in (("L", L), *((f"Force {i}", f) for i, f in enumerate(forces))):
         unknown = symbols_of([e]) - declared
         if unknown:
+            refuse_other_assumptions(label, name, unknown, declared)
             raise InputError(f"{label} of system {name!r} contains the unknown symbol "
                              f"{min(map(str, unknown))!r}; declare it in q, velocities or "
                              "parameters, or as time.")
 
 
 def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
-    """Refuse an L whose second derivatives ∂²L/∂v_i∂v_j depend on v.
+    """Refuse an L that is not ½ vᵀM v + bᵀv − V.
 
     A bound of the degree decides cheaply; otherwise an entry of M is compared with M at v = 0.
+    Where L switches with v, L itself is compared: |v| has the second derivative 0 but at v = 0.
     """
     if _degree(system.L, system.velocities) <= 2:
         return
@@ -329,6 +331,18 @@ def _refuse_unless_quadratic(system: LagrangianSystem) -> None:
                 f"L of system {system.name!r} is not quadratic in the velocities: its derivative "
                 f"by {v[j]} and {v[i]}, {shorten(str(e), 60)}, depends on them; give a "
                 "gyrospark.System with its H instead.")
+    # pᵀv − H is ½ (p − b)ᵀv + bᵀv − V, in which p − b = M v
+    if symbols_of(switches_of([system.L])).isdisjoint(system.velocities):
+        return
+    v, b = system.velocities, system.rest_momenta
+    M = zip(system.mass, system._at_rest([*system.mass.values()]), strict=True)
+    kinetic = (e * v[i] * v[j] * (1 if i != j else sp.Rational(1, 2)) for (i, j), e in M)
+    quadratic = sp.Add(*kinetic, *(x * y for x, y in zip(b, v, strict=True)), -system.potential)
+    if is_refuted([system.L], [quadratic]):
+        raise InputError(
+            f"L of system {system.name!r} is not quadratic in the velocities: it is not "
+            f"{shorten(str(quadratic), 60)} at all {few(v)}; give a gyrospark.System with its H "
+            "instead.")
 
 
 def _degree(e: sp.Expr, symbols: Sequence[sp.Symbol]) -> float:

@@ -32,7 +32,13 @@ from ...core.html import card, table
 from ...core.records import dataclass
 from ..parsing.reserved_names import is_taken
 from .body_layout import BodyLayout, JointLayout
-from .expression_arguments import as_expression, as_sequence, refuse_unless_symbols, shown_formula
+from .expression_arguments import (
+    as_expression,
+    as_sequence,
+    refuse_other_assumptions,
+    refuse_unless_symbols,
+    shown_formula,
+)
 from .jacobians import curvature, difference, gradient, jacobian, shortest, symmetric_jacobian
 from .velocity_coefficients import coefficients_of, refuse_unless_linear
 
@@ -58,7 +64,8 @@ class System:
         Coordinates and conjugate momenta, n of each.
     parameters : sequence of Symbol
         Everything else that occurs in H and g. A symbol declared ``positive`` or ``nonzero``
-        is checked at run time against that.
+        is checked at run time against that; other assumptions of SymPy, such as ``integer``, are
+        refused.
     H : Expr
         The Hamiltonian H(q, p; parameters).
     constraints : sequence of Expr
@@ -269,7 +276,7 @@ class System:
         time = () if self.time is None else (self.time,)
         names = [str(s) for s in (*self.q, *self.p, *self.velocities, *self.parameters, *time)]
         for name in names:
-            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+            if not _is_name(name):
                 raise InputError(f"System {self.name!r} has a symbol named {name!r}; names are "
                                  "letters, digits and '_' and begin with a "
                                  f"letter{_latin_proposal(name)}.")
@@ -281,9 +288,13 @@ class System:
             raise InputError(f"System {self.name!r} uses the name {repeated[0]!r} twice; names "
                              "must differ.")
         for name in self.quantities:
-            if not re.fullmatch("[A-Za-z][A-Za-z0-9_]*", name):
+            if not _is_name(name):
                 raise InputError(f"System {self.name!r} has a quantity named {name!r}; names are "
                                  "letters, digits and '_' and begin with a letter.")
+            # events and tables find both by their names, but no symbols of velocities
+            if name in {*names} - {*map(str, self.velocities)}:
+                raise InputError(f"System {self.name!r} has a quantity and a symbol named "
+                                 f"{name!r}; give the quantity another name.")
 
     def _refuse_undeclared_symbols(self) -> None:
         """Refuse symbols of H, constraints, forces and quantities that are not declared.
@@ -311,6 +322,7 @@ class System:
               for name, e in self.quantities.items())]
         for label, e, symbols, sentence in checks:
             if unknown := e.free_symbols - symbols:
+                refuse_other_assumptions(label, self.name, unknown, symbols)
                 raise InputError(f"{label} of system {self.name!r} contains "
                                  + sentence.format(repr(min(map(str, unknown)))))
 
@@ -570,11 +582,17 @@ class System:
 def _latin_proposal(name: str) -> str:
     """Return the end of a sentence with a Latin name for one with Greek letters, e.g. for "ω1".
 
-    Empty if a character is no letter of an alphabet. Unicode calls ω "GREEK SMALL LETTER OMEGA":
-    the last word is its name.
+    Empty if that is no name either. Unicode calls ω "GREEK SMALL LETTER OMEGA": the last word is
+    its name, but of é, "… E WITH ACUTE".
     """
     words_of = [unicodedata.name(letter, "").lower().split() if not letter.isascii() else [letter]
                 for letter in name]
-    if not all(len(words) == 1 or "letter" in words for words in words_of):
-        return ""
-    return f"; write sympy.Symbol({''.join(words[-1] for words in words_of)!r})"
+    proposal = "".join(words[-1] for words in words_of if words)
+    is_letters = all(len(words) == 1 or ("letter" in words and "with" not in words)
+                     for words in words_of)
+    return f"; write sympy.Symbol({proposal!r})" if is_letters and _is_name(proposal) else ""
+
+
+def _is_name(text: str) -> bool:
+    """Whether a text consists of letters, digits and "_", and begins with a letter."""
+    return re.fullmatch("[A-Za-z][A-Za-z0-9_]*", text) is not None

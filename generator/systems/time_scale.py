@@ -22,6 +22,7 @@ from ...core.arguments import few
 from ...core.errors import InputError
 from ...core.incompatibilities import refuse_together
 from ...core.records import dataclass
+from .expression_arguments import refuse_other_assumptions
 from .lagrangian import LagrangianSystem
 from .moving_frame import TransformedSystem
 from .system import System
@@ -114,6 +115,7 @@ def refuse_unscalable(system: System) -> None:
     allowed = {*system.q, *system.p, *system.parameters, *filter(None, (system.time,))}
     unknown = scale.free_symbols - allowed
     if unknown:
+        refuse_other_assumptions("time_scale", system.name, unknown, allowed)
         raise InputError(f"{about} contains the unknown symbol {min(map(str, unknown))!r}; declare "
                          "it in q, p, parameters or as time.")
     if scale.is_nonpositive:

@@ -15,7 +15,7 @@ T = me.dynamicsymbols._t
 def joints(count, lift=None):
     """Return a System: rods on pin joints about alternating axes, with gravity, on a base."""
     m, length, g = sp.symbols("m l g", positive=True)
-    k = sp.Symbol("k", nonnegative=True)
+    k = sp.Symbol("k", real=True)
     I1, I2 = sp.symbols("I1 I2", positive=True)
     N, O = me.ReferenceFrame("N"), me.Point("O")  # noqa: E741
     O.set_vel(N, 0)

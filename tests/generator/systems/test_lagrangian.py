@@ -186,6 +186,9 @@ def lagrangian(L=FREE, q=(X, Y), v=(VX, VY), parameters=(M,), *more, **named):
 
 @pytest.mark.parametrize(("arguments", "message"), [
     ({"L": M * sp.sqrt(1 + VX**2) + VY**2}, "quadratic"), ({"L": FREE + VX**3}, "quadratic"),
+    # their second derivatives do not depend on the velocity
+    *(({"L": FREE + e}, "quadratic") for e in (
+        sp.Abs(VX), X * sp.Max(VX, 0), X * sp.floor(VY), sp.sign(VX - VY))),
     ({"L": M * VX**2 / 2}, r"singular.*\bvy\b"),
     ({"L": M * (VX + X * VY) ** 2 / 2}, "singular.*vx, vy"), ({"L": FREE * sp.Abs(X)}, "switches"),
     ({"v": (VX,)}, "2 coordinates.*1 velocities"),

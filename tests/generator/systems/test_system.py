@@ -1,6 +1,7 @@
 """System: refusals, derivatives, the hidden constraint; constants of a run."""
 
 import dataclasses
+import re
 
 import pytest
 import sympy as sp
@@ -46,7 +47,24 @@ def system(**changes):
     ({"H": px**2 / m + c * x}, "'pendulum'.*unknown symbol 'c'"),
     # the first of several, whatever the hash seed
     ({"H": px * sp.Symbol("B") + sp.Symbol("A") + sp.Symbol("C")}, "unknown symbol 'A'"),
-    ({"H": px**2 / sp.Symbol("m")}, "unknown symbol 'm'"),  # other assumptions
+    ({"H": px**2 / sp.Symbol("m")}, "'m'.*other assumptions"),
+    ({"constraints": (sp.Symbol("x"),)}, "'x'.*other assumptions"),
+    # SymPy simplifies by these: √a² is −a, cos(2 π a) is 1, and no run checks a
+    *(({"parameters": (m, grav, sp.Symbol("a", **{name: True}))}, f"'a'.*{name}=True.*positive")
+      for name in ("negative", "nonnegative", "nonpositive", "integer", "rational", "imaginary",
+                   "infinite")),
+    ({"parameters": (m, grav, sp.Symbol("a", commutative=False))}, "'a'.*commutative=False"),
+    ({"q": (sp.Symbol("x", negative=True), y, z)}, "'x'.*negative=True"),
+    ({"time": sp.Symbol("t", integer=True)}, "'t'.*integer=True"),
+    *(({key: set(symbols)}, f"{key} =.*order.*list")  # a set has no order
+      for key, symbols in (("q", q), ("p", p), ("parameters", (m, grav)))),
+    *(({"quantities": {name: z}}, f"{name!r}.*another name") for name in ("x", "pz", "g")),
+    *(({"H": px**2 / m + e * x}, message) for e, message in (
+        (sp.asin(2), "not real"), (sp.Integer(-8) ** sp.Rational(1, 3), "not real"),
+        (sp.Integral(c**2, (c, 0, 1)), "doit"), (sp.Sum(x**c, (c, 0, 3)), "doit"),
+        (sp.Product(x + c, (c, 0, 3)), "doit"), (sp.Subs(sp.sin(c), c, x), "doit"),
+        (sp.Limit(sp.sin(c) / c, c, 0), "doit"), (sp.CRootOf(c**5 - c - 1, 0), "evalf"),
+        (sp.Piecewise((1, sp.Contains(x, sp.Interval(0, 1))), (0, True)), "understood"))),
     ({"forces": (x, c, 0)}, "Force 1.*'pendulum'.*'c'"),
     ({"quantities": {"height": c}}, "'height'.*'pendulum'.*'c'"),
     ({"quantities": {"two words": x}}, "'pendulum'.*'two words'.*letters"),
@@ -61,6 +79,22 @@ def system(**changes):
 def test_what_is_no_system_is_refused(changes, message):
     with pytest.raises(InputError, match=message):
         system(**changes)
+
+
+@pytest.mark.parametrize(("name", "proposed"), [
+    ("ω1", "omega1"), ("é", ""), ("I'", ""), ("_x", ""), ("x 1", "")])
+def test_proposed_names_are_names(name, proposed):
+    with pytest.raises(InputError) as caught:
+        system(parameters=(m, grav, sp.Symbol(name)))
+    assert re.findall(r"Symbol\('(.*)'\)", str(caught.value)) == [proposed] * bool(proposed)
+
+
+@pytest.mark.parametrize("assumptions", [
+    {}, {"real": True}, {"positive": True}, {"nonzero": True}, {"real": True, "nonzero": True},
+    {"finite": True}])
+def test_assumptions_that_runs_check_are_taken(assumptions):
+    a = sp.Symbol("a", **assumptions)
+    assert system(parameters=(m, grav, a), H=px**2 / m + a * x).parameters[2] == a
 
 
 @pytest.mark.parametrize(("changes", "message"), [
