@@ -128,8 +128,8 @@ def _memory_bytes(derived: Derived, constants: int, factor: int, *, single: bool
     lanes = 64 // real.bytes if not real.wide else 1  # of AVX-512, the widest registers
     # stages and nodes in blocks of lanes, or one by one with trajectories in the lanes
     blocks, nodes = (-(-s // lanes), -(-p // lanes)) if single else (s, p)
-    # all numbers below count registers, as the members of the state in ``fixed_point/state.h``; x
-    # are the unknowns k, k̂ and λ
+    # Numbers below count registers, the members of the state in ``fixed_point/state.h``, with room
+    # to spare; x are the unknowns k, k̂ and λ.
     x = 2 * blocks * n + nodes * m
     # x, the constraint forces C at the stages, Y and D at the nodes, the factors of W
     iterate = x + (blocks + 2 * nodes) * n + nodes * factor

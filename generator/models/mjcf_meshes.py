@@ -65,6 +65,7 @@ def remove_files(mujoco: Any, spec: Any, folder: Path) -> list[MeshGeom]:
         if not geom.name:
             geom.name = next(name for k in count(number) if (name := f"mesh{k}") not in names)
             names.add(geom.name)
+        # without a scale along the file's axes the mesh is sheared, which no shape here is
         inner, scale = _stretch(mesh)
         geoms.append(MeshGeom(geom.name, outer.then(inner), None if is_fitted or scale is None else
                               partial(_shape, scale, _file(mesh, spec.strippath).as_posix())))

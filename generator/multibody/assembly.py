@@ -491,7 +491,8 @@ class Assembly:
         with np.errstate(all="ignore"):
             q = project_coordinates(numbers, self.q0)
             poses, p = self.start, self.p0
-            # the projection moved the bodies: momenta 2 L(q)ᵀ J Ω are computed at the new q
+            # The projection moved the bodies: momenta 2 L(q)ᵀ J Ω are computed at the new q. The
+            # coordinates of joints that are ``placed``, of a robot's file, give way with a warning.
             if np.abs(q - self.q0).max() > ROUNDING * np.abs(q).max():
                 poses = self._poses_at(q, self.start)
                 warn_of_moved_bodies(self.components.bodies, self.start, poses)

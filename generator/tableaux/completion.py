@@ -55,6 +55,7 @@ def complete_tableau(
             f"The tableau {name!r} cannot be completed: b_{zero} = 0, by which the symplectic "
             "partner of A divides; give A_hat, for example A itself, which makes no symplectic "
             "pair.")
+    # the tableau of a motion without constraints
     free_parts = {"A": A, "A_hat": parts.get("A_hat") or partner(A, b, b_hat), "b": parts["b"],
                   "b_hat": [[weight] for weight in b_hat], "c": parts["c"]}
     best_tableau: Tableau | None = None
