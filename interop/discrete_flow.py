@@ -352,8 +352,7 @@ class DiscreteFlow:
             tangents = self._tangents_of_steps(run, stored_run, steps, dz, input_directions[j])
             # backwards: w with its slope, which is 0 at the end
             cotangents = CotangentSlopes.at_end(second, cotangent, np.zeros(size), self.steps)
-            directions, _, input_slopes = cotangents.inputs
-            directions[:] = input_directions[j]
+            cotangents.inputs.direction[:] = input_directions[j]
             status = second.integrate_second(
                 run, parameters, steps, tangents, dz, no_stored_states, self.steps, cotangents)
             if status:
@@ -363,7 +362,8 @@ class DiscreteFlow:
             z_bar[:size], slope[:size] = cotangents.w
             start_slope = pulled_back_slope(second, space, parameters, run.q, run.p, dz, z_bar,
                                             slope)
-            derivatives[j] = np.concatenate([start_slope[self._fixed_rows], input_slopes.ravel()])
+            derivatives[j] = np.concatenate([start_slope[self._fixed_rows],
+                                             cotangents.inputs.cotangent_slopes.ravel()])
         return derivatives
 
     def _tangents_of_steps(

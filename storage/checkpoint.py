@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -80,6 +80,10 @@ class CheckpointState:
     def ended_by(self) -> int | None:
         """Index of the event that ended the run."""
         return -1 - self.status if self.status < 0 else None
+
+    def ended_at_event(self, event: int) -> CheckpointState:
+        """Return the state as the end of the run by the event of this index."""
+        return replace(self, status=-1 - event)
 
 
 def _gap_count(events: Events) -> int:

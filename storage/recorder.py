@@ -193,17 +193,18 @@ class Recorder:
         block_rows.multipliers[:1] = self.binding.new(1)[0] + np.nan
         return block_rows
 
-    def _next_block(self, writer: Writer) -> Rows:
-        """Return a block of rows to fill, a written block if there is one.
+    def _begin_next_block(self, writer: Writer) -> None:
+        """Begin the block of rows after the present one, in a written block if there is one.
 
         Page faults of new memory would cost as much as the steps.
         """
+        self.first_row += self.block
         try:
-            block_rows = writer.written.get_nowait()
+            self.rows = writer.written.get_nowait()
         except queue.Empty:
-            return self._empty()
-        block_rows.iterations[:] = 0
-        return block_rows
+            self.rows = self._empty()
+        else:
+            self.rows.iterations[:] = 0
 
     def _read(self, first_row: int, count: int) -> Rows:
         """Return a block of rows from ``first_row`` on, its first ``count`` ones as stored."""
@@ -277,8 +278,8 @@ class Recorder:
                 committed = time.monotonic()
                 if self._has_ended():
                     return
-                self.first_row, row = self.first_row + self.block, 0
-                self.rows = self._next_block(writer)
+                self._begin_next_block(writer)
+                row = 0
             self._advance(row)
             if self.state.ended_by is not None:
                 return
@@ -313,15 +314,16 @@ class Recorder:
         Events within it are counted from the start of the run; a terminal one ends the run there.
         """
         run, state, binding = self.run, self.state.run, self.binding
-        block_row = run.steps // run.every + 1 - self.first_row  # of the last row
-        # a longer run that resumes here needs the iterations, for the row that its steps complete,
-        # and no event of this part: it finds these again in its next step
-        iterations = int(self.rows.iterations[block_row]) if run.steps % run.every else 0
+        row = run.steps // run.every + 1 - self.first_row  # the last row, counted in its block
+        # where ``every`` does not store the last whole step, a longer run that resumes here takes
+        # more steps for the same row, which has the most iterations of all of them; it needs no
+        # event of this part, which it finds again in its next step
+        iterations = int(self.rows.iterations[row]) if run.steps % run.every else 0
         grid_end = replace(self.state, most_iterations=iterations,
                            event_progress=self._event_progress())
-        t = binding.times(run.t0, run.dt, np.array([run.steps]))[0]
-        # from the start of the run: 0 in the type of t0
-        elapsed = binding.times(0 * run.t0, run.dt, np.array([run.steps]))[0]
+        # the time of the last whole step, and that since the start of the run, in the type of t0
+        t, elapsed = (binding.times(first_time, run.dt, np.array([run.steps]))[0]
+                      for first_time in (run.t0, 0 * run.t0))
         try:
             partial_run = integrate_observed(self.stepper, run.part_of_step(state.q, state.p, t),
                                              self.events, progress=None)
@@ -336,18 +338,17 @@ class Recorder:
         crossings = {name: counted_from_start(crossings_of_event, run.steps, elapsed, work_of_steps,
                                               self._latest.get(name))
                      for name, crossings_of_event in new_events.items()}
-        if block_row == self.block:
-            self.first_row, block_row = self.first_row + self.block, 0
-            self.rows = self._next_block(writer)
-        self.rows.assign(np.s_[block_row : block_row + 1],
+        if row == self.block:
+            self._begin_next_block(writer)
+            row = 0
+        self.rows.assign(np.s_[row : row + 1],
                          row_of(partial_run, work_of_steps + partial_run.work[-1:]))
         self.last_part = partial_run
         self.end = np.array([run.t_end], partial_run.t.dtype)
         if partial_run._ended_by is not None:
             self.end = partial_run.t[-1:]
             names = [event.name for event in self.events]
-            # the status of ``CheckpointState`` for the event
-            self.state = replace(self.state, status=-1 - names.index(partial_run._ended_by))
+            self.state = self.state.ended_at_event(names.index(partial_run._ended_by))
         self._commit(writer, crossings=crossings, checkpoint=grid_end)
 
     # ------------------------------------------------------------ events
@@ -376,7 +377,7 @@ class Recorder:
         end = None if self.observer is None else self.observer.end
         if end is None or self.state.ended_by is not None:
             return
-        self.state = replace(self.state, status=-1 - end.event)
+        self.state = self.state.ended_at_event(end.event)
         row_in_block = self.state.steps // self.run.every + 1 - self.first_row
         self.rows.assign(np.s_[row_in_block : row_in_block + 1], end.row)
         self.end = end.at.t  # in scaled time τ

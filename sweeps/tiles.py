@@ -134,9 +134,9 @@ def cells_of(study: Study, tile: Tile) -> Cells:
                   if name not in study.means}
     means = {name: _means(name, rule, parameters) for name, rule in study.means.items()}
     return Cells(  # without an axis of schemes there is one, of number 0
-        column(SCHEME, common=0), {name: (parameters | means)[name] for name in names},
-        dt, study.steps_of(dt), column("q", study.q), column("p", study.p),
-    )
+        scheme=column(SCHEME, common=0),
+        parameters={name: (parameters | means)[name] for name in names}, dt=dt,
+        steps=study.steps_of(dt), q=column("q", study.q), p=column("p", study.p))
 
 
 def _means(name: str, rule: Rule, parameters: dict[str, Array]) -> Array:

@@ -151,8 +151,8 @@ def _integrate_in_memory(
     count = steps_of(arguments, start.t, arguments.get("dt"))
     if isinstance(trouble, Stopped) and count:
         trouble = _with_location(trouble, trajectory.report.steps, count, saved_path)
-    return RunOutcome(trajectory, trajectory, seconds, trajectory.report.steps, saved_path, trouble,
-                      trajectory._ended_by)
+    return RunOutcome(trajectory, last=trajectory, seconds=seconds, steps=trajectory.report.steps,
+                      out=saved_path, trouble=trouble, ended_by=trajectory._ended_by)
 
 
 def _with_location(
@@ -190,5 +190,5 @@ def _integrate_into_store(
     # a sample of a long run, for plots: the stride is rounded up
     sampled_states = recording[:: -(-len(recording) // _SHOWN)]
     last_state = recording[-1:]
-    return RunOutcome(sampled_states, last_state, seconds, recording.steps_done - before,
-                      str(store), trouble, recording.ended_by)
+    return RunOutcome(sampled_states, last_state, seconds, steps=recording.steps_done - before,
+                      out=str(store), trouble=trouble, ended_by=recording.ended_by)

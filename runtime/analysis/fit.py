@@ -708,8 +708,10 @@ def _result(
     undetermined = _combinations(identified.null, free_names, estimates, basis, _start_sizes(point))
     sigma = {name: noise * float(np.sqrt(variance))
              for name, variance in zip(names, identified.variances, strict=True)}
-    return Fit(dict(point.parameters), point.q, point.p, names, covariance, sigma, undetermined, r,
-               rms, truncation, basis, horizons, iterations, converged)
+    return Fit(
+        dict(point.parameters), point.q, point.p, names=names, covariance=covariance, sigma=sigma,
+        undetermined=undetermined, residuals=r, rms=rms, truncation=truncation, basis=basis,
+        horizons=horizons, iterations=iterations, converged=converged)
 
 
 def _start_sizes(point: Point) -> Array:

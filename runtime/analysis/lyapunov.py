@@ -371,10 +371,12 @@ class Benettin:
         megno = np.cumsum((Y + np.append(0.0, Y[:-1])) / 2 * lengths) / times
         ftle = np.array(self.largest) / times
         return Lyapunov(
-            running[-1].copy(), _errors(logs, lengths), times, running, float(megno[-1]), megno,
-            float(ftle[-1]), ftle, self.volume / times[-1] if self.full else float("nan"),
-            self.defect, self._covariant() if self.with_covariant else None, self.run.dt,
-            self.run.steps, self.run.every, self.stepper.name)
+            exponents=running[-1].copy(), errors=_errors(logs, lengths), times=times,
+            running=running, megno=float(megno[-1]), running_megno=megno, ftle=float(ftle[-1]),
+            running_ftle=ftle, volume_rate=self.volume / times[-1] if self.full else float("nan"),
+            symplectic_defect=self.defect,
+            covariant=self._covariant() if self.with_covariant else None, dt=self.run.dt,
+            steps=self.run.steps, every=self.run.every, name=self.stepper.name)
 
     def _covariant(self) -> Array:
         """Return covariant vectors V_k C_k, backwards by C_k = R_{k+1}⁻¹ C_{k+1}, normalised."""

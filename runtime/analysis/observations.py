@@ -120,7 +120,8 @@ class Observation:
     ) -> Residuals:
         """Return prediction − data of states q and p, (rows, n), and its derivatives.
 
-        The equations are in the module docstring.
+        An attitude has four columns of data and three residuals. The equations are in the module
+        docstring.
         """
         if self.function is not None:
             return self._residuals_of_function(self.function, data, q, p)
@@ -131,13 +132,13 @@ class Observation:
         z = np.concatenate([q, p], axis=1)
         for part, data_columns, columns in self._columns():
             measured = data[:, data_columns]
-            if isinstance(part, list):
+            if isinstance(part, list):  # an attitude
                 residuals[:, columns], by_state[:, columns, part] = _rotation_between(
                     measured, q[:, part])
-            elif isinstance(part, int):
+            elif isinstance(part, int):  # a coordinate or a momentum
                 residuals[:, columns] = z[:, [part]] - measured
                 by_state[:, columns, part] = 1.0
-            else:
+            else:  # the angular velocity of a body
                 omega, by_q, by_p, by_inertia = _angular_velocity(part, q[:, part.q], p[:, part.q],
                                                                   parameters)
                 residuals[:, columns] = omega - measured

@@ -215,12 +215,12 @@ class Guess:
     units: Array
 
     @property
-    def size(self) -> float:
+    def gap_size(self) -> float:
         """|Φ_h^N(z) − z| in ``units``."""
         return float(np.linalg.norm(self.gap.astype(float) / self.units))
 
     @property
-    def scale(self) -> float:
+    def state_size(self) -> float:
         """|z| in ``units``, of which gaps are parts; the least positive number where z = 0."""
         return max(float(np.linalg.norm(self.z.astype(float) / self.units)), 1e-300)
 
@@ -274,30 +274,33 @@ class OrbitSearch:
         """
         start = self.start
         guess = self._evaluate(start.q, start.p, start.dt, dict(start.parameters))
-        B = self._tangents(guess).start
+        B = self._tangents(guess).start  # a basis of the tangent space
         for name, fixed_value in self.fixed_values.items():
             slope = float(np.linalg.norm(self._slope(name, guess, B)))
-            self.fixed_scales[name] = max(abs(float(fixed_value)), slope * guess.scale) or 1.0
-        gaps = [guess.size]  # |Φ_h^N(z) − z| of each guess
+            self.fixed_scales[name] = max(abs(float(fixed_value)), slope * guess.state_size) or 1.0
+        gaps = [guess.gap_size]  # |Φ_h^N(z) − z| of each guess so far
         while not self._is_closed(guess, gaps):
             if report is not None:
                 report(len(gaps) - 1)
+            # None: no part of the increment brings z nearer to an orbit, or the limit is reached
             next_guess = self._newton_step(guess) if len(gaps) <= iteration_limit else None
-            is_close = self.phase_fixed and guess.size < _NEAR * guess.scale
+            is_close = self.phase_fixed and guess.gap_size < _NEAR * guess.state_size
             if next_guess is None and not is_close:
                 raise self._failure(guess, gaps)
-            stagnates = next_guess is None or next_guess.size > max(
-                guess.size / 2, self._stagnation_level(guess))
+            stagnates = next_guess is None or next_guess.gap_size > max(
+                guess.gap_size / 2, self._stagnation_level(guess))
+            # isolated orbits have one phase within a step (module docstring): the search goes on
+            # with a free phase, from the next guess, or without one from the same
             if is_close and stagnates:
-                self.phase_fixed = False  # the phase within a step: see the module's text
+                self.phase_fixed = False
             if next_guess is not None:
                 guess = next_guess
-                gaps.append(guess.size)
+                gaps.append(guess.gap_size)
         if report is not None:
             report(len(gaps) - 1)
         # |∂Φ^N/∂h h| = |v| T: an equilibrium closes after any period
         path_length = float(np.linalg.norm(self._tangents(guess).by_step) * abs(float(guess.dt)))
-        if not self.time_dependent and path_length <= _STILL * guess.scale:
+        if not self.time_dependent and path_length <= _STILL * guess.state_size:
             raise GyrosparkError("Newton's method came to an equilibrium, which is no orbit; fix "
                                  "the energy or a coordinate, or begin farther from it.")
         return self._result(guess, gaps)
@@ -316,15 +319,15 @@ class OrbitSearch:
         The residual is the gap Φ(z) − z with the changes of fixed quantities. ``gaps`` are the
         sizes of the gap before each iteration so far.
         """
-        if self._residual(guess) <= _CLOSED * self.epsilon * guess.scale:
+        if self._residual(guess) <= _CLOSED * self.epsilon * guess.state_size:
             return True
         stagnant = len(gaps) > 1 and gaps[-1] >= gaps[-2] / 2
-        return stagnant and guess.size <= self._stagnation_level(guess)
+        return stagnant and guess.gap_size <= self._stagnation_level(guess)
 
     def _stagnation_level(self, guess: Guess) -> float:
         """Return the gap below which an iteration may stagnate."""
         round_off = _STAGNATED * self.epsilon * math.sqrt(self.steps)
-        return guess.scale * (max(_SMALL, round_off) if self.phase_fixed else round_off)
+        return guess.state_size * (max(_SMALL, round_off) if self.phase_fixed else round_off)
 
     def _newton_step(self, guess: Guess) -> Guess | None:
         """Return the guess after a Newton increment, halved while the residual grows.
@@ -336,7 +339,7 @@ class OrbitSearch:
         for _ in range(_HALVINGS + 1):
             trial = self._moved_guess(guess, B, increment * damping)
             if trial is not None and self._residual(trial) < max(
-                    residual, _SMALL * guess.scale):
+                    residual, _SMALL * guess.state_size):
                 return trial
             damping /= 2
         return None
@@ -347,12 +350,13 @@ class OrbitSearch:
             (Bᵀ Φ' B − 1) dy + Bᵀ ∂Φ^N/∂h dh + Bᵀ (∂Φ^N/∂θ − ∂z/∂θ) dθ = −Bᵀ (Φ^N(z) − z)
             v·B dy = 0  (if the phase is fixed),   dc = c(z_0) − c(z)  for each fixed quantity c
 
-        by least squares of least norm, with columns of length 1, and slopes of length 1 by y.
+        by least squares of least norm. Columns are scaled to length 1, and each row after the first
+        block to length 1 of its entries by y.
         """
         Phi, B, by_step, by_parameter = self._tangents(guess)
         dim = B.shape[1]
         columns = [B.T @ Phi - np.eye(dim)]
-        start_derivatives = [B]  # derivatives of (q, p) by the unknowns, at the start
+        start_derivatives = [B]
         if "period" not in self.fixed:
             columns.append((B.T @ by_step)[:, None])
             start_derivatives.append(np.zeros((2 * self.stepper.n, 1)))
@@ -360,6 +364,7 @@ class OrbitSearch:
             start_by_parameter, end_by_parameter = by_parameter
             columns.append((B.T @ (end_by_parameter - start_by_parameter))[:, None])
             start_derivatives.append(start_by_parameter[:, None])
+        # A (dy, dh, dθ) = right_side, and D = ∂(q, p)/∂(y, h, θ) at the start
         A, D = np.hstack(columns), np.hstack(start_derivatives)
         right_side = [*(-B.T @ (guess.gap.astype(float) / guess.units))]
         rows: list[tuple[Array, float]] = []  # slope by the unknowns, and its right side
@@ -375,7 +380,7 @@ class OrbitSearch:
         norms = np.linalg.norm(A, axis=0)
         norms[norms == 0] = 1.0
         # far from the orbit, small singular values are no more than the size of the residual
-        share = _RESIDUAL_SHARE * guess.size / guess.scale
+        share = _RESIDUAL_SHARE * guess.gap_size / guess.state_size
         cutoff = min(max(share, _LEAST), _MOST) if self.phase_fixed else _LEAST
         return np.linalg.lstsq(A / norms, np.array(right_side), rcond=cutoff)[0] / norms, B
 
@@ -461,7 +466,7 @@ class OrbitSearch:
             entry = self._names().index(name)
             slope: Array = guess.units[entry] * D[entry]
             return slope
-        n, scale = self.stepper.n, 1e-5 * guess.scale
+        n, scale = self.stepper.n, 1e-5 * guess.state_size
         # central differences: each unknown moves the state by the same length
         norms = np.linalg.norm(D, axis=0)
         sizes = scale / np.maximum(norms, 1e-300)
@@ -499,7 +504,7 @@ class OrbitSearch:
 
     def _residual(self, guess: Guess) -> float:
         """Return the norm of the gap and of the change of fixed quantities, in units of z."""
-        return math.hypot(guess.size, self._fixed_residual(guess) * guess.scale)
+        return math.hypot(guess.gap_size, self._fixed_residual(guess) * guess.state_size)
 
     def _result(self, guess: Guess, gaps: list[float]) -> PeriodicOrbit:
         """Return the orbit with its multipliers, the eigenvalues of M = Bᵀ Φ B, the largest first.
@@ -518,9 +523,9 @@ class OrbitSearch:
                             -np.round(np.abs(multipliers), 6)))
         return PeriodicOrbit(
             guess.z[: self.stepper.n], guess.z[self.stepper.n :], guess.dt, self.steps,
-            guess.parameters,
-            self.t0, multipliers[order], np.linalg.solve(R, M @ R), basis, defect, len(gaps) - 1,
-            tuple(gaps), self.stepper)
+            guess.parameters, self.t0, multipliers=multipliers[order],
+            monodromy=np.linalg.solve(R, M @ R), basis=basis, symplectic_defect=defect,
+            iterations=len(gaps) - 1, residuals=tuple(gaps), _stepper=self.stepper)
 
 
 def _names_of_fixed(

@@ -12,7 +12,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -192,8 +192,13 @@ def as_bytes(memory: Any) -> int | None:
     return int(min(float(match[1]) * _UNITS[match[2].lower()], 2.0**62))
 
 
-#: A point, and the cotangents of its state, (2 n,), of its time, and of its multipliers or None.
-PointCotangents = tuple[Point, Array, Any, Array | None]
+class PointCotangents(NamedTuple):
+    """A state within a step, and its cotangents."""
+
+    point: Point
+    state: Array  # shape (2 n,)
+    time: Any
+    multipliers: Array | None
 
 
 @dataclass(frozen=True)
@@ -221,8 +226,9 @@ class Cotangents:
     @property
     def sizes(self) -> Array:
         """Euclidean norms (2,) of cotangents of q and of p, or of multipliers where these are 0."""
-        states = np.concatenate([self.rows, *(w[None] for _, w, *_ in self.points)])
-        forces = [self.multipliers.ravel(), *(w for *_, w in self.points if w is not None)]
+        states = np.concatenate([self.rows, *(within.state[None] for within in self.points)])
+        forces = [self.multipliers.ravel(), *(within.multipliers for within in self.points
+                                              if within.multipliers is not None)]
         size = np.linalg.norm(np.concatenate(forces).astype(float))
         return np.array([np.linalg.norm(half.astype(float)) or size
                          for half in np.split(states, 2, axis=1)])
@@ -253,8 +259,8 @@ def cotangents_of(stepper: Stepper, kinds: RunRows, cotangents: Mapping[str, Any
     multipliers[:step_rows] = of_multipliers[:step_rows]
     point_multipliers: Iterable[Array | None] = (
         of_multipliers[step_rows:] if len(of_multipliers) else [None] * len(kinds.points))
-    points: list[PointCotangents] = list(zip(
-        kinds.points, of_states[step_rows:], of_times[step_rows:], point_multipliers, strict=True))
+    points = [PointCotangents(*entries) for entries in zip(
+        kinds.points, of_states[step_rows:], of_times[step_rows:], point_multipliers, strict=True)]
     points += _event_cotangents(stepper, kinds, cotangents.get("events", {}))
     return Cotangents(rows, times, multipliers, points, parameters)
 
@@ -285,7 +291,8 @@ def _event_cotangents(stepper: Stepper, kinds: RunRows, cotangents: Any) -> list
         crossings = kinds.event(name)
         of_states, of_times = _cotangents_of_states(
             stepper, len(crossings), event_cotangents, where=f" at the event {name}")
-        points += zip(crossings, of_states, of_times, [None] * len(crossings), strict=True)
+        points += [PointCotangents(*entries, multipliers=None)
+                   for entries in zip(crossings, of_states, of_times, strict=True)]
     return points
 
 
@@ -397,9 +404,10 @@ class _AdjointRun:
         input_names = stepper.binding.input_names if run.inputs is not None else []
         self.input_columns = [2 * n + names.index(u) for u in input_names]
         points = cotangents.points
-        self.steps_of_points = np.array([point.step for point, *_ in points], int)
+        self.steps_of_points = np.array([within.point.step for within in points], int)
         self.frame = FrameMotion(self.binding, stepper.symmetries, run)
-        if len(cotangents.multipliers) or any(forces is not None for *_, forces in points):
+        if len(cotangents.multipliers) or any(
+                within.multipliers is not None for within in points):
             self.frame.refuse_rotating_multipliers(run)
         self.z_bar = self.module.new(self.binding.rows)
         for name, derivative in cotangents.parameters.items():

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
 import numpy as np
 
@@ -43,6 +43,14 @@ _BLOCK = 512
 Slopes = Callable[[dict[str, Any]], Mapping[str, Any]]
 
 
+class _Inputs(NamedTuple):
+    """Inputs of steps, shape (steps, inputs) each, in the order of the arguments of C."""
+
+    direction: Array  # the change of the inputs along the direction
+    cotangents: Array
+    cotangent_slopes: Array
+
+
 @dataclass(frozen=True)
 class CotangentSlopes:
     """Cotangents on their way back through steps, each with its slope along one direction.
@@ -53,13 +61,12 @@ class CotangentSlopes:
         The cotangent of the present state, and its slope.
     z_bar : tuple of 2 array, shape (rows,)
         The cotangent of start, parameters and Δt so far, and its slope.
-    inputs : tuple of 3 array, shape (steps, inputs)
-        Slopes of the inputs; cotangents of the inputs, and slopes of the cotangents.
+    inputs : _Inputs
     """
 
     w: tuple[Array, Array]
     z_bar: tuple[Array, Array]
-    inputs: tuple[Array, Array, Array]
+    inputs: _Inputs
 
     @classmethod
     def at_end(cls, second: SecondBinding, w: Array, w_slope: Array, steps: int) -> Self:
@@ -76,11 +83,9 @@ class CotangentSlopes:
         return replace(self, inputs=_inputs_of(second, steps))
 
 
-def _inputs_of(second: SecondBinding, steps: int) -> tuple[Array, Array, Array]:
-    """Return zeros for the slopes, the cotangents and their slopes of the inputs of steps."""
-    slopes, cotangents, cotangent_slopes = (
-        second.module.new(steps, len(second.module.input_names)) for _ in range(3))
-    return slopes, cotangents, cotangent_slopes
+def _inputs_of(second: SecondBinding, steps: int) -> _Inputs:
+    """Return zeros for the direction, the cotangents and their slopes of the inputs of steps."""
+    return _Inputs(*(second.module.new(steps, len(second.module.input_names)) for _ in range(3)))
 
 
 class SecondBinding:
@@ -239,7 +244,8 @@ def hessian_of(
     names, D = _directions(stepper, space, wrt, run)
     stored_tangents, block_tangents = stored_run.tangents(D)
     new = stored_run.first_order.module.new
-    # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0
+    # t_k = t0 + k Δt of each stored state, along each direction: D[-2] are dΔt, D[-1] are dt0; the
+    # zeros have the stepper's type of numbers
     time_directions = (new(len(stored_tangents), len(names))
                        + run.steps_of_rows(run.steps)[:, None] * D[-2] + D[-1])
     columns: list[Array] = []
@@ -249,12 +255,13 @@ def hessian_of(
         dz = np.ascontiguousarray(D[:, j])
         cotangent_slopes = _cotangent_slopes(stepper, stored_tangents[:, :, j],
                                              time_directions[:, j], dz, slopes, checked)
+        # z̄, z̄' along dz, and (Πᵀ z̄)' = Πᵀ z̄' + Π'ᵀ z̄
         z_bar, z_bar_slope = stored_run.adjoint(
             dz, [tangents[:, j] for tangents in block_tangents], cotangents, cotangent_slopes)
         start_slope = pulled_back_slope(stored_run.second_order, space,
                                         stored_run.second_parameters, run.q, run.p, dz, z_bar,
                                         z_bar_slope)
-        columns.append(D.T @ start_slope)  # (Πᵀ z̄)' along dz is ``start_slope``
+        columns.append(D.T @ start_slope)
         gradient[j] = dz @ space.pulled_back(z_bar)  # z̄ is the same in every pass
     matrix, asymmetry = _symmetric_part(np.array(columns).T)
     return Hessian(matrix, asymmetry, names, gradient, space.basis(), value)

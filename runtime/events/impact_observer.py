@@ -174,7 +174,8 @@ class ImpactObserver:
             return binding.ffi.cast(f"{binding.name}_{kind} *", address)
 
         count = binding.ffi.new("long *")
-        # rows as ``take_crossings`` reads them
+        # an impact in each row, as ``take_crossings`` reads them; one more pair is for the gap that
+        # stops C
         places = np.zeros((_CAPACITY + 1, 2), np.dtype("l"))
         hits = binding.new(_CAPACITY, 4 + 3 * binding.n)
         status = int(binding.function("integrate_impacts")(

@@ -265,17 +265,29 @@ class _BestStates:
                       self.time_in_step, self.q, self.p, rising)
 
 
+def _roots_between(
+    work: _Work, indices: Array, low: Array, high: Array, f_low: Array, f_high: Array, *,
+    known_zeros: Array | None = None, start: Array | None = None,
+) -> _Roots:
+    """Return one root of each bracket between the shares ``low`` and ``high`` of its step.
+
+    The values f_low and f_high of the event there have two signs. ``known_zeros`` as of
+    ``_BestStates``, ``start`` as of ``zeros``; all arrays have an entry for each root.
+    """
+    best_states = _BestStates(work, indices, low, high, known_zeros)
+    # the search returns nothing: ``best_states`` keeps the nearest state of each root
+    zeros(best_states, f_low, f_high, work.tolerance(indices) / (high - low), start)
+    return best_states.roots(rising=f_low < 0)
+
+
 def _simple_roots(work: _Work) -> _Roots:
     """Return the roots of steps at whose ends the value has two signs, neither of them 0."""
     brackets = work.brackets
     indices = np.flatnonzero(~brackets.turning & ~brackets.on_level)
     # sought in the whole step, from its share 0 to 1
-    best_states = _BestStates(work, indices, *_zero_and_one(work, indices))
     before, after = brackets.before[indices], brackets.after[indices]
-    # the search returns nothing: ``best_states`` keeps the nearest state of each root
-    zeros(best_states, before, after, work.tolerance(indices),
-          cubic_zero(brackets.past[indices], before, after))
-    return best_states.roots(before < 0)
+    return _roots_between(work, indices, *_zero_and_one(work, indices), before, after,
+                          start=cubic_zero(brackets.past[indices], before, after))
 
 
 def _level_roots(work: _Work) -> _Roots:
@@ -301,18 +313,19 @@ def _level_roots(work: _Work) -> _Roots:
     slope_after = work.slopes(indices[ends], ahead=1, end=(q, p))
     # one more root between the ends, if the value changes its sign there
     inside = np.flatnonzero(start_slope * end_slope < 0)
-    best_states = _BestStates(work, indices[inside], start_share[inside], end_share[inside],
-                              known_zeros=on_level[inside])
-    zeros(best_states, start_slope[inside], end_slope[inside], work.tolerance(indices[inside]))
+    within_steps = _roots_between(
+        work, indices[inside], start_share[inside], end_share[inside], start_slope[inside],
+        end_slope[inside], known_zeros=on_level[inside])
     # the end of a step is a root if the value arrives and does not turn back: then it only touches
     # its level
     crossing_ends = np.flatnonzero((slope_before != 0) & (slope_before * slope_after <= 0))
     indices_through = indices[ends[crossing_ends]]
-    at_end = _Roots(work.owner[indices_through], brackets.event[indices_through],
-                    brackets.step[indices_through], np.ones(len(indices_through)),
-                    time_in_step[crossing_ends], q[crossing_ends], p[crossing_ends],
-                    slope_before[crossing_ends] < 0)
-    roots = _join([best_states.roots(start_slope[inside] < 0), at_end])
+    at_ends = _Roots(
+        work.owner[indices_through], event=brackets.event[indices_through],
+        step=brackets.step[indices_through], place=np.ones(len(indices_through)),
+        time_in_step=time_in_step[crossing_ends], q=q[crossing_ends], p=p[crossing_ends],
+        rising=slope_before[crossing_ends] < 0)
+    roots = _join([within_steps, at_ends])
     return _select(roots, _is_accepted(work, roots))
 
 
@@ -324,12 +337,9 @@ def _double_roots(work: _Work) -> _Roots:
     # the place of other sign divides the step into two parts, each with one simple root
     part_indices = np.concatenate([indices, indices])
     low, high = np.concatenate([start_share, inner_share]), np.concatenate([inner_share, end_share])
-    best_states = _BestStates(work, part_indices, low, high)
     before, after = work.brackets.before[indices], work.brackets.after[indices]
-    zeros(best_states, np.concatenate([before, inner_value]), np.concatenate([inner_value, after]),
-          work.tolerance(part_indices) / (high - low))
-    rising = np.concatenate([before, inner_value]) < 0
-    roots = best_states.roots(rising)
+    roots = _roots_between(work, part_indices, low, high, np.concatenate([before, inner_value]),
+                           np.concatenate([inner_value, after]))
     return _select(roots, _is_accepted(work, roots))
 
 

@@ -143,12 +143,12 @@ def with_row(
     flat = flat_multipliers(trajectory)[ends]
     return trajectory.of_states(States(
         binding, stepper.manifest, binding.parameters(trajectory.parameters, trajectory.t[0]),
-        np.concatenate([times_of_states[states], t]), np.concatenate([q[states], row.q]),
-        np.concatenate([p[states], row.p]),
-        np.concatenate([flat, row.multipliers]).astype(binding.dtype),
-        np.concatenate([trajectory.iterations[ends], row.iterations]),
-        np.concatenate([trajectory.work[states], row.work]),
-        np.concatenate([trajectory.elapsed[states], elapsed])))
+        t=np.concatenate([times_of_states[states], t]), q=np.concatenate([q[states], row.q]),
+        p=np.concatenate([p[states], row.p]),
+        multipliers=np.concatenate([flat, row.multipliers]).astype(binding.dtype),
+        iterations=np.concatenate([trajectory.iterations[ends], row.iterations]),
+        work=np.concatenate([trajectory.work[states], row.work]),
+        elapsed=np.concatenate([trajectory.elapsed[states], elapsed])))
 
 
 class Observer:

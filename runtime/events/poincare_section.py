@@ -152,10 +152,9 @@ def section(
     step = step_argument(stepper.binding, dt, dtau)
     if stepper.binding.clocked and steps is None:
         span: dict[str, Any] = {"t_end": t_end, "every": _SELDOM}
-    else:  # one stored state at the end: the points are those of the events
+    else:  # one stored state at the end: events are located in every step, stored or not
         count, _ = steps_of_all(steps, t_end, state.t, step)
         span = {"steps": count, "every": max(count, 1)}
-    # crossings are found in every step, stored or not
     begin = Start(state.q, state.p, t=state.t)
     begin._excess = state.excess
     ensemble = stepper.integrate_ensemble(
@@ -164,10 +163,11 @@ def section(
         tangents=tangents, progress=progress)
     crossings = [ensemble.events[event.name][i] for i in range(len(ensemble))]
     return Section(
-        event, np.concatenate([crossing.t for crossing in crossings]),
-        np.concatenate([crossing.q for crossing in crossings]),
-        np.concatenate([crossing.p for crossing in crossings]),
-        np.repeat(np.arange(len(crossings)), [len(crossing) for crossing in crossings]),
-        ensemble.failures, stepper, [member.parameters for member in ensemble.members],
-        [None if tangents_of_run is None else tangents_of_run.events[event.name]
-         for tangents_of_run in ensemble.tangents])
+        event, t=np.concatenate([crossing.t for crossing in crossings]),
+        q=np.concatenate([crossing.q for crossing in crossings]),
+        p=np.concatenate([crossing.p for crossing in crossings]),
+        trajectory=np.repeat(np.arange(len(crossings)), [*map(len, crossings)]),
+        failures=ensemble.failures, _stepper=stepper,
+        _parameters=[member.parameters for member in ensemble.members],
+        tangents=[None if tangents_of_run is None else tangents_of_run.events[event.name]
+                  for tangents_of_run in ensemble.tangents])

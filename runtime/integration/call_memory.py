@@ -87,11 +87,11 @@ class CallMemory:
             return None
         binding, run, constants = stepper.binding, last_call.plan.run, last_call.plan.constants
         if p is None:
-            start = getattr(start, "start", None)
+            start = getattr(start, "start", None)  # of a model, or of a row of a run
             if not last_call.has_start(start):
                 return None
             q, p, t0 = start.q, start.p, start.t
-        elif last_call.start is None:
+        elif last_call.start is None:  # a call by (q, p), as the last one was
             q, t0 = start, run.t0
         else:
             return None

@@ -335,18 +335,17 @@ def _defects_and_bounds(
     nudge, epsilons = _move_scales(binding)
     dq, dp = (nudge * np.sqrt(np.einsum("ij,ij->i", x, x))
               for x in (x.astype(float, copy=False) for x in (q, p)))
-    g, f, *changes = _sizes(binding, parameters, q, p, dq, dp, moves)
-    g_bound, f_bound = (epsilons * change for change in changes)
+    sizes = _sizes(binding, parameters, q, p, dq, dp, moves)
+    g_bound, f_bound = epsilons * sizes.g_change, epsilons * sizes.f_change
     has_sets = binding.sets(parameters) > 1
-    change_of_f = 3  # among what ``_sizes`` returns
-    for i in np.flatnonzero(f > f_bound):
+    for i in np.flatnonzero(sizes.f > f_bound):
         row = slice(i, i + 1)
         own_parameters = binding.set_of(parameters, int(i)) if has_sets else parameters
         step = own_parameters, dt[i], q[i].copy(), p[i].copy(), binding.work()
         if keeps_f:  # near rest a step rounds what forces add to p, and constraints take away
             kick = _largest_kick(binding, *step)
             f_bound[row] = epsilons * _sizes(binding, own_parameters, q[row], p[row], dq[row],
-                                             dp[row] + nudge * kick, moves)[change_of_f]
+                                             dp[row] + nudge * kick, moves).f_change
             continue
         # the unknowns of an explicit step: increments of q and p
         x = binding.guess(*step)
@@ -354,8 +353,8 @@ def _defects_and_bounds(
         by_q, by_p = (moves.euler * np.array([float(np.abs(d).max())])
                       for d in (x[:n], x[n : 2 * n]))
         f_bound[row] += _sizes(binding, own_parameters, q[row], p[row], by_q, by_p,
-                               moves)[change_of_f]
-    return Defects(g, f, g_bound, f_bound)
+                               moves).f_change
+    return Defects(sizes.g, sizes.f, g_bound, f_bound)
 
 
 def _largest_kick(
@@ -369,11 +368,20 @@ def _largest_kick(
     return kick if binding.solves_increments else kick * abs(float(dt))
 
 
+class _Sizes(NamedTuple):
+    """Sizes of g and f at states, and of their largest changes by moves, shape (rows,) each."""
+
+    g: Array
+    f: Array
+    g_change: Array
+    f_change: Array
+
+
 def _sizes(
     binding: Binding, parameters: ParameterStruct, q: Array, p: Array, dq: Array, dp: Array,
     moves: _Moves
-) -> list[Array]:
-    """Return max |g|, max |f| and the largest changes of g and of f, shape (rows,) each.
+) -> _Sizes:
+    """Return max |g|, max |f| and their largest changes by ``moves``.
 
     One compiled call evaluates all. ``dq`` and ``dp``, (rows,), are sizes of the moves of each row.
     """
@@ -385,4 +393,4 @@ def _sizes(
                for d in binding.defects(parameters, *states)]
     # the first move is 0: the state itself
     entries = [np.abs(d[:, 0]) for d in defects] + [moves.change(d) for d in defects]
-    return [x.max(axis=1, initial=0).astype(float, copy=False) for x in entries]
+    return _Sizes(*(x.max(axis=1, initial=0).astype(float, copy=False) for x in entries))

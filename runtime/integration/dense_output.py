@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -121,8 +121,10 @@ def _targets_at(trajectory: Trajectory, known_states: _KnownStates, rows: Array)
     ends_step = stored_rows > 0
     multipliers[ends_step] = multipliers_of_steps[stored_rows[ends_step] - 1]
     iterations[ends_step] = trajectory.iterations[stored_rows[ends_step] - 1]
-    return _Targets(known_states.begin[rows], known_states.steps[rows], known_states.q[rows],
-                    known_states.p[rows], known_states.work[rows], multipliers, iterations)
+    return _Targets(
+        t=known_states.begin[rows], steps=known_states.steps[rows], q=known_states.q[rows],
+        p=known_states.p[rows], work=known_states.work[rows], multipliers=multipliers,
+        iterations=iterations)
 
 
 def _finish_impact_steps(
@@ -158,8 +160,7 @@ def _finish_impact_steps(
         is_behind, remainders, np.where(abs(distance) <= rounding, 0 * distance, distance))
 
 
-@dataclass(frozen=True)
-class _KnownStates:
+class _KnownStates(NamedTuple):
     """Rows of a run, and the states after its impacts, in the order of time.
 
     An entry for each state: ``begin`` its time, in scaled time τ; ``elapsed`` the time since the
@@ -182,22 +183,22 @@ def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
     times, elapsed = ((trajectory.tau, trajectory.tau) if clocked else
                       (trajectory.t, trajectory.elapsed))
     steps = np.rint((elapsed / trajectory.dt).astype(float)).astype(int)
-    rows = len(times)
-    columns = [times, elapsed, *full_states(trajectory), trajectory.work, steps, np.arange(rows),
-               np.zeros(rows, bool)]
+    q, p = full_states(trajectory)
+    stored_rows = _KnownStates(
+        times, elapsed, q, p, trajectory.work, steps, ends_of=np.arange(len(times)),
+        is_impact=np.zeros(len(times), bool))
     if not trajectory.impacts:
-        return _KnownStates(*columns)
+        return stored_rows
+    parts = [stored_rows]
     for impacts in trajectory.impacts.values():
         # a trajectory of a file has no elapsed times
         elapsed_of_impacts = (impacts.t - trajectory.t[0] if trajectory._states is None
                               else impacts.elapsed)
         steps_of_impacts = np.floor((elapsed_of_impacts / trajectory.dt).astype(float)).astype(int)
-        count = len(impacts)
-        impact_columns = (impacts.t, elapsed_of_impacts, impacts.q, impacts.p, impacts.work,
-                          steps_of_impacts, np.zeros(count, int), np.ones(count, bool))
-        columns = [np.concatenate(columns_of_both)
-                   for columns_of_both in zip(columns, impact_columns, strict=True)]
-    known_states = _KnownStates(*columns)
+        parts.append(_KnownStates(
+            impacts.t, elapsed_of_impacts, impacts.q, impacts.p, impacts.work, steps_of_impacts,
+            ends_of=np.zeros(len(impacts), int), is_impact=np.ones(len(impacts), bool)))
+    known_states = _KnownStates(*map(np.concatenate, zip(*parts, strict=True)))
     # of gaps that close at once, the last jump leads to a state that no other begins with
     starts_of_jumps = {(t, p.tobytes()) for impacts in trajectory.impacts.values()
                        for t, p in zip(impacts.t.tolist(), impacts.p_before, strict=True)}
@@ -208,7 +209,7 @@ def _known_states(trajectory: Trajectory, clocked: bool) -> _KnownStates:
     # stable: an impact at the time of a row follows the row
     direction = 1 if trajectory.dt > 0 else -1
     order = np.argsort(direction * known_states.elapsed[distinct], kind="stable")
-    return _KnownStates(*(column[distinct[order]] for column in columns))
+    return _KnownStates(*(column[distinct[order]] for column in known_states))
 
 
 def stored_steps_at(

@@ -82,9 +82,10 @@ class EnsembleStates:
         else:
             batch, parameters = 1, runs.dt  # any array: runs off lanes have their own parameters
             reports = [binding.report() for _ in range(count)]
-        states = cls(binding, runs, in_lanes, batch, Rows.allocate(binding, count, rows),
-                     runs.q.copy(), runs.p.copy(), np.zeros(count, dtype=np.intc), reports,
-                     parameters, runs.dt.astype(binding.dtype), tuple(detectors))
+        states = cls(binding, runs, in_lanes, batch, rows=Rows.allocate(binding, count, rows),
+                     q=runs.q.copy(), p=runs.p.copy(), status=np.zeros(count, dtype=np.intc),
+                     reports=reports, parameters=parameters, dt=runs.dt.astype(binding.dtype),
+                     detectors=tuple(detectors))
         states.rows.q[:, 0], states.rows.p[:, 0] = runs.q, runs.p
         return states
 

@@ -316,8 +316,9 @@ class Differentiation(Evaluation):
         # inputs of one step are parameters of the module
         columns = [2 * n + labels.index(u) for u in binding.input_names]
         numbers = dict(zip(labels, slope[2 * n :].tolist(), strict=True))
-        return Gradient(None, slope[:n].copy(), slope[n : 2 * n].copy(), space.normals,  # no value
-                        slope[columns][None], names_of(stepper, wrt=None), numbers)
+        return Gradient(value=None, q=slope[:n].copy(), p=slope[n : 2 * n].copy(),
+                        _normals=space.normals, inputs=slope[columns][None],
+                        wrt=names_of(stepper, wrt=None), _numbers=numbers)
 
     def _direction(
         self, dq: ArrayLike, dp: ArrayLike, d: Mapping[str, Number] | None, count: int

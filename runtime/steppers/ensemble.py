@@ -261,7 +261,7 @@ def integrate_members(
                          tangents=tangents, workers=workers)
         # A DeviceEnsemble for arrays on a card, which no annotation tells from other arrays.
         return cast(Ensemble, _integrate_on(card, stepper, starts, dt, options, progress))
-    runs, warned = _check_arguments(stepper, starts, dt, options, inputs, end.last_part)
+    runs, watches_rotations = _check_arguments(stepper, starts, dt, options, inputs, end.last_part)
     impacts = as_impacts(events, stepper.manifest.system.event_quantities)
     # impacts are refused in scaled time, so that there is no open end with them
     if impacts:
@@ -277,19 +277,20 @@ def integrate_members(
         return ensemble if tangents is None else _with_tangents(
             stepper, ensemble, tangents, threads_of(workers), stop=lambda: False)
     return _side_by_side(stepper, runs, events, tangents, threads_of(workers), progress,
-                         warned=warned)
+                         watches_rotations=watches_rotations)
 
 
 def _side_by_side(
     stepper: Stepper, runs: EnsembleArguments, events: Any, tangents: Tangents | None,
-    threads: int, progress: Progress, *, warned: bool,
+    threads: int, progress: Progress, *, watches_rotations: bool,
 ) -> Ensemble:
     """Integrate runs in lanes and on threads: whole steps, events, partial last steps, tangents.
 
-    ``warned``: too large rotations in a step need no further warning. After Ctrl-C, the states so
-    far come with ``Stopped``.
+    ``watches_rotations``: too large rotations in a step, of any stored state, are warned of. After
+    Ctrl-C, the states so far come with ``Stopped``.
     """
     levels = _levels(stepper, events)
+    # starts where H is no number are refused before long runs, and after short ones
     is_long = runs.first.steps >= _STEPS_OF_A_CHECK
     if is_long:
         for i in range(len(runs)):
@@ -311,7 +312,7 @@ def _side_by_side(
             ensemble = _with_last_parts(stepper, ensemble, runs,
                                         _ensemble(stepper, parts, levels, fill),
                                         () if levels is None else levels.events)
-        if not warned:
+        if watches_rotations:
             dt = runs.dt[:, None]
             if stepper.binding.clocked:  # bodies turn by Ω Δt, not Ω Δτ: Δt is a mean over rows
                 dt = np.diff(ensemble.t, axis=1) / runs.first.every
@@ -410,8 +411,8 @@ def _check_arguments(
     """Return the checked runs of an ensemble, or raise InputError for unusable arguments.
 
     ``dt``, the time and each parameter are one number, or one for each trajectory. ``last_part`` is
-    t_end and the times from the last whole steps to it. The flag says whether a warning of too
-    large rotations in a step has been given, or none is due.
+    t_end and the times from the last whole steps to it. The flag says whether too large rotations
+    in a step are still to be looked for: not where the starts were warned of, nor without steps.
     """
     q, p = _rows(stepper, "q", starts.q), _rows(stepper, "p", starts.p)
     if q.ndim != 2 or q.shape != p.shape or not len(q):
@@ -419,11 +420,11 @@ def _check_arguments(
                          f"(trajectories, {stepper.n}) for both.")
     size = len(q)
     arguments = RawArguments(
-        q, p, np.broadcast_to(_number_of_each_run("dt", dt, size), size),
-        np.broadcast_to(_number_of_each_run("t", starts.t, size), size),
-        np.broadcast_to(starts.excess, size),
-        _parameters_of_runs(stepper._parameters_with_inputs(starts.parameters, inputs), size,
-                            stepper.parameter_domains), options)
+        q, p, dt=np.broadcast_to(_number_of_each_run("dt", dt, size), size),
+        t0=np.broadcast_to(_number_of_each_run("t", starts.t, size), size),
+        excess=np.broadcast_to(starts.excess, size), parameters=_parameters_of_runs(
+            stepper._parameters_with_inputs(starts.parameters, inputs), size,
+            stepper.parameter_domains), common=options)
     # the last part of a step has a row of inputs of its own
     count = as_positive_count("steps", options["steps"]) + (last_part is not None)
     input_rows = as_inputs(inputs, stepper.binding, count, runs=size)
@@ -433,11 +434,11 @@ def _check_arguments(
     warn_of_negative(runs.parameters)
     warn_of_late_start(stepper.binding, runs.t0, runs.dt, runs.first.steps)
     if not runs.first.steps:  # no step turns a body
-        return runs, True
+        return runs, False
     times_of_steps = runs.dt
     if stepper.binding.clocked and stepper.rotations.bodies:  # runs.dt is Δτ
         times_of_steps = times_of_steps * _initial_time_scales(stepper, runs)
-    return runs, stepper.rotations.warn(runs.parameters, times_of_steps, runs.q, runs.p)
+    return runs, not stepper.rotations.warn(runs.parameters, times_of_steps, runs.q, runs.p)
 
 
 def _initial_time_scales(stepper: Stepper, runs: EnsembleArguments) -> Array:
@@ -464,16 +465,15 @@ def _integrate_on(
         name, text = stepper.name, cuda_text(stepper.name, stepper._control_files())
     except InputError as error:
         raise InputError(f"device = 'cuda' takes what profile control takes: {error}") from error
-    # the checks need NumPy's arrays; results on a card are arrays of the caller's library, that of
-    # ``like``
-    state, like = None, starts.q
-    if is_on_card(starts.q):
+    callers_q, state_on_card = starts.q, None  # None: NumPy's arrays, which are copied there
+    if is_on_card(callers_q):
         # the checks read a copy on the host; trajectories begin from what lies on the card
-        state = gather_states(device, name, text, *views_of(device, stepper, starts.q, starts.p))
-        q, p = np.split(device.get(state).T, 2, axis=1)
+        state_on_card = gather_states(device, name, text,
+                                      *views_of(device, stepper, starts.q, starts.p))
+        q, p = np.split(device.get(state_on_card).T, 2, axis=1)
         starts = replace(starts, q=q, p=p)
     runs, _ = _check_arguments(stepper, starts, dt, options)
-    trajectories = Trajectories(device, name, text, stepper.binding, runs, state)
+    trajectories = Trajectories(device, name, text, stepper.binding, runs, state_on_card)
     with _progress_of(stepper, runs, progress) as report, catch_ctrl_c() as interrupts:
         def stop() -> bool:
             """Report the steps so far; return whether Ctrl-C asks for an end."""
@@ -482,7 +482,8 @@ def _integrate_on(
             return interrupts.is_requested
 
         ensemble = (_ensemble(stepper, trajectories.states(stepper.binding, stop))
-                    if state is None else shared_ensemble(stepper, trajectories, like, stop))
+                    if state_on_card is None else
+                    shared_ensemble(stepper, trajectories, callers_q, stop))
         if report is not None:
             report(int(trajectories.steps_done.sum()))
     if interrupts.is_requested:
@@ -586,15 +587,15 @@ def _integrate_separately(
                                         lambda: interrupts.is_requested)
     members = [finished.trajectory for finished in finished_runs]
     if to_end:
-        lengths = [*map(len, members)]
-        states = max(lengths)
+        lengths = [*map(len, members)]  # stored states of each run, and of the longest one
+        state_count = max(lengths)
         # each function returns whether it has warned: the first warning stands for all
         for warn_of_one in (stepper.rotations.warn_of, warn_of_missed_rate):
             next(filter(warn_of_one, members), None)
     else:  # the row at which an impact ends a run is in its member alone
         lengths = [min(runs.first.rows_after(member.report.steps) + 1, len(member))
                    for member in members]
-        states = runs.first.rows + 1
+        state_count = runs.first.rows + 1
         if not interrupts.is_requested:
             _warn_of_early_ends(finished_runs, runs.first.steps)
     failures = {i: failure_of(stepper.binding, runs[i], finished.trajectory,
@@ -602,7 +603,7 @@ def _integrate_separately(
                 for i, finished in enumerate(finished_runs) if finished.status}
     crossings = {event.name: CrossingsOfMany([member.events[event.name] for member in members])
                  for event in events}
-    ensemble = Ensemble(**_padded_arrays(members, lengths, states), failures=failures,
+    ensemble = Ensemble(**_padded_arrays(members, lengths, state_count), failures=failures,
                         _name=stepper.name, _make=members.__getitem__, events=crossings)
     if interrupts.is_requested:
         raise _stop_exception(interrupts, sum(map(len, members)), ensemble, ensemble.t.size)

@@ -425,10 +425,11 @@ class Stepper(Dynamics):
             from ..integration.dense_output import stored_steps_at
 
             run = replace(run, stored_steps=stored_steps_at(self, run, t_eval, run.rest))
-        # one warning of a kind for a run, of its start or of its stored states; none without steps
+        # after a warning of the start there is none of stored states; none at all without steps
         start_warned = bool(run.steps) and not repeated and self._warn(run)
         trajectory = self._steps_of(plan, run, progress)
-        # derivatives of the run repeat as many steps as it took
+        # an open end, t_end in scaled time, is reached after as many steps as the trajectory has;
+        # derivatives of the run repeat these
         run = run.until(trajectory.report.steps) if run.open_end else run
         if run.steps and run.rows > 1 and not start_warned:
             self._warn_of_motion(trajectory, run)
