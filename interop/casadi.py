@@ -227,7 +227,8 @@ def _reverse(
         With the ``count`` columns of w stacked it has size · count rows, and size, 2n and 2n count
         columns.
         """
-        # columns of w are stacked: by w it is one block F'ᵀ for each column
+        # a flow takes rows, CasADi has columns. By the stacked columns of w the derivative is a
+        # block F'ᵀ for each of them
         first_order = flow.jacobian(x.T)[0].T
         unit = np.eye(flow.size)[None]
         # each cotangent is differentiated along all entries of x at once

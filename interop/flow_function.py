@@ -153,7 +153,8 @@ class FlowFunction(ABC):
             given_shape, allowed = self._shape(argument), {shape}
             if name == "inputs":
                 allowed.add((count,))
-            if shape[-1:] == (1,):  # one number or a column, which CasADi has no other shapes for
+            # one number needs no axis; to CasADi columns of one number have none
+            if shape[-1:] == (1,):
                 allowed |= {(), shape[:-1] if self._columns else ()}
             if given_shape not in allowed:
                 raise InputError(f"{name} has shape {given_shape}; give shape {shape}.")

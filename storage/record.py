@@ -203,6 +203,7 @@ def _existing_group(
     stored_run = recording.attributes["run"]
     stored_rest = float(from_text(stored_run.get("rest", 0.0), recording.manifest.real))
     # by whole steps, or by the last part of a step behind as many
+    # a run that failed is not extended
     longer = (run.steps, abs(float(run.rest))) > (stored_run["steps"], abs(stored_rest)) and not (
         recording.status.startswith(FAILED))
     expected = dict(stored_run)
@@ -216,6 +217,7 @@ def _existing_group(
         return group_of(path)
     fields = fields_of(stepper.manifest)
     checkpoint = checkpoint_size(stepper.binding, events)
+    # ``planned_rows``: an extension was interrupted, and some arrays have their new rows already
     rows, planned_rows = recording.rows, recording.attributes.get(EXTENDS)
     event_fields = list(chain.from_iterable(fields_of_events(
         stepper.manifest, identity.get("events", {})).values()))

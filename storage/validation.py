@@ -133,7 +133,7 @@ def _check_manifest(about: Mapping[str, Any]) -> str:
 
 
 def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> str:
-    """Return a complaint about the progress of the run."""
+    """Return a complaint about the progress of the run, "" if there is none."""
     steps_done, states, status = (about.get(name) for name in ("steps_done", "states", "status"))
     if not _is_count(steps_done, 0) or steps_done > run["steps"]:
         return f"steps_done is {steps_done!r}, of {run['steps']} steps"
@@ -143,12 +143,13 @@ def _check_run_attributes(about: Mapping[str, Any], run: Mapping[str, Any]) -> s
         return f"status is {status!r}"
     if ended_by_event and not about["events"].get(status.removeprefix(ENDED)):
         return f"status is {status!r}, and that has not happened"
-    # before the first commit no status is final; with a rest, t_end is still to be reached
+    # complete if all steps are done; but before the first commit no status is final, and after all
+    # steps of a run with a ``rest`` its t_end may still be to be reached
     if (not ended_by_event and (status == COMPLETE) is not (steps_done == run["steps"])
             and about.get("report") is not None
             and not (steps_done == run["steps"] and "rest" in run)):
         return f"status is {status!r} after {steps_done} of {run['steps']} steps"
-    # the start is a row, and a row that a terminal event or the last step adds
+    # rows of the start, of every so many steps, and of a terminal event or the last step
     if about.get("report") is None:
         expected = steps_done  # before the first commit there are 0 steps and 0 rows
     elif steps_done == run["steps"] and (status == COMPLETE or "rest" not in run):

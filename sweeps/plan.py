@@ -62,8 +62,8 @@ def plan(
     common_parameters, means = base_parameters(steppers[0], start, parameter_values, varied)
     study = checked_study(Study(
         f"{start.name} over {', '.join(axis.name for axis in axes)}", steppers, axes,
-        common_parameters, np.array(start.q0), np.array(start.p0), dt, seed=seed, means=means,
-        **options))
+        common_parameters, q=np.array(start.q0), p=np.array(start.p0), dt=dt, seed=seed,
+        means=means, **options))
     _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)
     return study

@@ -170,7 +170,8 @@ def starts(
     if "q" in table:
         return start_axis(table["q"], table["p"])
     # p = 2 L(q)ᵀ J Ω needs the inertia, one for all states
-    name, inertia = next(iter(start.bodies.items()), ("", None))  # γ of the first body, if any
+    # the name of γ of the first body, and its inertia; a start of several has more than 4 numbers
+    name, inertia = next(iter(start.bodies.items()), ("", None))
     moments, inverse_entries = inertia_names(name)
     if inertia is None or len(start.q0) != 4 or varied & {*moments, *inverse_entries}:
         raise InputError("angular_velocity is for one rigid body whose moments of inertia do not "

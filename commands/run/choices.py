@@ -32,6 +32,7 @@ def with_options(
     An option such as "auto" searches a number: it is an argument of ``gs.tune`` then.
     """
     texts = {"gamma": gamma, "alpha": alpha}
+    # parameter, such as upper_gamma, → its kind
     kinds = {name: "alpha" if "alpha" in name else "gamma" for name in start.bodies
              if name in step.parameter_domains}
     # the representation of the stepper has γ or α, never both

@@ -143,7 +143,7 @@ def run(
     check_targets(out, plot, show, resume=resume)
     times = {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end}
     check_span(problem, times)
-    choice["frame"] = "symmetries" if frame else None
+    choice["frame"] = "symmetries" if frame else None  # the stepper then has rates as parameters
     paper_problem, step, start, t0 = stepper_and_start(problem, settings, choice, scaled=True)
     if show:
         check_bodies(step.manifest)

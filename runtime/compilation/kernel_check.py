@@ -82,11 +82,11 @@ class CheckFunction:
 
     @property
     def text(self) -> str:
-        """Its C: for each point, inputs to memory, the kernel, outputs as two doubles each.
+        """The C of the function: it evaluates the kernel of a number at each point.
 
         ``in`` has a row of inputs for each point; the value of an output is ``high + low``, of
         which ``low`` has what a type longer than double has beyond ``high``. ``memory`` holds the
-        inputs x and behind them the outputs y; on lanes, a group of points at once.
+        inputs x of a point and behind them the outputs y; on lanes, those of LANES points.
         """
         on_lanes = self.kind == "lanes"
         value, step = ("lanes", "LANES") if on_lanes else ("real", "1")
@@ -96,6 +96,8 @@ class CheckFunction:
         put = ("lane_set(x + e, l, (real)in[l*size + e]);" if on_lanes
                else "x[e] = (real)in[l*size + e];")
         cases = "".join(self._case(number, kernel) for number, kernel in enumerate(self.kernels))
+        # the definition begins with the declaration without its semicolon; without a kernel the
+        # table has a row of 0, as C has no empty arrays
         return f"""
 /* For the check of this object: values of one kernel, its inputs and outputs in rows. */
 {_COLD}void set_{self.kind}({value} *x, int size, const double *in)

@@ -250,22 +250,23 @@ def _expression(text: str) -> Expression:
             yard.open(function)
         elif not sign:
             kind = "number" if token["number"] else "name"
-            yard.output.append((kind, token[kind], 0))
+            yard.output.append((kind, token[kind], 0))  # an operand has no arguments
         elif sign == "(":
             yard.open()
         elif sign in (")", ","):
-            yard.release(binding=0)  # all of them, down to a parenthesis
+            yard.release(binding=0)  # all operators, down to a parenthesis
             if not yard.argument_counts:
                 raise UnreadableError(text)
             if sign == ")":
                 yard.close()
             else:
                 yard.argument_counts[-1] += 1
-        elif sign in ("+", "-") and not follows_operand:  # a sign, no operation of two operands
+        elif sign in ("+", "-") and not follows_operand:  # of a number: + changes nothing
             if sign == "-":
                 yard.stack.append("negate")
-        else:
-            yard.release(_OPERATORS[sign][0])
+        else:  # operators to the left that bind as tightly are computed first
+            binding, _ = _OPERATORS[sign]
+            yard.release(binding)
             yard.stack.append(sign)
         follows_operand = not token["call"] and sign in (None, ")")
     yard.release(binding=0)

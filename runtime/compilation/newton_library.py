@@ -72,9 +72,11 @@ static const newton_function *newton_table(void)
     return {name}_newton_table;
 }}
 """]
+    # function → declaration in the header, "" for functions that objects alone call
     declaration_of = dict.fromkeys(NEWTON_CALLS, "") | _public_declarations(name, header)
     for index, (function, declaration) in enumerate(_in_table(declaration_of)):
-        # the check is called from Python alone; modules of lanes have no public functions of Newton
+        # "" is the check, called from Python alone; modules of lanes have no public functions of
+        # Newton's method
         if function == "" or (declaration and not public):
             continue
         text = declaration or _internal(name, header, function)

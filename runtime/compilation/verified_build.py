@@ -53,7 +53,7 @@ def compile_verified(
     """
     manifest = Manifest.from_text(files[f"{name}.json"])
     real = REALS[manifest.real]
-    # a module of lanes has some of the kernels, those of other kinds none that is checked
+    # names of kernels; a module of lanes has some of them, those of other kinds none to be checked
     expected = set(manifest.operations) if module_kind == "runs" else set()
     usual_mismatches: list[KernelMismatch] = []  # of the usual flags, for messages
     for number, flags in enumerate(SAFER_FLAGS):
@@ -69,7 +69,7 @@ def compile_verified(
                 warn(f"The compiler {shlex.join(compiler.command)!r} made wrong code of {name}: "
                      f"{_summary(usual_mismatches)}. It was compiled again with {' '.join(flags)}, "
                      "and agrees. Another version of the compiler may need no such flags.")
-            # a kernel may be in the text on lanes alone
+            # a kernel may be in the text on lanes alone, with "lanes_" before its name
             listed = {*compared, *unchecked}
             absent = sorted(expected - listed - {k.removeprefix("lanes_") for k in listed})
             unchecked |= dict.fromkeys(absent, "it is not in the text as a kernel")

@@ -83,11 +83,12 @@ def hits_of(
     """
     names, times = list(stepper.manifest.system.quantities), stepper.binding.times
     hits: dict[int, list[Hit]] = {}
-    for impact, event in zip(with_restitutions(impacts, run.parameters), impacts, strict=True):
+    # ``impact`` has the restitution as a number, ``declared`` perhaps as the name of a parameter
+    for impact, declared in zip(with_restitutions(impacts, run.parameters), impacts, strict=True):
         parameter = None
-        if isinstance(event.restitution, str):
+        if isinstance(declared.restitution, str):
             parameter = 2 * stepper.binding.n + stepper.binding.parameter_names.index(
-                event.restitution)
+                declared.restitution)
         crossings = impacts_by_name[impact.name]
         # less the times at which the steps begin, counted from t0 as ``elapsed`` is
         times_in_step = crossings.elapsed - times(0 * run.t0, run.dt, crossings.steps)
@@ -100,10 +101,11 @@ def hits_of(
                     "start, at the end of a step, or in the last part of one, where it has no "
                     "derivatives; take another dt, or another t_end.")
             hits.setdefault(step, []).append(Hit(
-                times_in_step[i], names.index(impact.quantity), impact, parameter, crossings.q[i],
-                crossings.p_before[i], crossings.p[i],
+                since=times_in_step[i], gap=names.index(impact.quantity), impact=impact,
+                parameter=parameter, q=crossings.q[i], p_before=crossings.p_before[i],
+                p_after=crossings.p[i],
                 # in the type of q, which products with arrays then keep
-                crossings.q.dtype.type(crossings.impulse[i])))
+                impulse=crossings.q.dtype.type(crossings.impulse[i])))
     _sort_in_steps(hits)
     return hits
 
@@ -126,8 +128,8 @@ def impact_step(stepper: Stepper, run: RunArguments, step: int, q: Array, p: Arr
 
     Its ``matrix``, M = ∂(q₁, p₁)/∂(q, p, parameters, Δt, t₀), shape (2 n, rows), is the product of
     the derivatives of the partial steps from impact to impact and of the jumps between them. The
-    columns of ``directions`` are derivatives of the present state, of the parameters and of the
-    time at the start of a part; v is the derivative of its end by its length.
+    columns of ``directions``, shape (rows, rows), are derivatives of the present state, of the
+    parameters and of the time at the start of a part; v is the derivative of its end by its length.
     """
     binding, n = stepper._derivative_binding(), stepper.binding.n
     start = run.t0 + step * run.dt
@@ -139,7 +141,7 @@ def impact_step(stepper: Stepper, run: RunArguments, step: int, q: Array, p: Arr
     directions[_LENGTH] = 0
     directions[_TIME] += step * d_step
     d_part_start = 0 * d_step
-    # 0 in the type of Δt
+    # counted from the start of the step: 0 in the type of Δt
     part_start, q_start, p_start = 0 * run.dt, q, p
     for hit in (run.hits or {})[step]:
         t = start + hit.since
@@ -306,6 +308,7 @@ def _jump(stepper: Stepper, run: RunArguments, t: Any, hit: Hit) -> Array:
     dp_fixed = jump.dp_before + jump.impulse_derivatives(hit.p_before, hit.impulse, lam)
     # r is taken at momenta that keep f = 0: p − Gᵀ y
     projected_before, projected_after = (p - G_T @ y for p in (hit.p_before, hit.p_after))
+    # d(Gᵀ y): at fixed y, and with dy
     d_projection = jump.impulse_derivatives(projected_before, mu=0, lam=y)
     d_projection = d_projection + G_T @ solve(jump.W, along(
         jump.f_derivatives(projected_before), jump.dp_before - d_projection))

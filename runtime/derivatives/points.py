@@ -113,7 +113,7 @@ def rows_of(stepper: Stepper, trajectory: Trajectory, run: RunArguments) -> RunR
     them, and for a terminal event that has no derivatives.
     """
     origin: Origin | None = trajectory._origin
-    if origin is None:
+    if origin is None:  # of a file, a store or a simulation
         rest = _rest_of(stepper, trajectory, run)
         if trajectory._laws:
             impacts = _from_first_row(stepper, trajectory, run)

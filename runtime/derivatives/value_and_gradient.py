@@ -67,20 +67,22 @@ class Objective:
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._inputs = inputs
         self._span, self._memory, self._options = span, memory, options
-        # the state that coordinates of the tangent space count from: the start, projected, as a run
-        # of no steps has it
+        # (q₀, p₀), from which coordinates of the tangent space count: the start moved onto the
+        # constraints, as a run of no steps has it
         run_of_start = stepper._resolve(stepper._run_arguments(replace(
             start, parameters=stepper._parameters_with_inputs(start.parameters, inputs)),
             dt=dt, steps=0))
         self._state = run_of_start.q, run_of_start.p
         binding = stepper._derivative_binding()
+        # γ by a rule, say, has the number that it has at the start, whatever x is
         self._start = replace(start, parameters={
             **start.parameters, **self._numbers_of_rules(start, run_of_start.parameters)})
         self._basis = TangentSpace(
             binding, binding.module.parameters(run_of_start.parameters, run_of_start.t0),
             run_of_start.q, run_of_start.p, stepper.constraint_names).basis()
+        # "inputs" in x are the rows of an array like the one given, a row for each ``hold`` steps
         input_values: Any = inputs
-        self._hold = 1  # an array has a row for each step
+        self._hold = 1
         if isinstance(inputs, Inputs):
             input_values, self._hold = inputs.values, inputs.hold
         inputs_array = real_array(input_values)
@@ -88,7 +90,7 @@ class Objective:
             raise InputError(f"inputs = {shown(input_values)} are no rows of numbers, by which "
                              "\"inputs\" in wrt asks for derivatives; give a row of each step.")
         self._input_shape = (0, 0) if inputs_array is None else inputs_array.shape
-        #: The number of entries of x by name: 1 of each parameter and time.
+        #: The number of entries of x by name: 1 of each parameter and of "dt" and "t0".
         self._sizes = dict.fromkeys(wrt, 1) | {
             "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
 
@@ -116,6 +118,7 @@ class Objective:
         gradient = self._stepper.gradient(run, loss=self._loss, wrt=self._wrt, memory=self._memory,
                                           solver=as_solver(self._options["solver"]).kind)
         by_state = np.concatenate([gradient.q, gradient.p])
+        # the name of each entry of x
         names = np.repeat(np.array(self._wrt, object), [self._sizes[name] for name in self._wrt])
         # by coordinates of the basis at the first start: ``gradient.start`` has those of another
         blocks = [self._basis.T @ by_state if name == "start"
@@ -125,8 +128,8 @@ class Objective:
             # inputs and dt do not move the start
             for k in np.flatnonzero(~np.isin(names, ("inputs", "dt"))).tolist():
                 # by a parameter or t0 the run takes the derivative of a start that needed no
-                # projection; the motion of the real one is added, of which the part along Gᵀ,
-                # which both have, counts nothing in ``by_state``
+                # projection; the motion of the projected start is added. Its part along Gᵀ, which
+                # the run has too, is not counted twice: ``by_state`` is 0 along Gᵀ
                 direct = 0 if names[k] == "start" else slopes[k]
                 slopes[k] = direct + by_state @ self._state_slope(variables, k, names[k])
         return float(gradient.value), slopes.astype(float)

@@ -239,6 +239,9 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
 
     colour ← colour (ambient + k_d v max(n·l, 0)) + k_s max(n·h, 0)^g, with the normal n, the
     direction l to the lamp and its visible share v, and h between l and the direction to the eye.
+    ``index``, shape (height, width), has the place of the nearest triangle in ``triangle_numbers``,
+    −1 for none; ``lit``, for each triangle, whether the lamp shines on it. ``screen`` as of
+    ``rasterize``.
     """
     pixel_rows, pixel_columns = np.nonzero(index >= 0)
     if not len(pixel_rows):

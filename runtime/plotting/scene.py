@@ -271,6 +271,7 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
     else:  # its centre stands still: the end of the third axis
         tip = np.array([0.0, 0.0, 1.3 * max(size.max() for size in sizes.values())])
     rim = None
+    # without a mass, on a fixed point: a top, whose weight tells its size, or a flat body
     if mass is None and not columns.x and not columns.centre:
         top = _top_of(trajectory, moments, axes)
         if top is not None:

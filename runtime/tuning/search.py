@@ -94,9 +94,10 @@ class Search:
             return base, f"{name}: the error is round-off"
         trials = [base]
         if self.rate_count:
-            trials.append(pilots.measure("least squares of the start", self.start))
-            if pilots.is_round_off(trials[1]) and pilots.is_clear(trials[1]):
-                return trials[1], "least squares of the start: the error is round-off"
+            start_frame = pilots.measure("least squares of the start", self.start)
+            if pilots.is_round_off(start_frame) and pilots.is_clear(start_frame):
+                return start_frame, "least squares of the start: the error is round-off"
+            trials.append(start_frame)
             trials += [pilots.measure(*candidate) for candidate in self._frames(finest)]
         best_run, gamma_reason = self._choose(trials), ""
         if self.moments:
@@ -218,11 +219,11 @@ class Search:
         index = pilots.measure("search", x)
         for _ in range(_STEPS):
             slopes = self._slopes(index)
-            if slopes is None:
+            if slopes is None:  # a run beside this one fails
                 break
             forms = self._square_forms(index, slopes)
             squares = pilots.sizes(index, pilots.searched_rows) ** 2
-            for _ in range(4):
+            for _ in range(4):  # tries of the damping
                 change, weights = self._weighted_step(forms, damping)
                 trial = pilots.trials[index].copy()
                 trial[: self.searched_count] += change * self.scale[: self.searched_count]
