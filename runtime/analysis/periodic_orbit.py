@@ -442,8 +442,10 @@ class OrbitSearch:
         if not self.stepper.manifest.scheme.keeps_momentum_constraint:
             binding, n = self.stepper._derivative_binding(), self.stepper.n
             z = guess.z + guess.gap
-            end = tangent_projection(binding, binding.module.parameters(guess.parameters, self.t0),
-                                     z[:n].copy(), z[n:].copy())[1] @ end
+            _, projection = tangent_projection(
+                binding, binding.module.parameters(guess.parameters, self.t0), z[:n].copy(),
+                z[n:].copy())
+            end = projection @ end
         start, end = start / guess.units[:, None], end / guess.units[:, None]
         B, R = np.linalg.qr(start[:, :dim])
         return _PeriodTangents(np.linalg.solve(R.T, end[:, :dim].T).T, B,

@@ -483,8 +483,9 @@ class _AdjointRun:
         if self.frame.moves:
             z = self.frame.matrix(step) @ z
         for i in np.flatnonzero(self.steps_of_points == step):
-            point, *cotangents = self.cotangents.points[i]
-            cotangent += cotangent_at(self.stepper, self.run, point, z, *cotangents)
+            within = self.cotangents.points[i]
+            cotangent += cotangent_at(self.stepper, self.run, within.point, z, within.state,
+                                      within.time, within.multipliers)
         # the inputs of a step are parameters of its own
         if len(self.inputs_bar) and cotangent.any():
             self.inputs_bar[step] += cotangent[self.input_columns]

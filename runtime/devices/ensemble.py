@@ -174,10 +174,12 @@ def shared_ensemble(
             for memory in (window.q, window.p))
     status = device.get(trajectories.status)
     return DeviceEnsemble(
-        stepper.binding.times(runs.t0[:, None], runs.dt[:, None],
-                              runs.first.steps_of_rows(step_count)),
-        q, p, as_array(window.iterations, (count, states), (1, count)), trajectories.steps_done,
-        {i: REASONS[int(status[i])] for i in np.flatnonzero(status).tolist()}, stepper.name)
+        t=stepper.binding.times(runs.t0[:, None], runs.dt[:, None],
+                                runs.first.steps_of_rows(step_count)),
+        q=q, p=p, iterations=as_array(window.iterations, (count, states), (1, count)),
+        steps=trajectories.steps_done,
+        failures={i: REASONS[int(status[i])] for i in np.flatnonzero(status).tolist()},
+        _name=stepper.name)
 
 
 def _of_library(shared: Any, like: Any) -> Any:

@@ -141,16 +141,12 @@ class Brackets:
     @classmethod
     def together(cls, groups: Sequence[Brackets]) -> Brackets:
         """Return the brackets of all groups, one group after the other."""
-        names = ("event", "step", "q", "p", "before", "after", "turning", "on_level",
-                 "past")
-        return cls(*(np.concatenate([getattr(brackets, name) for brackets in groups])
-                     for name in names))
+        return cls(**{name: np.concatenate([getattr(brackets, name) for brackets in groups])
+                      for name in cls.__dataclass_fields__})
 
     def of(self, index: Array) -> Brackets:
         """Return the brackets selected by indices or by a mask."""
-        return Brackets(self.event[index], self.step[index], self.q[index], self.p[index],
-                        self.before[index], self.after[index], self.turning[index],
-                        self.on_level[index], self.past[index])
+        return Brackets(**{name: column[index] for name, column in vars(self).items()})
 
 
 def _turning_steps(
@@ -367,9 +363,9 @@ class EventDetector:
             earlier = row[:, None] - [1, 2]
             past = np.where(earlier < 0, np.nan, differences[earlier, event[:, None]].astype(float))
             self._bracket_groups.append(Brackets(
-                event, first_step + row, q[row], p[row], differences[row, event],
-                differences[row + 1, event], np.full(len(row), turning),
-                np.full(len(row), on_level), past))
+                event, step=first_step + row, q=q[row], p=p[row], before=differences[row, event],
+                after=differences[row + 1, event], turning=np.full(len(row), turning),
+                on_level=np.full(len(row), on_level), past=past))
 
     def bracket_last_step(self, ahead: tuple[Array, Array] | None = None) -> None:
         """Bracket turnings in the last step of the rows, which has no next one yet.

@@ -80,6 +80,7 @@ class ImpactObserver:
             as_real("restitution", impact.restitution, binding.number)
             for impact in with_restitutions(events, run.parameters)]))
         self._ends = np.array([impact.terminal for impact in events], np.intc)
+        #: Written by C: the round-off of each gap, and the time since the last whole step.
         self._margins, self._since = binding.new(len(events)), binding.new(1)
         self._places, self._hits = list[Array](), list[Array]()
         start = RunState.at_start(stepper.binding, run.q, run.p)

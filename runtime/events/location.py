@@ -261,8 +261,9 @@ class _BestStates:
         work, indices = self._work, self.indices
         owner = work.owner[indices]
         fraction = (self.time_in_step / work.runs.dt[owner]).astype(float)
-        return _Roots(owner, work.brackets.event[indices], work.brackets.step[indices], fraction,
-                      self.time_in_step, self.q, self.p, rising)
+        return _Roots(
+            owner, event=work.brackets.event[indices], step=work.brackets.step[indices],
+            place=fraction, time_in_step=self.time_in_step, q=self.q, p=self.p, rising=rising)
 
 
 def _roots_between(
@@ -442,9 +443,10 @@ class _TurningSearch:
         """Return the search in the steps of a mask."""
         x0, x1, x2 = (column[mask] for column in self.x)
         y0, y1, y2 = (column[mask] for column in self.y)
-        return _TurningSearch(self.work, self.indices[mask], self.side[mask],
-                              self.is_reversed[mask], self.total_change[mask],
-                              self.tolerance[mask], (x0, x1, x2), (y0, y1, y2))
+        return _TurningSearch(self.work, self.indices[mask], side=self.side[mask],
+                              is_reversed=self.is_reversed[mask],
+                              total_change=self.total_change[mask],
+                              tolerance=self.tolerance[mask], x=(x0, x1, x2), y=(y0, y1, y2))
 
     def with_next_place(self, *, away: bool) -> _TurningSearch:
         """Return the search with one more place in each step, and one of the four dropped.
@@ -593,5 +595,7 @@ def _by_run(
 def _no_roots(stepper: Stepper) -> _Roots:
     """Return empty arrays of the types that roots have."""
     binding, no_index = stepper.binding, np.array([], int)
-    return _Roots(no_index, no_index, no_index, np.array([]), np.array([], binding.number_type),
-                  binding.new(0, binding.n), binding.new(0, binding.n), no_index.astype(bool))
+    no_states = binding.new(0, binding.n)
+    return _Roots(owner=no_index, event=no_index, step=no_index, place=np.array([]),
+                  time_in_step=np.array([], binding.number_type), q=no_states, p=no_states,
+                  rising=no_index.astype(bool))

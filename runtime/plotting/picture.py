@@ -332,11 +332,12 @@ def _direction(scene: Scene, paths: Array) -> tuple[float | None, float]:
     _, spread, directions = np.linalg.svd(np.concatenate(displacements), full_matrices=False)
     if spread[2] < 2e-3 * spread[1]:  # a motion in a plane
         normal = directions[2]
-        if abs(normal @ scene.up) < 0.3:
+        if abs(normal @ scene.up) < 0.3:  # a vertical plane, nearly
             # of both normals the one towards −y, from where pictures are usually seen
             normal = normal * (-1 if normal @ y_axis > 1e-9 else 1)
             facing = float(np.arctan2(normal @ y_axis, normal @ x_axis))
             return facing + np.radians(_ASIDE), np.radians(13.0)
+        # a horizontal plane, in which not only attitudes change
         if abs(normal @ scene.up) > 0.9 and np.ptp(paths, axis=0).max() > 0:
             return None, np.radians(38.0)
     return None, np.radians(16.0)

@@ -429,6 +429,7 @@ def _floor_lines(points: Array, rays: Array, pixel: Array, up: Array, cell: floa
     direction = np.abs(direction) / np.maximum(_length(direction), 1e-12)
     extent = (pixel / cell)[:, None] * (1 + direction * (1 / grazing[:, None] - 1))
     line_distance = np.abs(coordinates - np.round(coordinates))
+    # lines fade to 0 at a distance of a pixel, and where a pixel is half as wide as a cell
     covered = np.clip(1.1 - line_distance / extent, 0, 1) * np.clip(1.4 - 3 * extent, 0, 1)
     strength: Array = covered.max(axis=1)
     return strength

@@ -276,6 +276,7 @@ def _scene_body(trajectory: Trajectory, name: str, state_indices: Any) -> SceneP
         top = _top_of(trajectory, moments, axes)
         if top is not None:
             axes, order, rim = top
+            # lengths in m, from the mass of the rim, in the order of the top's axes
             largest = np.sqrt(_second_moments(moments).max() / rim.mass)
             sizes = {kind: largest * sizes_of_kind[order] / np.sqrt(_FACTORS[kind])
                      for kind, sizes_of_kind in sizes.items()}

@@ -40,6 +40,7 @@ class MotionError:
         """
         self.reference, states = reference, np.asarray(run_states, dtype=float)
         self.quaternions, points = _blocks(states)
+        # φ of each body, three columns, then the coordinates of points
         self.turning = list(range(3 * len(self.quaternions)))
         # the path of axis i of a body: the two components of φ about its other axes
         self.paths = []

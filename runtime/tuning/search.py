@@ -69,8 +69,8 @@ class Search:
         self.base = np.concatenate([np.zeros(self.rate_count), np.ones(len(moments))])
         self.start, self.searched_count = self.base, len(self.base)
         if self.rate_count:
-            self.start = self._with_rates(start_rates(velocities, pilots.directions, run.q, run.p,
-                                                      run.dt)[0])
+            rates, _ = start_rates(velocities, pilots.directions, run.q, run.p, run.dt)
+            self.start = self._with_rates(rates)
         self.scale = np.ones_like(self.base)
         # rates of a body at rest have the scale of one radian over the pilot run
         self.scale[: self.rate_count] = max(np.abs(self.start[: self.rate_count]).max(initial=0),
