@@ -78,7 +78,7 @@ def stepper(
     ----------
     scheme : SchemeName
         ``"IMS"``, ``"EMS"``, ``"G-L"`` (default), ``"LIIIA-B"``, ``"Radau-L"``, ``"splitting"``;
-        left out, as ``stages``, ``order`` and ``composition``, when a tableau is given.
+        left out when a tableau is given.
     stages : int
         Stages of a scheme that has a choice of them: G-L and Radau-L (from 1) or LIIIA-B (from 2);
         3 by default.
@@ -89,7 +89,8 @@ def stepper(
         file (TOML, URDF, MJCF or SDF), a ``gyrospark.System`` or a ``gyrospark.Model``, whose
         system it is.
     tableau : path or Tableau
-        A user's tableau: a JSON file, or an object from ``gyrospark.tableau``.
+        A user's tableau: a JSON file, or an object from ``gyrospark.tableau``. Scheme, stages,
+        order and composition are then left out.
     real : RealName
         ``"double"``, ``"float"``, ``"long-double"``, ``"float128"``: floating-point type of the
         compiled code. Arrays of float128 hold mpmath numbers of 113 bits.
