@@ -176,19 +176,21 @@ def _value(flow: DiscreteFlow, has_second: bool) -> Any:
     A derivative is compiled where CasADi asks for its function: a stepper that has none says so
     there, not where an expression of it is evaluated.
     """
-    x, z = (flow.size, 1), (2 * flow.n, 1)
+    x_shape, z_shape = (flow.size, 1), (2 * flow.n, 1)
 
     def jacobian(name: str, ins: list[str], outs: list[str]) -> Any:
         """Return the function x, z ↦ F'(x), one row per entry of F."""
         flow.compile()
-        return _Function(name, _name_shapes(ins, [x, z]), _name_shapes(outs, [(z[0], x[0])]),
+        return _Function(name, _name_shapes(ins, [x_shape, z_shape]),
+                         _name_shapes(outs, [(2 * flow.n, flow.size)]),
                          lambda x, z: (flow.jacobian(x.T)[0],))
 
     def forward(name: str, ins: list[str], outs: list[str], count: int) -> Any:
         """Return the function x, z, dx ↦ F'(x) dx for ``count`` directions, the columns of dx."""
         flow.compile()
         return _Function(
-            name, _name_shapes(ins, [x, z, (x[0], count)]), _name_shapes(outs, [(z[0], count)]),
+            name, _name_shapes(ins, [x_shape, z_shape, (flow.size, count)]),
+            _name_shapes(outs, [(2 * flow.n, count)]),
             lambda x, z, dx: (flow.tangent(x.T, dx.T[None])[0].T,))
 
     def reverse(name: str, ins: list[str], outs: list[str], count: int) -> Any:
@@ -196,7 +198,8 @@ def _value(flow: DiscreteFlow, has_second: bool) -> Any:
         flow.compile()
         return _reverse(flow, has_second, name, ins, outs, count)
 
-    return _Function("gyrospark_run", {"x": x}, {"z": z}, lambda x: (flow.value(x.T).T,),
+    return _Function("gyrospark_run", {"x": x_shape}, {"z": z_shape},
+                     lambda x: (flow.value(x.T).T,),
                      {"jacobian": jacobian, "forward": forward, "reverse": reverse})
 
 
@@ -225,7 +228,7 @@ def _reverse(
         """Return the Jacobian of F'(x)ᵀ w by x, by z (0) and by w, side by side in columns.
 
         With the ``count`` columns of w stacked it has size · count rows, and size, 2n and 2n count
-        columns.
+        columns. ``nominal`` is the value F'(x)ᵀ w, which CasADi passes and nothing uses.
         """
         # a flow takes rows, CasADi has columns. By the stacked columns of w the derivative is a
         # block F'ᵀ for each of them

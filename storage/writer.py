@@ -157,9 +157,10 @@ def stored_arrays(
     t = binding.times(run.t0, run.dt, np.minimum(row_numbers * run.every, run.steps))
     if batch.end is not None:  # the run ended between two steps, at t_end or at a terminal event
         t[-1:] = batch.end
-    states = States(binding, manifest, parameters, t, batch_rows.q[block], batch_rows.p[block],
-                    batch_rows.multipliers[block], batch_rows.iterations[block],
-                    batch_rows.work[block])
+    states = States(
+        binding, manifest, parameters, t, q=batch_rows.q[block], p=batch_rows.p[block],
+        multipliers=batch_rows.multipliers[block], iterations=batch_rows.iterations[block],
+        work=batch_rows.work[block])
     arrays: dict[str, Array] = {}
     for output in OUTPUTS:
         if names_in_files(output, manifest):

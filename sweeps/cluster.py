@@ -91,8 +91,11 @@ class _ClusterRun:
         self.study, self.fields, self.tiles, self.sink = study, fields, tiles, sink
         self.client, self.interrupts, self.advance = client, interrupts, advance
         self.remote_sink = sink if isinstance(sink, StoreSink) else None
+        #: Futures that have ended; key of a future → it and its tile, until its end is handled.
         self.ended: SimpleQueue[Any] = SimpleQueue()
         self.submitted: dict[str, tuple[Any, Tile]] = {}
+        #: Tiles whose workers died, to be tried alone; tiles at which they died again; the places
+        #: of the tiles tried alone.
         self.blamed: list[Tile] = []
         self.abandoned: list[Tile] = []
         self.retried_alone: set[tuple[int, ...]] = set()

@@ -119,7 +119,7 @@ class CallMemory:
         ``plan`` is the checked run.
         """
         run, binding = plan.run, stepper.binding
-        t_end, solver = arguments[2], arguments[-1]
+        _, _, t_end, _, _, solver = arguments
         of_start = as_start(start) if has_start(start) else None
         dicts = [] if of_start is None else _dicts_of(of_start)
         limits = stepper.rotations.limits(run.parameters, run.dt)
@@ -133,11 +133,11 @@ class CallMemory:
                 or has_searches(state.parameters) or negative_parameters(run.parameters)):
             return
         self._last = _Call(
-            arguments, _entries(parameters),
-            None if of_start is None else [*map(_entries, dicts)],
-            () if of_start is None else (of_start._span, of_start._spare),
-            replace_fields(plan, run=replace_fields(run, parameters=run.parameters.copy()),
-                           constants=run.constants(binding)), limits)
+            arguments, parameters=_entries(parameters),
+            start=None if of_start is None else [*map(_entries, dicts)],
+            span_and_spare=() if of_start is None else (of_start._span, of_start._spare),
+            plan=replace_fields(plan, run=replace_fields(run, parameters=run.parameters.copy()),
+                                constants=run.constants(binding)), limits=limits)
         self.chunk_steps = FIRST_STEPS
 
 

@@ -515,6 +515,7 @@ def _trajectory(
     binding = stepper.binding
     parameters = binding.parameters(trajectory.parameters, trajectory.t[0])
     states = States(binding, stepper.manifest, parameters, t, targets.q, targets.p,
-                    targets.multipliers[1:], targets.iterations[1:], targets.work)
+                    multipliers=targets.multipliers[1:], iterations=targets.iterations[1:],
+                    work=targets.work)
     origin = None if trajectory._origin is None else replace(trajectory._origin, between=True)
     return trajectory.of_states(states, tangents=None, _inputs=None, _origin=origin)

@@ -304,8 +304,9 @@ def trajectory_of(
             rows = rows[: row_count + 1]
         elapsed = binding.times(0 * run.t0, run.dt, run.steps_of_rows(step_count))
         return States(
-            binding, manifest, binding.parameters(own_parameters, run.t0), run.t0 + elapsed,
-            rows.q, rows.p, rows.multipliers[1:], rows.iterations[1:], rows.work, elapsed)
+            binding, manifest, binding.parameters(own_parameters, run.t0), t=run.t0 + elapsed,
+            q=rows.q, p=rows.p, multipliers=rows.multipliers[1:], iterations=rows.iterations[1:],
+            work=rows.work, elapsed=elapsed)
 
     return Trajectory.of(
         states,

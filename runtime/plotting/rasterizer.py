@@ -332,7 +332,7 @@ class _Lamp:
         span = max(float((high - low)[:2].max()), 1e-12)
         self._scale = (_LAMP - 2 * margin) / span
         self._shift = margin - low[:2] * self._scale
-        self._low = low[2] - span
+        self._low = low[2] - span  # where the depth is 0: all corners have a larger one
         index, self._depth = rasterize(self._pixels(corners), _LAMP, _LAMP)
         # a surface does not shade itself: depths within the bias are equal
         self._bias = 0.02 * span

@@ -454,6 +454,7 @@ def _with_shapes(parts: list[ScenePart], ties: list[Tie], rolling: set[str]) -> 
         inside = body.name not in rolling and any(
             j != i and (np.abs(local[j]) < half).all() and neighbour.sizes["box"].max() < half.max()
             for j, neighbour in enumerate(parts))
+        # the ends of rods on this body
         loose = [r for tie in ties if tie.kind == "rod"
                  for body_index, r in ((tie.a, tie.on_a), (tie.b, tie.on_b)) if body_index == i]
         shapes = shapes_of(body, attachments, reach, inside=inside, loose=loose)

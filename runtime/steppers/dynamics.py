@@ -86,11 +86,11 @@ class Dynamics(Differentiation):
         # d/dt of quantities at each state, name → rate; [()] makes that of a single state a number
         rates = [motion.quantity_rates() for motion in motions]
         return Accelerations(
-            rows("acceleration", self.n), rows("p_rate", self.n), rows("v", self.n),
-            rows("multipliers", self.m),
-            {name: np.array([rate[name] for rate in rates]).reshape(shape)[()]
-             for name in self.binding.quantity_names}, self._motion_binding().layout, values,
-            q_rows)
+            q=rows("acceleration", self.n), p=rows("p_rate", self.n), velocities=rows("v", self.n),
+            multipliers=rows("multipliers", self.m),
+            quantities={name: np.array([rate[name] for rate in rates]).reshape(shape)[()]
+                        for name in self.binding.quantity_names},
+            _layout=self._motion_binding().layout, _parameters=values, _states=q_rows)
 
     def mass_matrix(
         self, start: HasStart | ArrayLike, p: ArrayLike | None = None, /, *,
