@@ -344,7 +344,8 @@ class DiscreteFlow:
         fixed_count, size = self._fixed_rows.size, 2 * self.n
         input_directions = dx[:, fixed_count:].reshape(len(dx), self.steps, -1)
         start_directions = self._project(space, dx[:, :fixed_count])
-        no_stored_states = np.zeros((1, size)), np.zeros((1, size))  # their cotangents and slopes
+        # F is of the end alone: cotangents of stored states, and their slopes, are 0
+        no_stored_states = np.zeros((1, size)), np.zeros((1, size))
         derivatives = np.zeros((len(w), self.size))
         for j, cotangent in enumerate(w):
             # forwards: the tangents of dx before each step
@@ -354,7 +355,8 @@ class DiscreteFlow:
             cotangents = CotangentSlopes.at_end(second, cotangent, np.zeros(size), self.steps)
             cotangents.inputs.direction[:] = input_directions[j]
             status = second.integrate_second(
-                run, parameters, steps, tangents, dz, no_stored_states, self.steps, cotangents)
+                run, parameters, steps, tangents, dz, rows=no_stored_states, every=self.steps,
+                cotangents=cotangents)
             if status:
                 raise linearisation_error(0, status)
             # through the projection of the start

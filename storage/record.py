@@ -184,10 +184,10 @@ def _open(
     with storage_errors(path, _NEW):
         # a killed process leaves no store in part
         with created_atomically(path) as fresh:
-            create(fresh, fields_of(stepper.manifest), run.stored_states,
-                   checkpoint_size(stepper.binding, events), about,
-                   fields_of_events(stepper.manifest, identity.get("events", {})),
-                   source_of(stepper, any(isinstance(event, Impact) for event in events)))
+            create(fresh, fields_of(stepper.manifest), rows=run.stored_states,
+                   checkpoint_bytes=checkpoint_size(stepper.binding, events), attributes=about,
+                   events=fields_of_events(stepper.manifest, identity.get("events", {})),
+                   source=source_of(stepper, any(isinstance(event, Impact) for event in events)))
         return open_group(path, write=True)
 
 

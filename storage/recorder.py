@@ -410,8 +410,9 @@ class Recorder:
         block_rows = self.rows
         if count < self.block:  # more rows come into it while these are written
             block_rows = block_rows[:count].copy()
-        writer.put(Batch(self.first_row, count, block_rows, pack(self.binding, checkpoint),
-                         self._run_attributes(state), end=self.end, counts=counts,
+        writer.put(Batch(self.first_row, count, block_rows,
+                         checkpoint=pack(self.binding, checkpoint),
+                         attributes=self._run_attributes(state), end=self.end, counts=counts,
                          found=crossings, reusable=reusable))
 
     def _event_progress(self) -> EventProgress | None:

@@ -201,8 +201,9 @@ def identify(linear: Linear, noise: float) -> Identifiability:
     # if directions were left out and its deviation exceeds its unit
     without_effect = (np.abs(Vt.T[:, ~has_effect]) > SHARE).any(axis=1)
     beyond_unit = ~measured.all() & (noise * np.sqrt(variances) > linear.units)
-    return Identifiability(measured_directions @ measured_directions.T, directions[:, ~measured],
-                           np.where(without_effect | beyond_unit, np.inf, variances))
+    return Identifiability(
+        covariance=measured_directions @ measured_directions.T, null=directions[:, ~measured],
+        variances=np.where(without_effect | beyond_unit, np.inf, variances))
 
 
 def reduced_basis(null: Array) -> Array:

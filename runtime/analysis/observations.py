@@ -226,7 +226,8 @@ def _angular_velocity(
         # K is linear in its six entries: its derivatives are the unit matrices
         K = sum(entry * unit for entry, unit in zip(values, units, strict=True))
         K_by_values = units
-    return Residuals(l @ K, -K @ half_L_of_p, K @ half_L, {
+    # rows times symmetric matrices: l K is (K l)ᵀ
+    return Residuals(values=l @ K, by_q=-K @ half_L_of_p, by_p=K @ half_L, by_parameters={
         name: l @ dK for name, dK in zip(body.inertia, K_by_values, strict=True)})
 
 

@@ -447,9 +447,11 @@ class OrbitSearch:
                 z[n:].copy())
             end = projection @ end
         start, end = start / guess.units[:, None], end / guess.units[:, None]
+        # the directions of the start are B R, so that Φ'B = end R⁻¹
         B, R = np.linalg.qr(start[:, :dim])
-        return _PeriodTangents(np.linalg.solve(R.T, end[:, :dim].T).T, B,
-                               end[:, names.index("dt")], np.array([start[:, k], end[:, k]]))
+        return _PeriodTangents(
+            end=np.linalg.solve(R.T, end[:, :dim].T).T, start=B, by_step=end[:, names.index("dt")],
+            by_parameter=np.array([start[:, k], end[:, k]]))
 
     def _value(self, name: str, z: Array, parameters: Mapping[str, Any]) -> Any:
         """Return the energy, or a coordinate or momentum by its name, of a state z."""
@@ -480,6 +482,7 @@ class OrbitSearch:
         k = D.shape[1]
         difference = (H[:k] - H[k:]).astype(float)
         slopes: Array = np.divide(difference, 2 * sizes, out=np.zeros(k), where=sizes > 0)
+        # behind the coordinates of the start D may have a column of the parameter, the last one
         if self.free is not None and k > 2 * (n - self.stepper.m):
             slopes[-1] += self._energy_by_parameter(guess)
         return slopes

@@ -461,8 +461,8 @@ class _AdjointRun:
         has_inputs = len(self.inputs_bar) > 0
         step_inputs_bar = self.module.new(steps.count if has_inputs else 0, len(self.input_columns))
         status = self.binding.integrate_adjoint(
-            run, self.parameters, steps, row_cotangents, run.every, multipliers, w, self.z_bar,
-            step_inputs_bar)
+            run, self.parameters, steps, cotangents=row_cotangents, every=run.every,
+            multipliers=multipliers, w=w, z_bar=self.z_bar, inputs_bar=step_inputs_bar)
         if status:
             raise linearisation_error(steps.first, status)
         if has_inputs:

@@ -311,7 +311,7 @@ class _StoredRun:
             row_count = (block.first + block.count) // run.every - block.first // run.every
             rows = new(row_count, size, count)
             status = self.first_order.integrate_tangent(
-                run, self.parameters, block, np.ascontiguousarray(D), run.every, rows,
+                run, self.parameters, block, np.ascontiguousarray(D), every=run.every, rows=rows,
                 multipliers=new(0), tangents=tangents)
             if status:
                 raise linearisation_error(block.first, status)
@@ -340,9 +340,11 @@ class _StoredRun:
         for block, tangent in zip(reversed(self.blocks), reversed(block_tangents), strict=True):
             adjoint = adjoint.before(second_order, block.count)
             status = second_order.integrate_second(
-                run, self.second_parameters, block, self._tangents_before_steps(block, dz, tangent),
-                dz, (_stored_rows(run, block, cotangents.rows),
-                     _stored_rows(run, block, cotangent_slopes.rows)), run.every, adjoint)
+                run, self.second_parameters, block,
+                tangents=self._tangents_before_steps(block, dz, tangent), dz=dz,
+                rows=(_stored_rows(run, block, cotangents.rows),
+                      _stored_rows(run, block, cotangent_slopes.rows)),
+                every=run.every, cotangents=adjoint)
             if status:
                 raise linearisation_error(block.first, status)
         z_bar, z_bar_slope = adjoint.z_bar

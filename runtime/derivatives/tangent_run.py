@@ -231,8 +231,9 @@ class _TangentRun:
         first_row, end = steps.first // run.every, steps.first + steps.count
         rows = self.module.new(end // run.every - first_row, size, count)
         multiplier_tangents = self.module.new(steps.count if self.width else 0, self.width, count)
-        status = self.binding.integrate_tangent(run, self.kept_run.parameters, steps, self.dz,
-                                                run.every, rows, multiplier_tangents, self.tangents)
+        status = self.binding.integrate_tangent(
+            run, self.kept_run.parameters, steps, self.dz, every=run.every, rows=rows,
+            multipliers=multiplier_tangents, tangents=self.tangents)
         if status:
             raise linearisation_error(steps.first, status)
         for i, row in enumerate(rows):
@@ -287,8 +288,8 @@ class _TangentRun:
         multipliers = None if self.inner is None else self.stored[1:, 2 * n :].reshape(
             -1, *self.inner, dz.shape[1])
         q, p = self.stored[:, : binding.shown], self.stored[:, n : n + binding.shown]
-        return TangentRows(q, p, self.names, dz[places], of_times, dz, multipliers=multipliers,
-                           switched_steps=self.switched)
+        return TangentRows(q, p, self.names, start=dz[places], t=of_times, _directions=dz,
+                           multipliers=multipliers, switched_steps=self.switched)
 
 
 def _in_space(frame: FrameMotion, k: int, steps: Any, row: Array, dz: Array) -> Array:

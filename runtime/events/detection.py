@@ -64,9 +64,9 @@ class Levels:
         first_column = {"q": 0, "p": binding.n, "": 2 * binding.n}
         levels = np.array([as_real("level", event.level, binding.number) for event in events],
                           binding.number_type)
-        return cls(binding, events, columns, levels,
-                   np.array([column + first_column[kind] for kind, column in columns], np.intc),
-                   levels.astype(binding.dtype))
+        return cls(binding, events, columns, levels, columns_in_c=np.array(
+            [column + first_column[kind] for kind, column in columns], np.intc),
+            levels_in_c=levels.astype(binding.dtype))
 
     def differences(
         self, parameters: ParameterStruct, t: Array | None, q: Array, p: Array

@@ -587,8 +587,8 @@ def _by_run(
         for crossings, start, end in zip(crossings_of_runs, bounds[:-1], bounds[1:], strict=True):
             row = slice(start, end)
             crossings[event.name] = Crossings(
-                t[row], event_roots.q[row], event_roots.p[row], event_roots.step[row],
-                event_roots.rising[row], elapsed[row])
+                t[row], event_roots.q[row], event_roots.p[row], steps=event_roots.step[row],
+                rising=event_roots.rising[row], elapsed=elapsed[row])
     return crossings_of_runs
 
 

@@ -301,7 +301,8 @@ def run_together(
     first_run = RunArguments(q[0], p[0], dt[0], steps, every=1, parameters=parameters_of_first,
                              solver="auto", tolerance=None, max_iterations=50, t0=t0[0])
     ensemble = EnsembleStates.at_start(stepper, EnsembleArguments(
-        first_run, q, p, dt.astype(number), t0.astype(number), parameters, inputs))
+        first_run, q, p, dt=dt.astype(number), t0=t0.astype(number), parameters=parameters,
+        inputs=inputs))
     fill(ensemble)
     failed = np.flatnonzero(ensemble.status)
     if len(failed):

@@ -321,9 +321,9 @@ class EnsembleArguments:
         t0 = binding.times(self.t0[:, None], self.dt[:, None], np.array([steps]))[:, 0]
         assert self.rests is not None
         first_part = replace(self.first, steps=1, every=1, inputs=None, rest=0, t_end=None)
-        return EnsembleArguments(first_part, np.where(failed, self.q, q),
-                                 np.where(failed, self.p, p),
-                                 self.rests.copy(), t0.astype(self.t0.dtype), parameters)
+        return EnsembleArguments(
+            first_part, q=np.where(failed, self.q, q), p=np.where(failed, self.p, p),
+            dt=self.rests.copy(), t0=t0.astype(self.t0.dtype), parameters=parameters)
 
     def columns(self, runs: slice) -> dict[str, Array]:
         """Return the parameters of some of the runs."""
@@ -377,7 +377,7 @@ def checked_runs(stepper: Stepper, arguments: RawArguments) -> EnsembleArguments
         """Return run i, checked as a single run is."""
         try:
             start = StartNumbers(arguments.q[i], arguments.p[i], arguments.parameters_of(i),
-                                 arguments.t0[i], arguments.excess[i])
+                                 t=arguments.t0[i], excess=arguments.excess[i])
             return stepper._checked_run(stepper._run_arguments(
                 start, dt=arguments.dt[i], scaled=True, **arguments.common))
         except InputError as error:

@@ -236,7 +236,7 @@ class JointMotion(FixedAttributes):
             along = self._direction(pull)
             if pull.kind in ("torque", "axial"):
                 torque = torque + factor * along
-            elif pull.kind == "thread":
+            elif pull.kind == "thread":  # a turn by 2π moves b along the axis by the lead
                 lead, = numbers(pull.on_b, self._run.parameters)
                 torque, force = torque - factor * along, force + factor * along * 2 * np.pi / lead
             else:  # its line of action is through the joint's point on b: no torque about it

@@ -533,13 +533,12 @@ def _ensemble(
                 for i in np.flatnonzero(states.status).tolist()}
     events = {name: CrossingsOfMany([events_of_run[name] for events_of_run in shown_crossings])
               for name in (shown_crossings[0] if shown_crossings else ())}
-    return Ensemble(*_stored_arrays(stepper, states), failures, stepper.name, member, events)
+    return Ensemble(**_stored_arrays(stepper, states), failures=failures, _name=stepper.name,
+                    _make=member, events=events)
 
 
-def _stored_arrays(
-    stepper: Stepper, states: EnsembleStates
-) -> tuple[Array, Array, Array, Array, Array]:
-    """Return t, q, p, multipliers and iterations, their first axis the trajectory.
+def _stored_arrays(stepper: Stepper, states: EnsembleStates) -> dict[str, Any]:
+    """Return t, q, p, multipliers and iterations by name, their first axis the trajectory.
 
     t, q and p have a row for the start and for each stored step, the others for each stored step.
     Rows behind a failed step are NaN, and 0 iterations.
@@ -562,7 +561,7 @@ def _stored_arrays(
             iterations[i, row_count - 1 :] = 0
     if binding.m > 1:  # an axis for the stages of a step, and one for the constraints
         multipliers = multipliers.reshape(*multipliers.shape[:2], -1, binding.m)
-    return t, q, p, multipliers, iterations
+    return {"t": t, "q": q, "p": p, "multipliers": multipliers, "iterations": iterations}
 
 
 def _integrate_separately(
