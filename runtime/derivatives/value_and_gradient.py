@@ -38,6 +38,26 @@ def _refuse_unusable_names(wrt: tuple[str, ...]) -> None:
                              "many values of it; name it once.")
 
 
+class _InputLayout(NamedTuple):
+    """How an array of inputs is laid out: (rows, inputs), and the steps that a row is held for."""
+
+    shape: tuple[int, ...]
+    hold: int
+
+
+def _layout_of(inputs: Any, *, in_x: bool) -> _InputLayout:
+    """Return the layout of a caller's inputs, without rows where they are no array.
+
+    Raises InputError for these if x has the rows of inputs, ``in_x``.
+    """
+    values, hold = (inputs.values, inputs.hold) if isinstance(inputs, Inputs) else (inputs, 1)
+    array = real_array(values)
+    if in_x and array is None:
+        raise InputError(f"inputs = {shown(values)} are no rows of numbers, by which "
+                         "\"inputs\" in wrt asks for derivatives; give a row of each step.")
+    return _InputLayout((0, 0) if array is None else array.shape, hold)
+
+
 class _VariedArguments(NamedTuple):
     """The arguments of a run that depend on the variables."""
 
@@ -60,15 +80,16 @@ class Objective:
     ) -> None:
         """Project the start, and keep a basis of the tangent space there, for "start" in x.
 
-        ``span`` is {"t_end": ...} or {"steps": ...}, ``options`` are further arguments of
-        ``integrate``; other arguments as for ``value_and_gradient``.
+        z₀ = (q₀, p₀), the projected start, is ``_state``; ``_start`` is the caller's, with numbers
+        in place of rules. ``span`` is {"t_end": ...} or {"steps": ...}, ``options`` are further
+        arguments of ``integrate``; other arguments as for ``value_and_gradient``.
         """
         _refuse_unusable_names(wrt)
         self._stepper, self._loss, self._wrt, self._dt = stepper, loss_of(loss), wrt, dt
         self._inputs = inputs
         self._span, self._memory, self._options = span, memory, options
-        # (q₀, p₀), from which coordinates of the tangent space count: the start moved onto the
-        # constraints, as a run of no steps has it
+        # coordinates of the tangent space count from the start that a run of no steps has, moved
+        # onto the constraints
         run_of_start = stepper._resolve(stepper._run_arguments(replace(
             start, parameters=stepper._parameters_with_inputs(start.parameters, inputs)),
             dt=dt, steps=0))
@@ -80,19 +101,10 @@ class Objective:
         self._basis = TangentSpace(
             binding, binding.module.parameters(run_of_start.parameters, run_of_start.t0),
             run_of_start.q, run_of_start.p, stepper.constraint_names).basis()
-        # "inputs" in x are the rows of an array like the one given, a row for each ``hold`` steps
-        input_values: Any = inputs
-        self._hold = 1
-        if isinstance(inputs, Inputs):
-            input_values, self._hold = inputs.values, inputs.hold
-        inputs_array = real_array(input_values)
-        if "inputs" in wrt and inputs_array is None:
-            raise InputError(f"inputs = {shown(input_values)} are no rows of numbers, by which "
-                             "\"inputs\" in wrt asks for derivatives; give a row of each step.")
-        self._input_shape = (0, 0) if inputs_array is None else inputs_array.shape
+        self._layout = _layout_of(inputs, in_x="inputs" in wrt)
         #: The number of entries of x by name: 1 of each parameter and of "dt" and "t0".
         self._sizes = dict.fromkeys(wrt, 1) | {
-            "start": self._basis.shape[1], "inputs": int(np.prod(self._input_shape))}
+            "start": self._basis.shape[1], "inputs": int(np.prod(self._layout.shape))}
 
     def _numbers_of_rules(self, start: StartNumbers, numbers: Mapping[str, Any]) -> dict[str, Any]:
         """Return the numbers at the start of γ, α and rates of a frame that follow from a rule.
@@ -154,7 +166,7 @@ class Objective:
                 # coordinates of an orthonormal basis of the tangent space, 0 at the given start
                 state = state + self._basis @ block
             elif name == "inputs":
-                inputs = Inputs(block.reshape(self._input_shape), self._hold)
+                inputs = Inputs(block.reshape(self._layout.shape), self._layout.hold)
             elif name in times:
                 times[name] = block[0]
             else:
