@@ -39,9 +39,9 @@ class SpectralLines:
     def __init__(self, q: Array, p: Array, dt: float, generators: list[Array]) -> None:
         """Compute power |c_j(ν)|², frequency ν and shifts α_j of each line, in flat arrays.
 
-        c_j(ν) = Σ_t w(t) (V⁻¹ x(t))_j exp(−2πi ν t) for x = q, p, with the Kaiser window w and the
-        common eigenvectors V of the generators, A_k V = V diag(i α_jk); q and p are (rows, n), dt
-        apart. The powers of q and those of p have the sum 1; faint lines are left out.
+        c_j(ν) = Σ_t w(t) (V⁻¹ x(t))_j exp(−iνt) for x = q, p and ν in rad/s, with the Kaiser window
+        w and the common eigenvectors V of the generators, A_k V = V diag(i α_jk); q and p are
+        (rows, n), dt apart. The powers of q and those of p have the sum 1; faint lines are left out.
         """
         # the generators commute: eigenvectors of a combination with irrational weights are those of
         # all
@@ -63,12 +63,12 @@ class SpectralLines:
             spectrum /= spectrum.sum() or 1.0
             power.append(spectrum.ravel())
             nu.append(np.broadcast_to(frequencies[:, None], spectrum.shape).ravel())
-            # one row of shifts for each line: times, modes, generators
+            # a row of shifts for each line; axes are frequencies, modes, generators
             line_shifts = np.broadcast_to(shifts[rotating], (*spectrum.shape, shifts.shape[1]))
             alpha.append(line_shifts.reshape(-1, shifts.shape[1]))
         self._power, self._nu, self._alpha = (np.concatenate(x) for x in (power, nu, alpha))
         self._band = float(np.abs(frequencies).max())
-        # power close to the highest frequency is that of a faster motion, folded by the rows
+        # power close to the highest frequency is of a faster motion, which the sampling folds
         outer_band = np.abs(self._nu) > 0.875 * self._band
         self.is_resolved = bool(self._power[outer_band].sum() <= _FOLDED * self._power.sum())
         strong = self._power > _FAINT * self._power.max(initial=0)
