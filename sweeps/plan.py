@@ -66,6 +66,7 @@ def plan(
         means=means, **options))
     _refuse_impossible_inertias(study, start.bodies)
     _warn_of_moved_start(study, common_parameters | study.parameters)
+    _warn_of_ends(start)
     return study
 
 
@@ -162,6 +163,16 @@ def _points(name: str, table: Any, step_name: str) -> tuple[Axis, int | None]:
     seed = as_positive_count(f"{name}: seed", table.get("seed", 0))
     ranges = {key: column for key, column in table.items() if key not in ("count", "seed")}
     return random_axis(name, ranges, table["count"], seed), seed
+
+
+def _warn_of_ends(start: RunDefaults) -> None:
+    """Warn of terminal events of the model, at which its runs end and the cells of a sweep do not.
+    """
+    ends = [event.name for event in start.events if event.terminal]
+    if ends:
+        warn(f"Runs of {start.name} end at {few(ends)}, and cells of a sweep go on behind; give "
+             "steps or t_end before it, or detect the event without terminal=True (stop) and leave "
+             "out the cells in which it happens.")
 
 
 def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:

@@ -140,3 +140,14 @@ def test_a_cell_whose_event_is_not_located_fails_alone():
     assert np.isnan([result.event_low_first[1], result.event_low_count[1], result.q[1, 0]]).all()
     alone = gs.sweep("fast-top", {"dt": [1e-3]}, **choice)
     assert result.isel(dt=[0]).equals(alone)
+
+
+def test_a_sweep_says_that_cells_go_on_behind_the_end_of_runs() -> None:
+    """A run ends at the bottom; after half a period a cell is on the other side, at rest."""
+    model = pendulum()
+    stopping = gs.Model(model.system, model.parameters, model.q0, model.p0, dt=0.05,
+                        events=[gs.Event("side", terminal=True, name="bottom")])
+    run = {"scheme": "G-L", "stages": 5, "steps": 100}
+    with pytest.warns(gs.errors.InputWarning, match="bottom"):
+        cells = gs.sweep(stopping, {"dt": [period() / 200]}, **run)
+    assert np.abs(cells.q[0] - [-np.sin(1.0), -np.cos(1.0)]).max() < 1e-13
