@@ -11,6 +11,8 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import asdict, replace
+from functools import reduce
+from operator import add
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,7 +24,12 @@ from ..core.event import Event, Impact
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
-from ..runtime.events.last_step import counted_from_start, report_to_end, row_of
+from ..runtime.events.last_step import (
+    counted_from_start,
+    energy_lost,
+    report_to_end,
+    row_of,
+)
 from ..runtime.events.observer import integrate_observed, observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
@@ -89,8 +96,9 @@ class Recorder:
         #: Count of each event up to the last commit; time of the one that ended the run.
         self.counts = np.zeros(len(events), int)
         self.end: Any = None
-        #: When the last crossing of each event was.
+        #: When the last crossing of each event was, and the energy lost in impacts of each gap.
         self._latest: dict[str, Any] = {}
+        self._lost: dict[str, Any] = {}
         self.observer = observer_of(stepper, run, self.events) if events else None
         self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
         self.state, self.first_row, self.rows = self._resume_state()
@@ -162,6 +170,10 @@ class Recorder:
                     elapsed = next(field for field in fields if field.name.endswith("_elapsed"))
                     self._latest[name] = self._rows(elapsed.name, elapsed.wide, count - 1,
                                                     count=1)[0]
+                for field in fields:
+                    if field.name == f"event_{name}_energy_lost":
+                        losses = self._rows(field.name, field.wide, first=0, count=count)
+                        self._lost[name] = reduce(add, losses, 0.0)
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
             EventStore(self.group, self.manifest, self._event_attributes).resize(
@@ -397,6 +409,7 @@ class Recorder:
         if crossings is None:
             crossings = self._commit_events()
         self._latest |= {name: rows.elapsed[-1] for name, rows in crossings.items() if len(rows)}
+        self._lost = energy_lost(crossings, self._lost)
         state, run = self.state, self.run
         count = self._states(state) - self.first_row
         row = state.steps // run.every + 1 - self.first_row  # of a row that is begun
@@ -436,7 +449,7 @@ class Recorder:
         if self.last_part is None:
             return report
         work = self.binding.work_done(run.record) + self.last_part.work[-1]
-        to_end = report_to_end(report, self.last_part, float(work))
+        to_end = report_to_end(self.stepper, self.run, report, self.last_part, work, self._lost)
         return replace(to_end, impacts=report.impacts)
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:

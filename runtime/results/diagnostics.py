@@ -38,6 +38,10 @@ class Report:
     In scaled time W is what H has changed by as the steps have it, so that the energy error is
     |H + e|; ``time_step_min`` and ``time_step_max`` are the smallest and the largest Δt.
     ``impacts`` counts the jumps of the momenta.
+
+    A last part of a step, to a t_end between two steps, is in ``work`` and in the largest errors,
+    not in ``steps``, iterations and means; ``q`` and ``p`` are the state at t_end then, else after
+    the last whole step.
     """
 
     steps: int

@@ -321,6 +321,21 @@ def test_a_store_ends_at_a_terminal_impact(tmp_path):
         assert np.array_equal(group[f"event_floor_{name}"][:], momenta)
 
 
+def test_a_loss_in_an_impact_is_no_error_at_the_end_between_two_steps(tmp_path):
+    """Of the losses in two impacts one is behind the last whole step; each is some joules."""
+    step, out = stepper("ball"), tmp_path / "ball.zarr"
+    start = gs.Start([1.0], [0.0], BALL)
+    plan = {"dt": 0.09, "events": gs.Impact("floor", restitution=0.5)}
+    run = step.integrate(start, **plan, t_end=0.95)
+    assert [len(run.impacts["floor"]), run.impacts["floor"].steps.tolist()] == [2, [5, 10]]
+    assert run.impacts["floor"].energy_lost.min() > 1
+    assert run.report.energy_error_max < 32 * EPS * 9.81
+    step.integrate(start, **plan, t_end=0.7, out=out)  # its end is before the second impact
+    stored = gs.resume(out, t_end=0.95)
+    assert_same(stored, run)
+    assert_same_impacts(stored.impacts, run.impacts)
+
+
 def test_a_store_of_more_impacts_than_a_call_returns(tmp_path, monkeypatch):
     """Each step has some thousand impacts; the store has only complete steps."""
     small_blocks(monkeypatch, 2)

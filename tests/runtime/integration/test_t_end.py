@@ -20,6 +20,7 @@ from gyrospark.storage.recorder import Recorder
 from stores import Interrupted, assert_same, assert_same_bytes, small_blocks
 
 DT, END = 0.01, 0.104
+EPS = 2.0**-52
 
 
 def in_pairs(first, second):
@@ -49,6 +50,23 @@ def test_the_last_row_is_the_state_at_t_end(name):
             1 + np.abs(exact).max(initial=0)), field
     assert to_end.report.q == tuple(to_end.q[-1])
     assert step.constraint_names == [] or to_end.g_errors[-1] < 1e-14
+
+
+@pytest.mark.parametrize("t_end", [0.34, 0.56])
+def test_the_largest_error_of_the_energy_may_be_that_of_the_last_row(t_end, tmp_path):
+    """(u² + v²)/2 + 9 y less the work, of the rows: its change there is the largest."""
+    step, case = systems.stepper("dragged_pendulum"), systems.case("dragged_pendulum")
+    start = gs.Start(*systems.start("dragged_pendulum", step), case.parameters, t=0.2)
+    plan = {"dt": 0.2, "t_end": t_end}
+    runs = [step.integrate(start, **plan), step.integrate(start, **plan, out=tmp_path / "x.zarr"),
+            step.integrate_ensemble([start], **plan).members[0]]
+    for to_end in runs:
+        balance = (to_end.p**2).sum(axis=1) / 2 + 9 * to_end.q[:, 1] - to_end.work
+        errors = abs(balance - balance[0])
+        assert errors[-1] > 1.001 * errors[:-1].max()
+        # round-off of a sum of terms of up to 9
+        assert to_end.report.energy_error_max == pytest.approx(errors[-1], abs=8 * 9 * EPS)
+    assert runs[0].report == runs[1].report
 
 
 @pytest.mark.parametrize(("every", "rows"), [(1, 12), (2, 7), (5, 4), (3, 5), (4, 4), (20, 2)])
