@@ -233,7 +233,7 @@ def test_export_that_is_refused(gyrospark, tmp_path):
     paths = sorted(tmp_path.rglob("*"))
     kinds = ".npz, .csv, .nc"
     for words, *options in (
-            (kinds, "run.txt"), (kinds, "run"), (kinds, ""), (kinds, ".csv"),
+            (kinds, "run.txt"), (kinds, "run"), ("FILE", ""), (kinds, ".csv"),
             ("'none/run.csv'", "none/run.csv"), ("folder", "folder.csv"),
             ("'ZZX'", "x.csv", "--euler", "ZZX"), ("'x.npz'", "x.npz", "--euler", "ZYX"),
             ("degrees", "x.csv", "--degrees")):
