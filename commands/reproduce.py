@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from ..core.errors import MissingDependencyError
+from ..core.errors import InputError, MissingDependencyError
 from ..core.progress import hide_tasks
 from .generate import write_files
 from .options import PATH, check_folder, check_writable, json_option
@@ -50,6 +50,9 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     out, remark = _report_folder(name, out, as_json=as_json)
     if summary is not None:
         check_writable("--summary", summary)
+        if out is not None and summary.resolve() == (out / "paper.md").resolve():
+            raise InputError(f"--summary {str(summary)!r} is a file that --out {str(out)!r} "
+                             "writes; give another name.")
     # files and folders are checked above: computing all results takes minutes
     with _progress(len(names), quiet=as_json) as (advance, watch):
         results = compute(names, Engine(watch=watch), advance)

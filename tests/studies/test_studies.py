@@ -299,6 +299,15 @@ def computed(engine, monkeypatch):
     monkeypatch.setattr("gyrospark.studies.case_runner.Engine", lambda **options: engine)
 
 
+def test_a_summary_does_not_replace_a_page_of_the_report(tmp_path, monkeypatch):
+    monkeypatch.setattr(study_registry, "compute", None)  # nothing is computed
+    with pytest.raises(InputError, match=r"--summary.*--out"):
+        CliRunner().invoke(reproduce, [
+            "table-2", "--out", str(tmp_path), "--summary", f"{tmp_path}/./paper.md"],
+            standalone_mode=False, catch_exceptions=False)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.usefixtures("computed")
 def test_command_prints_a_table_or_json():
     result = CliRunner().invoke(reproduce, ["table-4"], standalone_mode=False)
