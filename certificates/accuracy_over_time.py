@@ -52,10 +52,13 @@ class Accuracy:
 
     @property
     def slopes(self) -> list[float]:
-        """log2 e(h)/e(h/2) of successive steps h: about the order where errors are not round-off;
-        one number fewer than errors, ±inf or NaN where an error is 0."""
+        """log(e/e')/log(h/h') of successive steps h > h', h' = h/2 unless a step between them
+        failed: about the order where errors are not round-off; one number fewer than errors, ±inf
+        or NaN where an error is 0."""
         with np.errstate(divide="ignore", invalid="ignore"):
-            slopes: list[float] = np.log2(np.divide(self.error[:-1], self.error[1:])).tolist()
+            error_ratios, step_ratios = (np.log2(np.divide(x[:-1], x[1:]))
+                                         for x in (self.error, self.dt))
+        slopes: list[float] = (error_ratios / step_ratios).tolist()
         return slopes
 
 

@@ -101,6 +101,14 @@ def test_the_picture_shows_the_numbers(tmp_path, monkeypatch):
     assert {axes.get_xscale() for axes in (order, work)} == {"log"}
 
 
+def test_a_step_that_failed_is_no_jump_of_the_order():
+    """Errors h³ have slopes of 3, from 0.4 to 0.1 too."""
+    steps = [0.4, 0.1, 0.05]
+    measured = Accuracy("a_stepper", 3, 1.0, steps, [h**3 for h in steps], [1.0] * 3)
+    # 8 units of round-off: those of logarithms of up to 6, and of their quotient
+    assert measured.slopes == pytest.approx([3, 3], rel=2.0**-49)
+
+
 def test_the_picture_is_of_the_stepper_in_the_frame(gyrospark, monkeypatch):
     """Errors are measured with the stepper and the rates that the certificate has."""
     def measured(step, *start, parameters, **size):
