@@ -20,7 +20,7 @@ from ..schemes.derivative_kernels import (
     time_columns,
 )
 from ..schemes.splitting_scheme import SplittingScheme
-from ..schemes.step_equations import common_kernels
+from ..schemes.step_equations import SparkScheme, common_kernels
 from ..symbolic.derivatives import derivative
 from ..symbolic.phases import START
 from ..systems.lagrangian import LagrangianSystem
@@ -169,8 +169,11 @@ def _emit_kernels(
         return scalar, []
     # the iteration has emitted some of them already
     names = {k.name for k in iteration.kernels}
+    # derivatives of f belong to the projection of momenta, which ends steps of SPARK alone
+    is_spark = isinstance(derived.scheme, SparkScheme)
     lanes = [emit_kernel(k, derived.constants, derived.real, Target.lanes(names={}))
-             for k in step.linearisation if f"lanes_{k.name}" not in names]
+             for k in step.linearisation if f"lanes_{k.name}" not in names
+             and (is_spark or k.name != "hidden_derivative")]
     end_kernels = {"hidden_derivative", "constraint_by_constants", "mean_rates_derivative"}
     if derived.system.is_time_dependent:
         end_kernels.add("rates_by_constants")

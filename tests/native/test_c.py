@@ -54,6 +54,16 @@ def test_no_warning_from_the_optimiser(spec, tmp_path):
     run([*compiler("gcc"), *STRICT, "-O2", "-c", f"{spec.name}.c", "-o", "kernel.o"], tmp_path)
 
 
+@pytest.mark.slow  # derives and compiles the derivatives of two steppers, two seconds each
+@pytest.mark.parametrize("spec", [Spec("EMS"), Spec("IMS", system="double_pendulum")],
+                         ids=lambda spec: spec.name)
+def test_derivatives_have_no_function_that_nothing_calls(spec, tmp_path):
+    """Both ways to linearise a step: on lanes, and by element templates."""
+    source = generate(spec, derivatives=True).source
+    write(source.files(), tmp_path)
+    run([*compiler("gcc"), *STRICT, "-O0", "-c", f"{source.name}.c", "-o", "kernel.o"], tmp_path)
+
+
 @pytest.mark.parametrize("name", ["gcc", "clang"])
 def test_no_warning_from_the_optimiser_with_forces_and_the_widest_vectors(name, tmp_path):
     """The compiler checks AVX-512 even on a machine without it."""

@@ -71,19 +71,6 @@ static void add_hidden_transposed(const hidden_t *s, const real *f, real *q, rea
     rates_transposed(&s->rates, force, v_bar, q, p, c_bar);
     constraint_velocity_transposed(&s->velocity, f, q, c_bar);
 }
-
-/* mu <- W^-1 f_p (before - p): the impulse of the projection along G^T from `before` to p */
-static void impulse_between(const hidden_t *s, const real before[N], const real p[N], real mu[M])
-{
-    const real zero[N] = { 0 };
-    real change[N];
-    for (int a = 0; a < N; ++a)
-        change[a] = before[a] - p[a];
-    for (int m = 0; m < M; ++m)
-        mu[m] = 0;
-    add_hidden_times(s, zero, change, NULL, mu);
-    substitute(s->W, mu);
-}
 #endif
 
 #endif

@@ -26,6 +26,21 @@ typedef struct {
 #endif
 } linearisation_t;
 
+#if GS_CONSTRAINED
+/* mu <- W^-1 f_p (before - p): the impulse of the projection along G^T from `before` to p */
+static void impulse_between(const hidden_t *s, const real before[N], const real p[N], real mu[M])
+{
+    const real zero[N] = { 0 };
+    real change[N];
+    for (int a = 0; a < N; ++a)
+        change[a] = before[a] - p[a];
+    for (int m = 0; m < M; ++m)
+        mu[m] = 0;
+    add_hidden_times(s, zero, change, NULL, mu);
+    substitute(s->W, mu);
+}
+#endif
+
 /* Evaluates the matrices of a step. l->w is set before; q, p and x must live as long as l. */
 static int linearise(const constants *c, real t, real h, const real q[N], const real p[N],
     const real x[U], const real q1[N], const real p1[N], linearisation_t *l)

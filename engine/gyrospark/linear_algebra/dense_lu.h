@@ -80,6 +80,7 @@ static int lu_substitute(int n, const real *restrict A, const int *restrict expo
 }
 
 #if (GS_CONSTRAINED && !GS_PROFILE_CONTROL) || GS_VELOCITY_CONSTRAINTS
+#if !GS_ELEMENTS || GS_VELOCITY_CONSTRAINTS /* W of element templates is a band matrix */
 /* b <- A^-1 b; overwrites A with its factors. */
 static int solve(int n, real *restrict A, real *restrict b, int *restrict exponents,
     int *restrict pivots)
@@ -88,6 +89,7 @@ static int solve(int n, real *restrict A, real *restrict b, int *restrict expone
     const int status = lu_factorise(n, A, exponents, pivots, &products);
     return status == OK ? lu_substitute(n, A, exponents, pivots, b) : status;
 }
+#endif
 #endif
 
 #endif

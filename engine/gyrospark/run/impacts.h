@@ -192,6 +192,7 @@ static int apply_impact(impact_run *r, const constants *at, const real row[N], r
 #if GS_CONSTRAINED
     real G[M][N], KG[M][N], W[M][M], x[M], slip[M];
     int exponents[M], pivots[M];
+    long products;
     for (int mu = 0; mu < M; ++mu) {
         real unit[M] = { 0 };
         unit[mu] = 1;
@@ -214,7 +215,8 @@ static int apply_impact(impact_run *r, const constants *at, const real row[N], r
     int status = solve_momentum(at, q, p, slip);
     for (int mu = 0; mu < M; ++mu)
         rate -= x[mu]*slip[mu];
-    status = status == OK ? solve(M, &W[0][0], x, exponents, pivots) : status;
+    status = status == OK ? lu_factorise(M, &W[0][0], exponents, pivots, &products) : status;
+    status = status == OK ? lu_substitute(M, &W[0][0], exponents, pivots, x) : status;
     if (status != OK)
         return status;
     for (int a = 0; a < N; ++a)
