@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence
 
 import sympy as sp
 from sympy.concrete.expr_with_limits import ExprWithLimits
@@ -23,7 +23,7 @@ __all__ = ["as_expression", "as_sequence", "refuse_other_assumptions", "refuse_u
 _LARGEST_FORMULA = 400
 #: Atoms that no real expression contains.
 _NO_NUMBERS = {sp.nan, sp.zoo, sp.oo, -sp.oo, sp.I}
-#: Assumptions that numbers are checked against, or that all numbers satisfy.
+#: Assumptions of a positive symbol, which runs check of parameters, not of coordinates.
 _CHECKED = frozenset(sp.Symbol("x", positive=True).assumptions0.items())
 #: Expressions with a variable that is no symbol of the system: sums, integrals, roots, …
 _BINDERS = (ExprWithLimits, sp.Subs, sp.Limit, sp.RootSum, RootOf)
@@ -34,8 +34,9 @@ def as_sequence(name: str, value: object) -> Sequence[object]:
 
     ``name`` is the argument's name in the message.
     """
-    if isinstance(value, (str, sp.Basic, Mapping, Set)) or not isinstance(value, Iterable):
-        unordered = ", it has no order" if isinstance(value, Set) else ""
+    is_set = isinstance(value, (set, frozenset))  # keys of a dict, another Set, have an order
+    if is_set or isinstance(value, (str, sp.Basic, Mapping)) or not isinstance(value, Iterable):
+        unordered = ", it has no order" if is_set else ""
         raise InputError(f"{name} = {shown(value)} is no sequence{unordered}; write it as a list.")
     return tuple(value)
 

@@ -97,6 +97,10 @@ def test_assumptions_that_runs_check_are_taken(assumptions):
     assert system(parameters=(m, grav, a), H=px**2 / m + a * x).parameters[2] == a
 
 
+def test_keys_of_a_dict_have_an_order():
+    assert system(parameters={m: 1.0, grav: 2.0}.keys()).parameters == (m, grav)
+
+
 @pytest.mark.parametrize(("changes", "message"), [
     ({"parameters": {"m": 1.0, "g": 1.0, "k": 2.0}}, "'k'.*g, m"),
     ({"parameters": {"m": 1.0}}, "'g'"),
