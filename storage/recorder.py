@@ -403,7 +403,7 @@ class Recorder:
         """Commit the filled part of the block, and the state of the run.
 
         The writer may give ``reusable`` rows back; whole blocks are not copied. ``crossings`` are
-        those since the last commit, by default those of the observer; ``checkpoint`` is the state
+        new since the last commit, by default the observer's; ``checkpoint`` is the state
         from which the run resumes, by default the present one.
         """
         if crossings is None:
@@ -426,7 +426,7 @@ class Recorder:
         writer.put(Batch(self.first_row, count, block_rows,
                          checkpoint=pack(self.binding, checkpoint),
                          attributes=self._run_attributes(state), end=self.end, counts=counts,
-                         found=crossings, reusable=reusable))
+                         crossings=crossings, reusable=reusable))
 
     def _event_progress(self) -> EventProgress | None:
         """Return the event progress at the state; detection stops behind an end."""

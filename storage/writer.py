@@ -40,7 +40,7 @@ class Batch:
 
     ``first`` begins a block of rows, of which none may be done; ``attributes`` are those of the
     store that change. ``end`` is the time of the last row where an event ended the run there.
-    ``found`` has the crossings since the last commit, when there were ``counts`` of each event.
+    ``crossings`` are new since the last commit, when there were ``counts`` of each event.
     ``reusable`` rows are no longer needed when they are written.
     """
 
@@ -51,7 +51,7 @@ class Batch:
     attributes: dict[str, Any]
     end: Array | None = None
     counts: Mapping[str, int] = field(default_factory=dict)
-    found: Mapping[str, Crossings] = field(default_factory=dict)
+    crossings: Mapping[str, Crossings] = field(default_factory=dict)
     reusable: bool = False
 
 
@@ -126,8 +126,8 @@ class Writer:
         """Write rows, then checkpoint, then attributes: these never claim more than is stored."""
         states = self._chunks(batch) if batch.count else []
         self._changed |= self._event_store.resize({name: batch.counts[name] + len(crossings)
-                                                   for name, crossings in batch.found.items()})
-        write_chunks(states + self._event_store.chunks(batch.counts, batch.found))
+                                                   for name, crossings in batch.crossings.items()})
+        write_chunks(states + self._event_store.chunks(batch.counts, batch.crossings))
         write_chunks([Chunk(self._arrays[CHECKPOINT], (0,), batch.checkpoint)])
         consolidate(self._path, self._changed, batch.attributes)  # in one go, and in one file
         self._changed = set()
