@@ -171,8 +171,8 @@ def _warn_of_ends(start: RunDefaults) -> None:
     ends = [event.name for event in start.events if event.terminal]
     if ends:
         warn(f"Runs of {start.name} end at {few(ends)}, and cells of a sweep go on behind; give "
-             "steps or t_end before it, or detect the event without terminal=True (stop) and leave "
-             "out the cells in which it happens.")
+             "steps or t_end before such an event, or detect it without terminal=True (stop) and "
+             "leave out the cells in which it happens.")
 
 
 def _warn_of_moved_start(study: Study, parameters: dict[str, float]) -> None:
