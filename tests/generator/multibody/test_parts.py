@@ -100,7 +100,7 @@ def test_the_third_axis_is_turned_onto_the_rotors(axis):
     (lambda b: b.align("h", "bus", "bob", axis=(0, 0, 1)), "'h'.*axes.*'bob'"),
     (lambda b: b.universal("h", "bob", "bus", axis_a=(0, 0, 1), axis_b=(1, 0, 0)), "axes"),
     (lambda b: b.revolute("h", "grond", "bus", axis=(0, 0, 1), at=(0, 0, 0)),
-     "'h'.*'grond'.*mean ground"),
+     "'h'.*'grond'.*ground"),
     (lambda b: b.torque("bob", (0, 0, 1)), "torque.*'bob'"),
     (lambda b: b.force("bob", (0, 0, 1), on_body=(0.3, 0, 0)), r"\(0\.3, 0, 0\).*'bob'"),
     (lambda b: b.spring("s", "bob", "bus", stiffness=1, on_a=(0, 0.5, 0)), "on_a.*'s'.*'bob'"),
