@@ -130,7 +130,7 @@ def momentum_maps(
     # one entry each of (A | a), n × (n + 1); for many coordinates fields with a name alone
     units = [LinearField("", n, {(i, j): Fraction(1)}) for i in range(n) for j in range(n + 1)]
     exact = SymmetrySpace(system, units if full else named_fields, exact_values)
-    # those of ``exact`` that are symmetries whatever the parameters
+    # symmetries of ``exact`` that hold whatever the parameters
     general = SymmetrySpace(system, exact.fields, numbers={}, within=exact)
     independent = _IndependentMaps(points)
     maps: list[MomentumMap] = []

@@ -111,7 +111,7 @@ class RoundOff:
 
     @cached_property
     def impulse(self) -> Floats:
-        """Δt times the round-off of each p by that of g, shape (n,), in units of ε.
+        """Δt times the round-off of each p that round-off of g causes, (n,), in units of ε.
 
         A round-off δg moves multipliers that follow from g = 0 alone, and they move p by
         Δp = g_qᵀ (g_q H_pp g_qᵀ)⁻¹ δg/Δt, for a quaternion 4γ δg/Δt.

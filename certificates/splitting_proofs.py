@@ -139,8 +139,8 @@ def _field(H: sp.Expr, drag: sp.Expr) -> list[sp.Expr]:
 def _flows() -> Iterator[_Flow]:
     """Yield the flows of the catalogue, for any axis e and any numbers a, d, c, k and ω.
 
-    They are those of ½ a |m|², of ½ d (e·m)² + c (e·m), of the sum of both with the drag −k l, and
-    of −ω·l: rotations by left and right quaternions, with angular velocities W and w.
+    Their H are ½ a |m|², ½ d (e·m)² + c (e·m), the sum of both with the drag −k l, and −ω·l. They
+    are rotations by left and right quaternions, with angular velocities W and w.
     """
     m, l_of_p = (matrix(q) * sp.Matrix(p) / 2 for matrix in (left_matrix, space_matrix))
     zero, half = [sp.S.Zero] * 3, sp.Rational(1, 2)

@@ -189,7 +189,8 @@ def _certify(
     if plot is not None:
         check_picture(plot)
     count = optional(whole_number, "--stages", choice["stages"])
-    spec = spec_from(**choice)  # has the order, or the composition, of splitting by default
+    # the spec of splitting has an order or a composition also where none is chosen
+    spec = spec_from(**choice)
     from ..certificates.certificate import certify
     from ..runtime.rigid_body.problems import Problem
     step_size = optional(real_number, "--dt", dt)

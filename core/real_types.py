@@ -36,7 +36,7 @@ class Real:
     bits : int
         Bits of the significand, the hidden one included; eps = 2^(1 − bits).
     exponent : int
-        2^exponent is above the largest finite number, and the next power of 2 of it.
+        2^exponent is the least power of 2 above the largest finite number.
     digits : int
         Decimal digits that read back to the same number.
     suffix : str

@@ -506,8 +506,8 @@ def _frame(derived: Derived) -> FrameTransformation | None:
     """Return the transformation of states from the co-moving frame to the frame of the user.
 
     A group of symmetries rotates a state by the angles a ω t, computed as double words: ω is the
-    parameter of a group of one symmetry, or the length of the vector of a larger group's, about
-    whose direction it rotates; a > 0 are the frequencies of its generators (A³ = −a² A).
+    parameter of a group of one symmetry, or the length of the vector of parameters of a larger
+    group, whose direction is the axis; a > 0 are the frequencies of generators (A³ = −a² A).
     """
     frame, system, real = derived.frame, derived.system, derived.real
     if frame is None:

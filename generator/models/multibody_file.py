@@ -138,8 +138,8 @@ def read_bodies(content: TomlTable, name: str, formulas: Formulas, rep: str | No
             table, lambda table: _add_point(builder, table, formulas))
     for table in content.tables("joints"):
         build_from(table, lambda table: join(builder, bodies, table))
-    # from here on, formulas may have coordinates, angles and travels of joints, ``position``, and
-    # those of forces and quantities also rates, momenta and t, ``motion``
+    # from here on, formulas may have coordinates, angles and travels of joints, ``position``;
+    # formulas of forces and quantities may also have rates, momenta and t, ``motion``
     position, motion = _symbols_of_formulas(builder, bodies, formulas.parameters)
     if not has_points:
         _add_parameters(builder, formulas)

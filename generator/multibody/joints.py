@@ -530,7 +530,7 @@ class Revolute(HingedJoint):
     """A hinge: a ball joint whose bodies keep an axis in common."""
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints of a ball joint, and those of the axis."""
+        """Yield the constraints of a ball joint and of the axis."""
         yield from super().equations(poses, store)
         yield from self.hinge.equations(poses, store)
 
@@ -546,7 +546,7 @@ class Fixed(Joint):
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
-        """Yield the constraints of a ball joint, and those of ``turns``."""
+        """Yield the constraints of a ball joint and of ``turns``."""
         yield from super().equations(poses, store)
         yield from self.turns(poses, store)
 

@@ -130,7 +130,8 @@ class FastSystem:
     def shared_sums(self) -> list[sp.Expr]:
         """Sums u in H_q − F that no constraint force changes: (∂u/∂p) Gᵀ = 0 identically.
 
-        The kernel of H_p computes them for that of H_q, which is called after a correction of P.
+        The kernel of H_p computes them for the kernel of H_q, which is called after a
+        correction of P.
         """
         if self.system.m and self.correction is None:
             return []  # the kernel of H_q evaluates H_p again, and these sums with it

@@ -233,7 +233,7 @@ def _continue_to_equilibrium(
 ) -> tuple[Array, _Triplets]:
     """Return x = (q, λ) and J at the equilibrium of the system ``name``; q has n entries.
 
-    Steps of length τ are those of ``equilibrium``, x, r and J in the units of ``statics``. Raises
+    Steps of length τ are as of ``equilibrium``; x, r and J are in the units of ``statics``. Raises
     InputError if no equilibrium is reached.
     """
     r, J = statics(x)
@@ -252,9 +252,10 @@ def _continue_to_equilibrium(
         change = float(np.abs(step[:n]).max()) / (extent if extent > _NOTHING else 1.0)
         if not np.isfinite(change):
             break
-        # A long step is repeated with a smaller τ, for half the largest change. No τ shortens the
-        # way to g = 0, however: where 1/τ is above the stiffness, a step that a smaller τ left as
-        # long is taken. With a negative curvature the potential has a maximum along the step.
+        # A long step is repeated with a smaller τ, which aims at half the largest change. No τ
+        # shortens the way to g = 0, however: where 1/τ is above the stiffness, a step that a
+        # smaller τ left as long is taken. With a negative curvature the potential has a maximum
+        # along the step.
         is_long = change > _LARGEST_CHANGE and (
             change < 0.9 * rejected_change or tau * stiffness > _SMALL_TAU)
         if is_long or (curvature < 0 and change > _ROUNDING):

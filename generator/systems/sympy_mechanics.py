@@ -136,7 +136,7 @@ def from_mechanics(
     g, velocity_constraints = expressions[:g_end], expressions[g_end:rows_end]
     quantities = dict(zip(places, expressions[rows_end:], strict=True))
     _refuse_functions(name, [L, *g, *F, *velocity_constraints])
-    # if no velocity contradicts a place, that of a body whose place is known is its rate
+    # if no velocity contradicts a place, the velocity of a placed body is the rate of its place
     _refuse_substituted(mechanics, symbol_of, [
         body for body in method_bodies
         if has_contradictions or not mechanics.motion.is_placed(body.masscenter)])

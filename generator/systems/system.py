@@ -89,7 +89,8 @@ class System:
     velocity_constraint_names : sequence of str
         Name of each velocity constraint in messages; by default A0, A1, …
     quantities : mapping of str to Expr
-        Quantities of q, p, t and parameters that trajectories offer by name.
+        Quantities of q, p, t and parameters that trajectories offer by name; a name of a symbol of
+        q, p, parameters or time is refused.
     time_scale : Expr, optional
         σ(q, p, t) > 0 with dt = σ dτ: constant steps Δτ are steps Δt ≈ σ Δτ that adapt to the
         motion. σ is to be small where any rate of the motion is large; see ``gyrospark.scales``.

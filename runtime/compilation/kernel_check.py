@@ -86,7 +86,7 @@ class CheckFunction:
 
         ``in`` has a row of inputs for each point; the value of an output is ``high + low``, of
         which ``low`` has what a type longer than double has beyond ``high``. ``memory`` holds the
-        inputs x of a point and behind them the outputs y; on lanes, those of LANES points.
+        inputs x of a point and behind them the outputs y; on lanes, of LANES points.
         """
         on_lanes = self.kind == "lanes"
         value, step = ("lanes", "LANES") if on_lanes else ("real", "1")

@@ -53,7 +53,7 @@ def compile_verified(
     """
     manifest = Manifest.from_text(files[f"{name}.json"])
     real = REALS[manifest.real]
-    # names of kernels; a module of lanes has some of them, those of other kinds none to be checked
+    # names of kernels; a module of lanes has some of them, other modules have none to check
     expected = set(manifest.operations) if module_kind == "runs" else set()
     usual_mismatches: list[KernelMismatch] = []  # of the usual flags, for messages
     for number, flags in enumerate(SAFER_FLAGS):

@@ -196,8 +196,8 @@ class Kinematics:
         """Return rows C of a body's velocity and ω in space axes, and their drift (dC/dt) v.
 
         A body that moves freely has six rows, the first three of the velocity of its origin; a
-        body whose origin is held has the three rows of ω. The drift has as many entries: that of
-        ω is 0 (``_turning``).
+        body whose origin is held has the three rows of ω. The drift has as many entries, 0 for ω
+        (``_turning``).
         """
         turning, no_drift = self._turning(name), np.zeros(3)
         if not self.bodies[name].x:

@@ -382,7 +382,7 @@ def cotangent_at(
         cotangent[-1] = s
         return cotangent
     step = single_step(stepper, run, point, z)
-    # its last two rows are those of the length τ and of the time t_j of the step
+    # its last two rows belong to the length τ and to the time t_j of the step
     if point.normal is None:
         cotangent = step.adjoint(w, multipliers)
         # τ = t − t_j, so the cotangent of τ counts against t_j; the time of the point is fixed

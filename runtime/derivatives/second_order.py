@@ -7,7 +7,7 @@ range of Π, tangent to the constraints, it changes by
 
     (Πᵀ z̄)' = Πᵀ z̄' + Π'ᵀ z̄
 
-z̄' by the compiled derivative of the adjoint, Π' by that of the derivatives of g and f.
+z̄' by the compiled derivative of the adjoint, Π' by the derivative of the Jacobians of g and f.
 """
 
 from __future__ import annotations

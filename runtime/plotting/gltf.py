@@ -82,7 +82,7 @@ class _Document:
         self.accessors: list[dict[str, Any]] = []
         self.materials: dict[str, int] = {}
         self.meshes: list[dict[str, Any]] = []
-        # node 0 turns the vertical of the scene to +y, that of glTF
+        # node 0 turns the vertical of the scene to +y, the vertical of glTF
         self.nodes: list[dict[str, Any]] = [{
             "name": scene.title, "rotation": _rotation(scene.up, np.array([0.0, 1.0, 0.0]))}]
         self.samplers: list[dict[str, Any]] = []

@@ -309,8 +309,8 @@ def phase_error(order: int, radians: float) -> float:
     """Return the relative error of a phase that advances by ``radians`` a step, at most 1.
 
     It is the error of the diagonal Padé approximation of exp(iθ), (s!)² θ^2s/((2s)! (2s + 1)!) with
-    2s the order. A rotation by θ advances q by the phase θ/2, and harmonics up to a few θ: measured
-    errors are between a hundredth of this and a hundred times it.
+    2s the order. A rotation by θ advances the phase of q by θ/2, of harmonics by up to a few θ:
+    measured errors are between a hundredth of this error and a hundred times it.
     """
     # factorials by log Γ, which does not overflow for high orders
     logarithm = (2 * math.lgamma(order / 2 + 1) - math.lgamma(order + 1) - math.lgamma(order + 2)

@@ -1,8 +1,8 @@
 """A run, or an ensemble, as one table: the source of xarray, pandas, CSV, NetCDF and Parquet.
 
-A table has arrays by name along ``time``, or along ``trajectory`` and ``state``; those of a run are
-the ``OUTPUTS`` of ``outputs.py``. It is read in blocks of rows, so that writing a stored run to a
-file needs constant memory.
+A table has arrays by name along ``time``, or along ``trajectory`` and ``state``; arrays of a run
+are the ``OUTPUTS`` of ``outputs.py``. A table is read in blocks of rows, so that writing a stored
+run to a file needs constant memory.
 """
 
 from __future__ import annotations

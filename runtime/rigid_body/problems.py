@@ -204,7 +204,7 @@ def regular_precession(
     if rate == 0:
         raise InputError("The precession rate is 0 rad/s and ψ̇ would be infinite; choose another.")
     theta = math.pi / 3
-    # refuses sizes whose moments are beyond a double; I₁ = I₂, so that the last two are I₁ and I₃
+    # moments beyond a double are refused here; I₁ = I₂, so that the last two are I₁ and I₃
     I1, I3 = principal_moments((3 * m * (r * r / 4 + h * h) / 5,) * 2 + (3 * m * r * r / 10,))[1:]
     mgl = m * _finite(gravity, "gravity", "m/s²") * 3 * h / 4
     # the spin with which the cone neither rises nor falls: θ̈ = 0 at θ₀

@@ -41,7 +41,7 @@ class SpectralLines:
 
         c_j(ν) = Σ_t w(t) (V⁻¹ x(t))_j exp(−iνt) for x = q, p and ν in rad/s, with the Kaiser window
         w and the common eigenvectors V of the generators, A_k V = V diag(i α_jk); q and p are
-        (rows, n), dt apart. The powers of q and those of p sum to 1; faint lines are left out.
+        (rows, n), dt apart. Powers of q sum to 1, powers of p too; faint lines are left out.
         """
         # the generators commute: eigenvectors of a combination with irrational weights are those of
         # all
