@@ -153,13 +153,12 @@ def test_a_longer_run_has_an_event_behind_the_last_whole_step_once(tmp_path, mon
         with pytest.raises(Interrupted):
             gs.resume(out, t_end=1.7)
     assert len(gs.load(out).events["angle"]) == 0
-    for t_end in (1.75, 2.5):
-        longer = gs.resume(out, t_end=t_end)
-        computed = step.integrate(start, **run | {"t_end": t_end})
-        assert_same(longer, computed)
-        assert_same_events(longer.events, computed.events)
-        # a quarter of the period, to the fourth order of the scheme
-        assert longer.events["angle"].t == pytest.approx([float(period()) / 4], abs=0.1**4)
+    longer = gs.resume(out, t_end=1.75)
+    computed = step.integrate(start, **run | {"t_end": 1.75})
+    assert_same(longer, computed)
+    assert_same_events(longer.events, computed.events)
+    # a quarter of the period, to the fourth order of the scheme
+    assert longer.events["angle"].t == pytest.approx([float(period()) / 4], abs=0.1**4)
 
 
 def test_a_run_that_an_event_has_ended_takes_no_more_steps(tmp_path) -> None:
