@@ -124,7 +124,7 @@ def sweep(
     resume : bool
         Go on with the sweep in ``out``; cells that are done are not computed again.
     workers : int, optional
-        Threads (default: all cores).
+        Threads (default: all cores); refused with ``dask``.
     dask : str or distributed.Client, optional
         A cluster in place of threads: a scheduler's address, ``"tcp://…"``, or a client. Workers
         write to ``out``, which must be a folder that all of them can reach.
