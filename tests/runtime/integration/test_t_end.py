@@ -18,9 +18,9 @@ from command_line import refused as refused_by_command
 from gyrospark.runtime.integration.run_arguments import span_of, step_count
 from gyrospark.storage.recorder import Recorder
 from stores import Interrupted, assert_same, assert_same_bytes, small_blocks
+from strategies import EPS
 
 DT, END = 0.01, 0.104
-EPS = 2.0**-52
 
 
 def in_pairs(first, second):
