@@ -40,8 +40,9 @@ class Report:
     ``impacts`` counts the jumps of the momenta.
 
     A last part of a step, to a t_end between two steps, is in ``work`` and in the largest errors,
-    not in ``steps``, iterations and means; ``q`` and ``p`` are the state at t_end then, else after
-    the last whole step.
+    not in ``steps``, iterations and means; ``q`` and ``p`` are the state at t_end then. Of a run in
+    scaled time, or one that an event ends before t_end within a whole step, the report has the
+    whole steps alone.
     """
 
     steps: int
