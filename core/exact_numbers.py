@@ -158,7 +158,7 @@ def nearest(value: Fraction, bits: int, least_exponent: int) -> tuple[int, int]:
     """Return m and e of the binary number m 2^e next to a value, ties to even.
 
     |m| has at most ``bits`` bits, or is 2^bits, one bit alone; e is at least ``least_exponent``,
-    that of the last bit of a subnormal number.
+    the exponent of the last bit of a subnormal number.
     """
     # |value| < 2^(size + 1): the first exponent may leave one bit or two too many
     size = abs(value.numerator).bit_length() - value.denominator.bit_length()

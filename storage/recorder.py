@@ -26,7 +26,7 @@ from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
 from ..runtime.events.last_step import (
     counted_from_start,
-    energy_lost,
+    impact_losses,
     report_to_end,
     row_of,
 )
@@ -98,7 +98,7 @@ class Recorder:
         self.end: Any = None
         #: When the last crossing of each event was, and the energy lost in impacts of each gap.
         self._latest: dict[str, Any] = {}
-        self._lost: dict[str, Any] = {}
+        self._losses: dict[str, Any] = {}
         self.observer = observer_of(stepper, run, self.events) if events else None
         self._step_on = self.binding.integrate if self.observer is None else self.observer.advance
         self.state, self.first_row, self.rows = self._resume_state()
@@ -173,7 +173,7 @@ class Recorder:
                 for field in fields:
                     if field.name == f"event_{name}_energy_lost":
                         losses = self._rows(field.name, field.wide, first=0, count=count)
-                        self._lost[name] = reduce(add, losses, 0.0)
+                        self._losses[name] = reduce(add, losses, 0.0)
         names = [event.name for event in self.events]
         with storage_errors(self.path, CURE):
             EventStore(self.group, self.manifest, self._event_attributes).resize(
@@ -409,7 +409,7 @@ class Recorder:
         if crossings is None:
             crossings = self._commit_events()
         self._latest |= {name: rows.elapsed[-1] for name, rows in crossings.items() if len(rows)}
-        self._lost = energy_lost(crossings, self._lost)
+        self._losses = impact_losses(crossings, self._losses)
         state, run = self.state, self.run
         count = self._states(state) - self.first_row
         row = state.steps // run.every + 1 - self.first_row  # of a row that is begun
@@ -449,7 +449,7 @@ class Recorder:
         if self.last_part is None:
             return report
         work = self.binding.work_done(run.record) + self.last_part.work[-1]
-        to_end = report_to_end(self.stepper, self.run, report, self.last_part, work, self._lost)
+        to_end = report_to_end(self.stepper, self.run, report, self.last_part, work, self._losses)
         return replace(to_end, impacts=report.impacts)
 
     def _run_attributes(self, state: CheckpointState) -> dict[str, Any]:

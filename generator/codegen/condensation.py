@@ -114,7 +114,7 @@ def condensation_of(
     free_q = _free_coordinates(structure, block_of)
     columns, by_momenta, elements = _couplings(structure, block_of, free_q)
     # (row, column) of all matrices of coordinates: in each row first those that are not 0 in H_pp,
-    # H_pq and X = H_qp − F_p, which end at ``momentum_ends``, then those of D and K alone
+    # H_pq and X = H_qp − F_p, which end at ``momentum_ends``, then the entries of D and K alone
     entries = [(a, b) for a in range(structure.system.n)
                for b in (*sorted(by_momenta[a]), *sorted(columns[a] - by_momenta[a]))]
     stored, nonzero = _jacobian_entries(structure, constraints)

@@ -121,7 +121,7 @@ def derivatives_of(
     columns = [*(s for s, _ in constants or [(sp.Dummy(), 0)]), *times]
     element_tables = [] if elements is None else element_derivatives(derived, elements)
     step = _step_kernels(derived, columns, has_templates=bool(element_tables))
-    # small systems are linearised on lanes, those with element templates are not
+    # small systems are linearised on lanes, systems with element templates are not
     kernels, lane_kernels = _emit_kernels(derived, step, None if element_tables else iteration)
     state_kernels = _state_kernels(derived)
     # functions of one state are in the user's parameters, not in constants of a run

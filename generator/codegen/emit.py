@@ -151,7 +151,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     plain, lanes = code.plain, code.lanes
     # renamed: name of a kernel of the plain iteration that a Newton kernel has too → its new name
     iteration_kernels, renamed = additional_kernels(code.kernels, plain.kernels if plain else [])
-    # kernels of one state read the user's parameters, those of a step the constants of a run
+    # kernels of one state read the user's parameters, kernels of a step the constants of a run
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
     constants, constant_calls = _run_constants(derived, code.all_kernels, code.elements)

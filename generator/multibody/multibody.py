@@ -1094,7 +1094,7 @@ class Multibody(FixedAttributes):
         hinge = hinge_of(hinge_joint)
         _refuse_other_start(name, hinge_joint, begin, rate)
         hinge.rate = rate
-        # without an angle for the start the joint has that of the law as described: no body moves
+        # a joint described without an angle has the angle of the law: no body moves
         if hinge.start_angle is None:
             hinge.angle = begin
             if isinstance(hinge_joint, Screw):

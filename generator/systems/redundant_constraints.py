@@ -333,8 +333,8 @@ def _units_of_columns(G: Array | csr_array, lengths: Array) -> Array:
     """Return units of the coordinates, (n,), in which lengths and numbers have entries of one size.
 
     ``lengths``, (n,), says which coordinates are in m; the others are numbers. In a row of both,
-    the largest entry of numbers over that of lengths is an arm. Units are 1 but for arms of
-    molecules or planets: there one part of a row would be round-off of the other.
+    the largest entry of numbers over the largest entry of lengths is an arm. Units are 1 but for
+    arms of molecules or planets: there one part of a row would be round-off of the other.
     """
     sizes = [abs(G[:, columns]).max(axis=1) if columns.any() else np.zeros(G.shape[0])
              for columns in (~lengths, lengths)]

@@ -25,7 +25,7 @@ from .observer import integrate_observed, with_row
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["counted_from_start", "ended_between", "energy_lost", "joined_with_part",
+__all__ = ["counted_from_start", "ended_between", "impact_losses", "joined_with_part",
            "report_to_end", "row_of"]
 
 CrossingsType = TypeVar("CrossingsType", bound=Crossings)
@@ -80,10 +80,10 @@ def joined_with_part(
                  for name, of_steps in trajectory.events.items()}
     impacts = {name: _join(run, of_steps, partial_run.impacts[name], trajectory)
                for name, of_steps in trajectory.impacts.items()}
-    lost = energy_lost(impacts, {})
+    losses = impact_losses(impacts, {})
     return replace_fields(longer_run,
                           report=report_to_end(stepper, run, trajectory.report, partial_run,
-                                               work[0], lost),
+                                               work[0], losses),
                           events=crossings, impacts=impacts, _grid=grid,
                           _ended_by=partial_run._ended_by)
 
@@ -93,7 +93,7 @@ def row_of(last: Trajectory, work: Array) -> Rows:
     return Rows(last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work)
 
 
-def energy_lost(crossings: Mapping[str, Crossings], earlier: Mapping[str, Any]) -> dict[str, Any]:
+def impact_losses(crossings: Mapping[str, Crossings], earlier: Mapping[str, Any]) -> dict[str, Any]:
     """Return the energy lost in the impacts of each gap, by its name, added to ``earlier`` losses.
 
     The order of the sum does not depend on the pieces in which the impacts come.
@@ -104,17 +104,17 @@ def energy_lost(crossings: Mapping[str, Crossings], earlier: Mapping[str, Any]) 
 
 def report_to_end(
     stepper: Stepper, run: RunArguments, report: Report, partial_run: Trajectory, work: Any,
-    lost: Mapping[str, Any],
+    losses: Mapping[str, Any],
 ) -> Report:
     """Return the report of a run that ends with a partial step, from its whole steps' report.
 
-    ``work`` and ``lost``, in J, are the work of the whole run, and the energy lost in the impacts
+    ``work`` and ``losses``, in J, are the work of the whole run, and the energy lost in the impacts
     of each gap.
     """
     binding = stepper.binding
     H = binding.hamiltonian(binding.parameters(run.parameters, run.t0), run.q[None], run.p[None])
     energy_error = abs(partial_run.energies[-1] - H[0] - work
-                       + sum(lost[name] for name in sorted(lost)))
+                       + sum(losses[name] for name in sorted(losses)))
     return replace(
         report, q=tuple(map(float, partial_run.q[-1].tolist())),
         p=tuple(map(float, partial_run.p[-1].tolist())),

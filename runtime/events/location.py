@@ -355,8 +355,8 @@ class _SignChanges(NamedTuple):
 def _sign_changes(work: _Work, indices: Array) -> _SignChanges:
     """Return a place beyond the level in each turning step that has one.
 
-    ``indices`` are those of the brackets at whose ends the value of an event, x, has one sign, and
-    between which it may turn; ``_TurningSearch`` looks for its extremum in each.
+    ``indices`` are of brackets: at both ends the value x of an event has one sign, and it may turn
+    between them; ``_TurningSearch`` looks for its extremum in each.
     """
     search = _TurningSearch.at_start(work, indices)
     sign_changes: list[_SignChanges] = []

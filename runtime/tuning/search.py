@@ -213,7 +213,7 @@ class Search:
         The trial x has the shape (unknowns,); runs are counted by ``pilots``. The steps minimise
         Σ_j w_j e_j², with the error e_j of path j and its weight w_j from ``_weighted_step``. A
         bisection towards run ``best`` follows if the last run makes a path less accurate. The first
-        ``searched_count`` unknowns move; errors are those of ``searched_rows``.
+        ``searched_count`` unknowns move; errors are of the rows ``searched_rows``.
         """
         pilots, indices, damping = self.pilots, list[int](), 1e-3
         index = pilots.measure("search", x)
