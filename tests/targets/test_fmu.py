@@ -499,8 +499,10 @@ def test_models_without_velocities_start_from_momenta(tmp_path):
             [0.75, 1.25 + 0.25, 0.6, math.sin(6.0)])
         for step in range(100):
             assert slave.step(2 + step * 0.01, 0.01) == "OK"
-        state = slave.get(["q", "p"])
-    assert state == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
+        q, p, *outputs = slave.get(["q", "p", "energy", "speed", "phase"])
+    assert [q, p] == pytest.approx(midpoint(0.5, 0.75, 2.0, 0.01, 100), rel=1e-13)
+    root = math.sqrt(1 + p**2)
+    assert outputs == pytest.approx([root + 2.0 * q**2 / 2, p / root, math.sin(9.0)], rel=1e-13)
 
 
 def test_velocities_of_a_start_are_those_of_either_representation():
@@ -557,6 +559,13 @@ def midpoint(q, p, t, h, steps):
 
 
 # ---------------------------------------------------------------- refusals
+
+
+def test_a_file_that_is_no_library_is_refused(tmp_path):
+    path = tmp_path / "text.so"
+    path.write_text("no library")
+    with pytest.raises(gs.GyrosparkError, match="text.so"):
+        Slave(path, "token", 3, {})
 
 
 def test_what_cannot_be_an_fmu(tmp_path):
