@@ -9,6 +9,7 @@ import pytest
 
 import gyrospark as gs
 from gyrospark.generator.models import mjcf_reader
+from gyrospark.generator.models.mjcf_document import is_within
 from robots import Motion
 
 mujoco = pytest.importorskip("mujoco", reason="pip install mujoco-core")
@@ -376,6 +377,12 @@ def test_bad_files_are_refused(tmp_path, inside, message):
     if ignorable:
         build = gs.Multibody.from_file(tmp_path / "model" / "robot.xml", ignore="all")
         assert build._components.bodies
+
+
+def test_a_name_that_no_file_can_have_is_in_no_folder(tmp_path):
+    assert is_within(tmp_path, "sub/../mesh.stl")
+    for name in ("mesh\0.stl", "../mesh.stl", "/mesh.stl"):
+        assert not is_within(tmp_path, name)
 
 
 def test_sizes_that_a_file_asks_for_are_not_taken_and_an_attached_model_counts(tmp_path):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 import sympy as sp
@@ -80,6 +82,25 @@ def test_regular_motion():
     assert spectrum.exponents[0] < 0.02
     assert abs(spectrum.megno - 2) < 0.25
     assert spectrum.pairing < 1e-13
+
+
+@pytest.mark.parametrize("intervals", [8, 32, 40])
+def test_errors_of_exponents_from_means_over_blocks(intervals):
+    """The largest over B = 4, 8, 16, 32 blocks of the standard deviation of their means over √B.
+
+    Intervals are a quarter of the period, so that growth alternates and short blocks decide.
+    """
+    spectrum = gs.lyapunov(systems.differentiable("pendulum"), [1.0, 0.0], [0.0, 0.0], dt=0.05,
+                           steps=37 * intervals, every=37, parameters=SADDLE["parameters"])
+    logs = np.diff(spectrum.running * spectrum.times[:, None], axis=0, prepend=0.0)
+    errors = []
+    for count in {8: (4, 8), 32: (4, 8, 16, 32), 40: (4, 8, 16, 32)}[intervals]:
+        cuts = [k * intervals // count for k in range(count + 1)]
+        means = [logs[a:b].sum(axis=0) / (37 * 0.05 * (b - a)) for a, b in pairwise(cuts)]
+        errors.append(np.std(means, axis=0, ddof=1) / count**0.5)
+    # of differences of sums of logarithms, of the size t/Δt
+    assert spectrum.errors == pytest.approx(np.max(errors, axis=0), rel=1e-9, abs=1e-12)
+    assert spectrum.errors.min() > 1e-6
 
 
 @pytest.mark.slow  # thousands of steps of a stepper with three stages
