@@ -264,8 +264,8 @@ def _state(scene: ReferenceScene, motion: Any) -> tuple[Array, Array]:
 
 _HEAD = """# Mechanisms with closed loops over many steps
 
-The constraints, the energy, the error and the cost of one step, of gyrospark and of programs that
-robots are simulated with. This command writes the page:
+This page compares gyrospark with MuJoCo, exudyn and Pinocchio: the errors of the constraints, of
+the energy and of the motion, and the cost of one step. This command writes the page:
 
 ```
 make bench WHAT="robots --mjcf cassie.xml --mjcf 2f85.xml --out docs"
@@ -279,18 +279,19 @@ may follow `--mjcf`; its base is held, it starts at its first keyframe, and step
 `timestep`.
 
 Constraints and energy are evaluated by the equations of the model at 100 states of each run, for
-all programs alike: the largest abs(g) in m (of directions without unit), and the largest deviation
-of H. The error is the largest distance of a body after 1000 steps from its position by 3-stage
-Gauss-Lobatto in steps of a fifth. Times are CPU seconds of one run on a machine that also does
-other work. Runs that would take more than a minute have fewer steps.
+all programs alike: the largest abs(g) in m (constraints on directions have no unit), and the
+largest deviation of H. The error is the largest distance, after 1000 steps, of a body from its
+position in a run of 3-stage Gauss-Lobatto with a fifth of the time step. Times are CPU seconds of
+one run on a machine that also does other work. Runs that would take more than a minute have fewer
+steps. A run ends where its motion becomes unstable or not finite; a note follows the table.
 
 MuJoCo closes loops by soft constraints, at their largest stiffness for the time step, and exudyn by
-multipliers. Pinocchio has no integrator: here semi-implicit Euler in Python, with Baumgarte's
-stabilization of five steps, so its time is mostly Python's. A file runs in gyrospark and
-MuJoCo. As joints of files have no limits here, linkages pass close to singular
-configurations, where the energy of our runs deviates in jumps: at the two largest jumps
-of the 2F-85 in its first 24 s the smallest singular value of its constraint Jacobian, with rows of
-length one, is a third of the median.
+multipliers. Pinocchio has no integrator: the steps are semi-implicit Euler in Python, with
+Baumgarte's stabilisation at a time constant of five steps, so its time is mostly Python's. Models
+from files are run by gyrospark and MuJoCo only. Joints of files have no limits here, so linkages
+pass close to singular configurations, where the energy of our runs deviates in jumps. At the two
+largest jumps of the 2F-85 in its first 24 s, the smallest singular value of its constraint
+Jacobian, with rows of length one, is a third of its median.
 
 These commands show a model, and a file:
 

@@ -53,7 +53,7 @@ class MujocoFile:
         configure(self._mujoco, self._model, integrator, dt)
         data.qpos[:], data.qvel[:] = self._qpos, self._qvel
         for snapshot in itertools.islice(
-                moved(self._mujoco, self._model, data, integrator, steps), count):
+                moved(self._mujoco, self._model, data, steps), count):
             yield self._state(snapshot)
 
     def _centre(self, data: Any, k: int) -> Array:

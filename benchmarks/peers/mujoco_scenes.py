@@ -74,7 +74,7 @@ class MujocoScene:
         data.qvel[:] = speeds
         for name, torque in self._scene.torques.items():
             data.xfrc_applied[model.body(name).id, 3:] = torque
-        for snapshot in moved(mujoco, model, data, integrator, steps):
+        for snapshot in moved(mujoco, model, data, steps):
             yield {name: self._read(model, snapshot, name) for name in self._scene.bodies}
 
     def model(self, integrator: str, dt: float) -> Any:
@@ -216,9 +216,7 @@ def configure(mujoco: Any, model: Any, integrator: str, dt: float) -> None:
     model.eq_solimp[:] = _STIFFEST
 
 
-def moved(
-    mujoco: Any, model: Any, data: Any, integrator: str, steps: int
-) -> Iterator[Any]:
+def moved(mujoco: Any, model: Any, data: Any, steps: int) -> Iterator[Any]:
     """Yield the data after every ``steps`` steps.
 
     Raises
@@ -229,7 +227,8 @@ def moved(
     for total in itertools.count(steps, steps):
         mujoco.mj_step(model, data, steps)
         if any(warning.number for warning in data.warning):
-            raise Unavailable(f"{integrator} is unstable in {total} steps")
+            raise Unavailable("the motion becomes unstable between steps "
+                              f"{total - steps:,} and {total:,}")
         snapshot = copy(data)
         mujoco.mj_forward(model, snapshot)  # a step leaves velocities and forces of its start
         yield snapshot
