@@ -145,8 +145,10 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     """
     scheme, system, real = derived.scheme, derived.system, derived.real
     if derived.second:
-        refuse_second(derived)
+        refuse_second(derived)  # a frame, a Lagrangian or a large system has no second derivatives
     is_control = derived.profile == "control"
+    # the equations of a step, and their fixed-point iteration: on lanes in profile full, on plain
+    # numbers in profiles control and run
     code = _step_code(derived, elements)
     plain, lanes = code.plain, code.lanes
     # renamed: name of a kernel of the plain iteration that a Newton kernel has too → its new name
@@ -161,8 +163,8 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     if derivatives and lanes:
         lanes = _with_functions(lanes, calls.of_derivatives)
     scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
-    # costs are counted by the names of kernels: the kernels of a plain iteration are left out, as
-    # they have the names of Newton's
+    # costs are counted by the names of kernels; those of a plain iteration have Newton's names, so
+    # they are not counted
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, code.kernels if plain else code.all_kernels, code.elements, real)
     return Program(

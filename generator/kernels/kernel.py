@@ -72,16 +72,24 @@ class Constants:
         self.clock = dict(clock or {})
         self.reserved = {str(s) for s in (*parameters, *coordinates)}
         self.parameters = tuple(parameters)
+        #: Expression of parameters → the symbol of its constant; a parameter is its own.
         self.definitions: dict[sp.Expr, sp.Symbol] = {p: p for p in parameters}
         # The symbols of constants: a set, as H of 100 bodies looks them up for every term.
         self._constant_symbols = frozenset(parameters) - {*inputs}
-        # What was computed of an expression, for the next time that it occurs.
+        # Caches, expression → result of the method in brackets; an expression occurs many times.
+        #: The expression in the time since the start (``since_start``).
         self._with_elapsed_time: dict[sp.Expr, sp.Expr] = {}
+        #: The expression with symbols for its constant subexpressions (``hoist``).
         self._hoisted: dict[sp.Expr, sp.Expr] = {}
+        #: Whether it has a condition or a sign (``_has_piecewise``).
         self._is_piecewise: dict[sp.Basic, bool] = {}
+        #: Its free symbols (``_free_symbols``).
         self._symbols: dict[sp.Basic, frozenset[sp.Symbol]] = {}
+        #: Whether it is not 0, of expressions in the symbols _0, _1, … (``_is_nonzero``).
         self._nonzero: dict[sp.Expr, bool | None] = {}
+        #: Names for further constants: k0, k1, …
         self._free_names = (name for i in count() if (name := f"k{i}") not in self.reserved)
+        #: Symbol of a constant → its C text ``c->k0`` (``names``).
         self._texts: dict[sp.Symbol, str] = {}
 
     def since_start(self, e: sp.Expr) -> sp.Expr:

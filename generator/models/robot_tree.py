@@ -187,9 +187,11 @@ class LoopJoint:
         return builder.revolute(name, **frames, axis_in_space=axis, angle=angle)
 
     def _coordinates(self, a: Placement, b: Placement) -> tuple[float, float]:
-        """Return the angle and the travel of the joint with its bodies at ``a`` and ``b`` in space.
+        """Return the angle in rad and the travel in m, with the bodies at ``a`` and ``b``.
 
-        Raises InputError where the bodies are turned against each other as the joint cannot turn.
+        These are places in space. A hinge has no use for the travel; the angle of a slide is 0.
+        Raises InputError where the bodies are turned against each other by more than ``_TURNED``
+        beside the joint's own rotation.
         """
         on_a, on_b = (body.then(placement)
                       for body, placement in zip((a, b), self.places, strict=True))

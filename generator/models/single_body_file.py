@@ -67,7 +67,8 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     has_tensor = is_tensor(inertia)
     # γ or α by a rule is computed from the moments when a run begins
     has_rule = body.content.get(representation) in RULES
-    weight = {} if has_rule else _weight(body, representation)
+    gamma_or_alpha = {} if has_rule else _gamma_or_alpha(body, representation)
+    # ``formulas`` then knows the mass, and the entries of J
     _add_mass(body, formulas)
     if has_tensor:
         _add_tensor(inertia, formulas)
@@ -75,7 +76,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     potential, torque, quantities, scales = _read_formulas(content, formulas, has_tensor)
     system_symbols, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
-    values |= weight | _inertia_values(inertia)
+    values |= gamma_or_alpha | _inertia_values(inertia)
     system = body_system(
         name,
         cast("Rep", representation),
@@ -86,7 +87,7 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         tensor=has_tensor,
         time_scale=scales[0].xreplace(system_symbols) if scales else None,
     )
-    # used neither in a formula nor in the arithmetic of a number
+    # named neither in a formula nor in the arithmetic text of a number, such as "mass*2"
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:
         warn("[body] mass is in no formula: a weight needs a potential, such as "
              '"mass*9.81*0.04*R33".')
@@ -130,7 +131,7 @@ def _read_formulas(content: TomlTable, formulas: Formulas, has_tensor: bool) -> 
 
 
 def read_rep(body: TomlTable) -> str:
-    """Return the representation of a table; refuse the weight of the other one alone."""
+    """Return the representation of a table; refuse γ or α of the other one alone."""
     rep = body.choice("rep", REPS, "gamma")
     for other in REPS:
         if other in body and rep not in body:
@@ -152,7 +153,7 @@ def inertia_numbers(body: TomlTable) -> list[Any]:
     return body.matrix("inertia", 3) if body.is_matrix("inertia") else body.vector("inertia", 3)
 
 
-def _weight(body: TomlTable, rep: str) -> dict[str, float]:
+def _gamma_or_alpha(body: TomlTable, rep: str) -> dict[str, float]:
     """Return {"gamma" or "alpha": value in kg m²}, {} if it is not given; refuse 0."""
     if rep not in body:
         return {}

@@ -212,7 +212,7 @@ class BeamJoint(Joint):
         return (identity, relative) if self.arc else (relative, identity)
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Propagate the angular velocity: Ω_b = Ω_a."""
+        """Propagate the angular velocity in space: ω_b = ω_a."""
         return propagate("spin", poses[self.a], poses[self.b], np.zeros(3))
 
     def local_points(self, store: Store) -> tuple[Vector, Vector]:

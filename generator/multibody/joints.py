@@ -220,7 +220,10 @@ class Connection(FixedAttributes):
         yield from ()
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Set the angular velocity of a or b from the other one's; return whether it was set."""
+        """Set ω of a or b in space from the other one's, with 0 for rates that are not given.
+
+        Return whether it was set: not where both are known, or neither is.
+        """
         return False
 
     def equations(self, poses: Poses, store: Store) -> Iterator[Equation]:
@@ -874,7 +877,7 @@ class Universal(Joint):
                 yield StartRate(self.name, rate, {self.a: (zero, -e), self.b: (zero, e)})
 
     def propagate_spin(self, poses: Poses) -> bool:
-        """Propagate the angular velocity: Ω_b = Ω_a + the rates about both arms."""
+        """Propagate the angular velocity in space: ω_b = ω_a + the rates about both arms."""
         about_arm_a, about_arm_b = (
             (rate or 0.0) * poses[frame].motion.direction(arm) for frame, arm, rate
             in zip((self.a, self.b), self.arms, self.rates, strict=True))
@@ -1056,7 +1059,10 @@ def sum_of_angles(
 
 
 def hinge_of(joint: Connection) -> Align:
-    """Return the hinge of a joint; for a rheonomic constraint, the hinge of the driven joint."""
+    """Return the hinge of a joint; for a rheonomic constraint, the hinge of the driven joint.
+
+    ``joint`` is an ``Align``, a ``HingedJoint``, or a ``RheonomicConstraint`` on one of them.
+    """
     if isinstance(joint, RheonomicConstraint):
         return hinge_of(joint.joints[0])
     assert isinstance(joint, (Align, HingedJoint))

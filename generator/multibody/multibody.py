@@ -507,8 +507,10 @@ class Multibody(FixedAttributes):
         segment_count, EI, GJ, extension, tau = stiffness_of(
             name, count, bending, twisting, stretching, shearing, damping)
         curve = curve_of(name, start, end, points, segment_count)
+        # of the first end, of each segment, and of the last end: segment_count + 2 quaternions
         attitudes = curve.attitudes(name, normal, float(finite(f"twist of {name!r}", twist, ())))
-        # h: length of the beam along a segment, whose chord is shorter where the beam is curved
+        # h: length of the beam along a segment, for inertia and stiffness; the chord between its
+        # joints is shorter where the beam is curved
         nodes, h = curve.nodes, curve.length / segment_count
         m = positive(f"mass of {name!r}", mass) / segment_count
         checked_radius = None if radius is None else positive(f"radius of {name!r}", radius)
@@ -517,7 +519,6 @@ class Multibody(FixedAttributes):
         halves = np.linalg.norm(curve.chords, axis=1) / 2
         v, omega = (optional_vector(f"{option} of {name!r}", entry) for option, entry in (
             ("velocity", velocity), ("angular velocity", angular_velocity)))
-        # without the attitudes of both ends
         segments, segment_attitudes = list[Body](), attitudes[1:-1]
         for k, (q, half) in enumerate(zip(
                 segment_attitudes, halves.tolist(), strict=True), start=1):
@@ -741,18 +742,20 @@ class Multibody(FixedAttributes):
     ) -> Screw:
         """Let b turn about an axis of a and move along it by ``lead`` (m) a turn: five constraints.
 
-        A lead below 0 is a left-handed thread. The angle is 2π times the travel by the lead. All
-        else as for ``prismatic``, with ``thread`` in place of ``turn``.
+        A lead below 0 is a left-handed thread. The angle is 2π times the travel over the lead. All
+        else as for ``prismatic``, with ``rate`` in rad/s in place of ``speed``, and ``thread`` in
+        place of ``turn``.
         """
-        pitch = float(finite(f"lead of {name!r}", lead, shape=()))
-        if not pitch:
+        h = float(finite(f"lead of {name!r}", lead, shape=()))
+        if not h:
             raise InputError(f"The lead of {name!r} is 0, and a screw moves; take a revolute.")
         hinge = self._hinge(name, a, b, (axis, axis_on_body, axis_in_space), rate)
         travels = self._travel(name, travel)
-        hinge.angle = 2 * math.pi * travels["travel"] / pitch
+        # no argument gives the angle of the hinge: it follows from the travel
+        hinge.angle = 2 * math.pi * travels["travel"] / h
         if travels["start_travel"] is not None:
-            hinge.start_angle = 2 * math.pi * travels["start_travel"] / pitch
-        return self._join(Screw(name, **self._pair(name, a, b, at, on_a, on_b), lead=pitch,
+            hinge.start_angle = 2 * math.pi * travels["start_travel"] / h
+        return self._join(Screw(name, **self._pair(name, a, b, at, on_a, on_b), lead=h,
                                 hinge=hinge, **travels))
 
     def universal(

@@ -203,7 +203,9 @@ class NormalForm:
     def _divide_by_sum(self, terms: Terms, base: sp.Expr) -> Terms:
         """Return the terms after division by the sum b = ``base``, wherever it is a denominator.
 
-        With b = a l + r and its leading monomial l: l bⁿ = (bⁿ⁺¹ − r bⁿ)/a for n < 0.
+        With b = a l + r and its leading monomial l: l bⁿ = (bⁿ⁺¹ − r bⁿ)/a for n < 0. A monomial
+        m = l · cofactor with b in its denominator becomes cofactor · (head + tail), head = b/a and
+        tail = −r/a.
         """
         inner = self.terms(base)
         lead = leading(inner)
@@ -212,12 +214,15 @@ class NormalForm:
         tail = scale_terms({m: c for m, c in inner.items() if m != lead}, quotient(-1, inner[lead]))
         head: Terms = {frozenset([(base, 1)]): quotient(1, inner[lead])}
         quotient_terms = dict(terms)
-        # a term that the division makes may be divisible again
+        # A term of the quotient may be divisible again: one of the head has less of b in the
+        # denominator, one of the tail comes later in the order of ``leading``. Where r has terms
+        # that this order leaves out, as √2 x² in x + √2 x², the allowance of products ends it.
         waiting = [m for m in quotient_terms if has_below(m, base) and divides(lead, m)]
         while waiting:
             m = waiting.pop()
             if m not in quotient_terms:
                 continue
+            # nothing is split off: l has whole powers of bases that are neither sums nor numbers
             cofactor: Terms = {multiply_monomials(m, inverse(lead)).monomial: quotient_terms.pop(m)}
             expanded = total_of(self._times(cofactor, head), self._times(cofactor, tail))
             for monomial, c in expanded.items():

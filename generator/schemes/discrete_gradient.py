@@ -212,15 +212,17 @@ class _Differences:
         return piecewise(pieces, self(pieces.variable), differentiate)
 
     def _joint_argument(self, e: sp.Expr) -> sp.Expr:
-        """Return the sum or product of the arguments that depend on the symbols of ``first`` only.
+        """Return the part of a sum or product that depends on the symbols of one argument only.
 
-        ``first`` is the argument with a condition that depends on the fewest symbols.
+        This is the argument with a condition that depends on the fewest symbols. Of a sum the part
+        has conditional terms alone; of a product it has all factors of these symbols.
         """
         symbols_of = {a: a.free_symbols & self.symbols for a in e.args}
-        first = min((a for a in e.args if a in self.conditional),
-                    key=lambda a: len(symbols_of[a]))
-        joint = [a for a in e.args if symbols_of[a] and symbols_of[a] <= symbols_of[first]]
-        # terms without conditions have rules of their own; factors make a product continuous
+        simplest = min((a for a in e.args if a in self.conditional),
+                       key=lambda a: len(symbols_of[a]))
+        joint = [a for a in e.args if symbols_of[a] and symbols_of[a] <= symbols_of[simplest]]
+        # x H(x) is continuous though H(x) is not: a factor without a condition stays with the
+        # others; such a term of a sum makes nothing continuous, and has a rule of its own
         return e.func(*(a for a in joint if e.is_Mul or a in self.conditional))
 
 

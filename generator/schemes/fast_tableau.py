@@ -200,11 +200,17 @@ class FastTableau:
 
 
 def _is_split_cheaper(s: int) -> bool:
-    """Whether the split tables save more multiplications than they cost additions."""
-    # s² products with full tables; with halves two sums and two differences a pair beside half the
-    # products, and the middle stage if s is odd
+    """Whether the split tables save more multiplications than they cost additions: from s = 7 on.
+    """
     pairs = s // 2
-    return s * s > pairs * s + 7 * pairs + s % 2 * (pairs + 2)
+    # Operations of ``even_odd_columns`` (engine/gyrospark/fixed_point/state.h) for an entry of q.
+    # A pair of columns: x_j − x_j', x_j + x_j' and its part of Σx; once the half of Σx
+    of_columns = 3 * pairs + 1
+    # a pair of rows: s products, and for either row odd ± even and its base
+    of_rows = pairs * (s + 4)
+    # the middle row if s is odd: products of odd parts alone, and its base
+    of_middle_row = s % 2 * (pairs + 1)
+    return s * s > of_columns + of_rows + of_middle_row
 
 
 def _over_weights(table: list[Row], weights: Row) -> list[Row]:

@@ -266,7 +266,7 @@ class MeanScheme:
         return 1 if is_refuted(*self._symmetry) else 2
 
     def consistency(self) -> IdentityCheck:
-        """Whether D = (H_q, H_p) for Δ = 0."""
+        """Whether D = (H_q, H_p) for Δ = 0, and with explicit time also D_t = (H_t, g_t)."""
         return compare(*self._consistency)
 
     def symmetry(self) -> IdentityCheck:
@@ -275,7 +275,7 @@ class MeanScheme:
 
     @property
     def _consistency(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
-        """D for Δ = 0, and the gradient."""
+        """D at Δ = 0, and (H_q, H_p) with ``_rates_of_time`` at the means; equal if consistent."""
         system = self.system
         at_mean = dict(zip([*system.q, *system.p], [*self.means.q, *self.means.p], strict=True))
         gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)

@@ -128,7 +128,8 @@ def by_increment(
 def time_input(system: System) -> dict[str, list[sp.Symbol]]:
     """Return the input ``t`` of a kernel: the time of forces F(q, p, t), else an unused symbol.
 
-    A system with time in H or g has the time among its constants.
+    The engine calls these kernels with t for every system. A system with time in H or g has the
+    time among its constants.
     """
     driven = system.time is not None and system.is_nonautonomous and not system.is_time_dependent
     return {"t": [system.time if driven else sp.Symbol("_time", real=True)]}

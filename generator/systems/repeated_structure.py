@@ -304,15 +304,17 @@ class Structure:
     def is_worthwhile(self) -> bool:
         """Whether sparse products are fewer than three quarters of the dense ones.
 
-        Counted are the multiply-adds of the dominant costs: factors of W, G times a vector, H_pp
-        times a vector. Up to six coordinates gathering costs more than zeros do, and dense code may
-        use properties proved for the whole system.
+        Counted are the multiply-adds of the dominant costs: the factors of W = G H_pp Gᵀ, m × m;
+        G, m × n, and H_pp, n × n, times a vector. Up to six coordinates gathering costs more than
+        zeros do, and dense code may use properties proved for the whole system. Both bounds are
+        chosen, not fitted to measurements.
         """
         n, m = self.system.n, self.system.m
         if n <= 6:
             return False
         dense = m**3 / 3 + m * n + n * n
         G_entries = sum(map(len, self.entries.values()))
+        # H_pp of an instance has a row and a column for each of its momenta
         H_pp_entries = sum(len(i.p) ** 2 for template in self.templates for i in template.instances)
         sparse = self.elimination.products + G_entries + H_pp_entries
         return sparse < 0.75 * dense

@@ -249,12 +249,13 @@ def _refuse_substituted(
     """Refuse bodies whose velocity is the rate of no place: a rolling condition was put into it.
 
     Lagrange's equations of such a T are wrong, since it holds on the constraints only. The
-    velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j, tested at a random point.
+    velocity A(q, t) q̇ + a(q, t) is a rate if ∂A_ij/∂q_k = ∂A_ik/∂q_j and ∂A_ij/∂t = ∂a_i/∂q_j,
+    tested at a random point.
     """
     t = me.dynamicsymbols._t
     q = [symbol_of[x] for x in mechanics.q]
     velocities = [symbol_of[x.diff(t)] for x in mechanics.q]
-    rng = np.random.default_rng(29)
+    rng = np.random.default_rng(29)  # a fixed seed: the same bodies have the same answer
     for body in bodies:
         v = body.masscenter.vel(mechanics.motion.frame).to_matrix(mechanics.motion.frame)
         A, a = coefficients_of(_replace_symbols(mechanics, list(v), symbol_of), velocities)
