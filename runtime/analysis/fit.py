@@ -470,7 +470,10 @@ def fit(
         step_size, sample_steps = _steps_at(times, float(t0), dt)
     free_names = _free_names(stepper, free, fixed)
     run = _first_run(stepper, first_guess, step_size, int(sample_steps[-1]), inputs)
-    # without a sigma residuals have the unit 1, and the noise is estimated from them
+    # The first point, sigma and the horizons follow from each other, by methods of ``fitting``: the
+    # point is consistent by the run, sigma has an entry for each residual of a sample at the point,
+    # and the first horizon has more residuals than unknowns. Without a sigma residuals have the
+    # unit 1, and the noise is estimated from them.
     fitting = Fitting(stepper, observation, run, sample_steps, samples, sigma=np.ones(1),
                       free=free_names, clock=(t0, times) if clocked else None)
     point = _first_point(fitting)
@@ -666,7 +669,8 @@ def _sigma(sigma: ArrayLike, fitting: Fitting, point: Point) -> Array:
 def _horizons(horizons: Sequence[int] | None, samples: int, fewest: int) -> list[int]:
     """Return increasing numbers of samples: the user's ``horizons``, and at last all samples.
 
-    Without the user's numbers, None, they are ``fewest`` · 2^k.
+    Without the user's numbers, None, they are ``fewest`` · 2^k, ``fewest`` the samples of the first
+    horizon.
     """
     if horizons is None:
         counts = [fewest * 2**k for k in range(64) if fewest * 2**k < samples]

@@ -232,14 +232,15 @@ class _Block:
         return binary128.unpack(self.memory[start : start + binary128.BYTES].tobytes())[0]
 
 
-def _report_number(index: int) -> property:
-    """Return a property for entry ``index`` of ``_RECORDED``, the numbers at the end of a report.
+def _report_number(field: int) -> property:
+    """Return a property for entry ``field`` of ``_RECORDED``, the numbers at the end of a report.
     """
 
     def start(record: _Record) -> int:
-        """Return the offset of the number in the block."""
+        """Return the offset of the number in the block, in bytes."""
+        # ``record.index`` is the place of the report among those of the block
         end: int = (record.index + 1) * record.block.size
-        return end - (len(_RECORDED) - index) * binary128.BYTES
+        return end - (len(_RECORDED) - field) * binary128.BYTES
 
     def read(record: _Record) -> Any:
         """Return the number."""

@@ -139,8 +139,8 @@ def warn_of_growth(stepper: Stepper, subject: str, before: Array, after: Array) 
 
 
 def warn_of_jumps(stepper: Stepper, switched: int) -> None:
-    """Warn where ``switched`` steps, more than 0, cross places where forces jump."""
-    jumps = stepper.manifest.system.jumps
+    """Warn of derivatives over ``switched`` > 0 steps with a switch in them, if forces jump."""
+    jumps = stepper.manifest.system.jumps  # where forces jump, as text; "" if nowhere
     if switched and jumps:
         warn(f"A switch lies within {count_text(switched, 'step')}, and forces jump "
              f"at {jumps}: these derivatives are those of the discrete run, and lack what the time "

@@ -3,10 +3,10 @@
     q̇ = v = H_p,   ṗ = F − H_q − g_qᵀ λ,   W λ = d/dt (g_q H_p + g_t) at λ = 0,   W = g_q H_pp g_qᵀ
     q̈ = H_pq v + H_pp ṗ + H_pt
 
-Rates y = C(q) v of joints and bodies have the accelerations ÿ = C q̈ + (dC/dt) v, and forces τ on
+Rates y = C(q) v of joints and bodies have the accelerations ẏ = C q̈ + (dC/dt) v, and forces τ on
 them add Cᵀτ to ṗ, so that on the constraints
 
-    ÿ(τ) = ÿ(0) + M⁻¹ τ,   M⁻¹ = C H_pp Cᵀ − C H_pp g_qᵀ W⁻¹ g_q H_pp Cᵀ
+    ẏ(τ) = ẏ(0) + M⁻¹ τ,   M⁻¹ = C H_pp Cᵀ − C H_pp g_qᵀ W⁻¹ g_q H_pp Cᵀ
 
 with M the mass matrix of the joints. (Featherstone, Rigid Body Dynamics Algorithms, 2008, ch. 8;
 Hairer-Lubich-Wanner, VII.1.2)

@@ -200,10 +200,16 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
         Lines, on the screen as ``Camera.project`` has it, without light.
     camera, size : Camera, (int, int)
         The camera of a picture with this width and height in pixels.
+    up : array, shape (3,)
+        Unit vector in space; the lamp is above along it.
     floor : float, optional
         Height of the floor along ``up``; none without.
     cell : float
-        Distance of its lines, which fade at twice the ``reach`` from the ``centre``.
+        Distance of its lines.
+    background : {"light", "dark"}
+        A key of ``BACKGROUNDS``.
+    centre, reach : array, shape (3,), and float
+        Centre and radius of the scene: the lines have faded at ``_FADE`` times the radius.
     """
     # drawn _OVER times as large, and averaged at the end, against jagged edges
     width, height = (_OVER * n for n in size)
@@ -295,8 +301,8 @@ def _outline(
     """Darken pixels in front of another solid, which separates overlapping solids.
 
     ``image`` is changed, shape (height, width, 3); ``index`` and ``depth``, (height, width), are
-    the nearest triangle of each pixel, −1 for none, and its depth. ``lit`` is false for the
-    triangles of lines, which have no outline.
+    the nearest triangle of each pixel, −1 for none, and its depth. ``solid_of_triangle`` is the
+    ``part`` of ``Triangles``. ``lit`` is false for the triangles of lines, which have no outline.
     """
     solid_of_pixel = np.where(index >= 0, np.where(lit[index], solid_of_triangle[index], -2), -1)
     edge = np.zeros(solid_of_pixel.shape, dtype=bool)

@@ -301,11 +301,14 @@ class _Top(NamedTuple):
 
 def _top_of(trajectory: Trajectory, moments: Array, axes: Array) -> _Top | None:
     """Return the top with these moments about the principal axes; None for another body."""
-    w = _weight_times_centre(trajectory, moments, axes)
+    w = _weight_times_centre(trajectory, moments, axes)  # m g r in N m, along the axes
+    # w and the axis may differ by 4.5e-5 rad, √(2e-9): errors of the fit
     if w is None or not np.abs(w).max() > (1 - 1e-9) * np.linalg.norm(w):
         return None
     k = int(np.argmax(np.abs(w)))
     order = [(k + 1) % 3, (k + 2) % 3, k]
+    # where the centre is on the negative axis, half a turn about the first axis puts it on the
+    # third, and the axes stay right-handed
     return _Top(axes[:, order] * (1 if w[k] > 0 else np.array([1, -1, -1])), order,
                 rim_of(moments[order], float(np.linalg.norm(w))))
 

@@ -31,7 +31,7 @@ class Shown:
         return cast("Trajectory", self)
 
     def _extent(self) -> list[tuple[str, str]]:
-        """Return how many states there are, and their times, as rows of a card."""
+        """Return "stored states of steps of Δt" and the first and last time, as rows of a card."""
         run, t = self._run, self._run.t.astype(float)
         return [("states", f"{len(run):,} of {count_text(run.report.steps, 'step')} of "
                            f"{float(run.dt):g} s"),

@@ -114,6 +114,8 @@ class Differentiation(Evaluation):
                 f"Stepper {self.name} was read from a file, or sent to this process before "
                 "its derivatives were first used; make it with gyrospark.stepper(...).")
         files = self._derive.files()
+        # ``files`` of the new one returns the texts; ``further`` derives what comes after them,
+        # such as second derivatives
         self._derive = Derive(partial(dict, files), portable=True, known=True,
                               further=self._derive.beyond_first)
         return files

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Dynamics"]
 
-#: Relative tolerance, in units of |G| |δq̈|, of G δq̈ = 0; and of ÿ(u) = its target, in units of ÿ.
+#: Relative tolerance, in units of |G| |δq̈|, of G δq̈ = 0; and of ẏ(u) = its target, in units of ẏ.
 _OFF = 1e-9
 
 
@@ -152,7 +152,10 @@ class Dynamics(Differentiation):
         The forces of the system act too, with the inputs that ``parameters`` has. MuJoCo calls
         this ``mj_inverse``, Pinocchio ``rnea``:
 
-            τ = M (ÿ − ÿ(0)),   M the ``mass_matrix``, ÿ(0) the accelerations without τ
+            τ = M (ẏ − ẏ(0)),   M the ``mass_matrix``, ẏ(0) the accelerations without τ
+
+        y are the rates of the named joints and bodies, in the order of the rows of M; of all
+        coordinates y = q̇.
 
         Parameters
         ----------
@@ -194,7 +197,7 @@ class Dynamics(Differentiation):
         if not targets_by_name:
             raise InputError("accelerations is empty; give those of joints or bodies, as in "
                              "{'elbow': 0.5}.")
-        # ÿ(0), the accelerations without further forces
+        # ẏ(0), the accelerations without further forces
         M, accelerations_now = joint_inertia(motion, list(targets_by_name))
         targets = [_row(name, value, len(rows)) for (name, value), rows
                    in zip(targets_by_name.items(), accelerations_now, strict=True)]
@@ -232,10 +235,10 @@ class Dynamics(Differentiation):
     def _solve_inputs(
         self, state: StartNumbers, targets: Mapping[str, Array], names: Sequence[str]
     ) -> dict[str, Any]:
-        """Return the values of inputs u with ÿ(u) = the targets, name → number.
+        """Return the values of inputs u with ẏ(u) = the targets, name → number.
 
-        ÿ(u) = ÿ(0) + S u if forces are linear in the inputs, with the columns S_k = ÿ(e_k) − ÿ(0).
-        Raises InputError where ÿ(u) is off the targets: S is singular, or ÿ is not linear.
+        ẏ(u) = ẏ(0) + S u if forces are linear in the inputs, with the columns S_k = ẏ(e_k) − ẏ(0).
+        Raises InputError where ẏ(u) is off the targets: S is singular, or ẏ is not linear.
         """
         for name in names:
             if name not in self.binding.input_names:
@@ -256,7 +259,7 @@ class Dynamics(Differentiation):
             values = np.linalg.solve(slopes, target - base)
         except np.linalg.LinAlgError:
             values = np.full(len(names), np.nan)
-        # ÿ at the solution says whether it is one: singular or nonlinear ones miss the targets
+        # ẏ at the solution says whether it is one: singular or nonlinear ones miss the targets
         size = np.abs(target).max() + np.abs(base).max()
         with np.errstate(invalid="ignore"):
             off_target = not np.isfinite(values).all() or np.abs(

@@ -108,6 +108,7 @@ class AdvancingRun:
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
+        """Restore a copy in place: compiled code keeps the addresses of q, p and the memory."""
         self.q[:], self.p[:] = image[:2]
         memory = self.binding.image(self.work)
         memory[:] = np.frombuffer(image[2], dtype=np.uint8)
@@ -226,9 +227,11 @@ class RecordingRun(AdvancingRun):
 
     @image.setter
     def image(self, image: tuple[Any, ...]) -> None:
+        """Restore a copy, with its rows and inputs."""
         # the entries of the image as the getter lists them; super() can read a property, not set it
         AdvancingRun.image.__set__(self, image[:3])  # type: ignore[attr-defined]
         report, rows, inputs, self._has_inputs, self._failed = image[3:]
+        # the record first: ``steps``, the number of rows that are moved, is read from it
         self.binding.image(self.record)[:] = np.frombuffer(report, dtype=np.uint8)
         self._move_rows(max(self.steps, FIRST_STEPS), rows, inputs)
 

@@ -379,6 +379,12 @@ class Stepper(Dynamics):
             that is done, False does not; by default an interactive Python and a notebook show it
             after a second.
 
+        Returns
+        -------
+        Trajectory
+            The states of the start, of every ``every``-th step and of the last, or at ``t_eval``;
+            its ``report`` has the errors and iterations of all steps.
+
         Raises
         ------
         InputError
@@ -391,6 +397,8 @@ class Stepper(Dynamics):
         Stopped
             After Ctrl-C, as a ``KeyboardInterrupt`` that carries everything computed until then.
         """
+        # a call that differs from the last one by its state alone has the arguments that were
+        # checked there
         call_arguments, recalled = (dt, dtau, t_end, steps, every, solver), None
         if inputs is None and events is None:
             recalled = self._memory.recall(self, start, p, call_arguments, parameters)
@@ -574,11 +582,13 @@ class Stepper(Dynamics):
         from .ensemble import EnsembleEnd, integrate_members
 
         dt, steps = span_or_own(self.binding, starts, Span(dt, dtau, t_end, steps))
-        # in scaled time each run takes as many steps as it needs up to t_end; 1 stands for them
+        # in scaled time each run takes as many steps as it needs up to t_end; count = 1 stands for
+        # them
         is_open = self.binding.clocked and steps is None and t_end is not None
         state = merged_starts(self, starts, p, parameters, impacts=True)
         events = events_or_own(starts, events)
         impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
+        # rests: times from the last whole step to t_end, one for all trajectories or one for each
         count, rests = (1, []) if is_open else steps_of_all(
             steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(

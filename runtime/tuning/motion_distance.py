@@ -56,9 +56,10 @@ class MotionError:
         self._reach = np.array([largest[point].max() or 1.0 for point in points for _ in point])
 
     def __call__(self, q: Array) -> Array:
-        """Return the differences of q from the reference, shape (rows, columns).
+        """Return the differences of q from the reference q_ref, shape (rows, columns).
 
-        Columns: φ of each body in rad, then the coordinates of each point over its extent.
+        Columns: φ = 2 L(q_ref)(q − q_ref) of each body in rad, a small rotation in body axes, then
+        the coordinates of each point over its extent.
         """
         change = np.asarray(q - self.reference, dtype=float)  # float128: subtracted in full first
         position = np.asarray(self.reference, dtype=float)
