@@ -23,6 +23,7 @@ from ..core.inertia import RepName
 from ..core.progress import Progress, log_stages
 from ..core.real_types import REALS, RealName
 from ..core.registry import FRAMES, SYSTEMS
+from ..core.start import without_events
 from ..core.warnings import capture_warnings
 from ..generator.multibody.model import Model
 from ..generator.schemes.named_schemes import (
@@ -185,8 +186,7 @@ def certify(
                                   minimum=2)
         changes = _changed_parameters(parameters, step, model.name)
         # events and impacts would end and change this run alone, not those of loops and orders
-        start = known_model.start.replace()
-        start._events = ()
+        start = without_events(known_model.start)
         run = step.integrate(start, steps=count, parameters=changes, **step_keyword(step, size))
         end_stage()
         numbers = dict(run.parameters)
@@ -198,7 +198,7 @@ def certify(
             lines = list(Examination(
                 known_model, system, step, guarantees, run, numbers, round_off).lines())
         end_stage()
-        if step.binding.clocked:
+        if step.binding.clocked:  # in scaled time run.dt is Δτ
             lines = _in_scaled_time(lines)
         return Certificate(model.name, step.name, step.order, run.dt, count, numbers, lines,
                            step.binding.clocked)

@@ -245,9 +245,9 @@ def _relative(terms: Floats) -> float:
     ``terms`` has the shape (terms, points), or (terms,) for one point.
     """
     sizes = abs(terms).max(axis=0, initial=0)
-    with np.errstate(all="ignore"):
-        rates = abs(terms.sum(axis=0)) / np.where(sizes > 0, sizes, 1)
-    return float(np.max(rates, initial=0))
+    with np.errstate(all="ignore"):  # a sum that overflows gives inf or NaN
+        ratios = abs(terms.sum(axis=0)) / np.where(sizes > 0, sizes, 1)
+    return float(np.max(ratios, initial=0))
 
 
 def _normalise_rows(conditions: Floats) -> Floats:

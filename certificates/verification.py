@@ -143,13 +143,15 @@ def _check_coefficients(generated: Generated, tableau: Tableau, real_name: RealN
 def _scaled_coefficients(tableau: Tableau, real_name: RealName) -> list[Condition]:
     """Return the condition on the coefficients of the fixed-point iteration, μ_ij = a_ij/b_j.
 
-    μ̂_ij + μ_ji = 1 must hold exactly after rounding: pairs x and 1 − x. No condition for a tableau
-    that the iteration refuses, or that is not symplectic.
+    μ̂_ij + μ_ji = 1 and ν̃_ij + ν_ji = 1 of the tables of constraints must hold exactly after
+    rounding: pairs x and 1 − x. No condition for a tableau that the iteration refuses, or whose
+    family or file says that it is not symplectic.
     """
     fast, real = FastTableau(tableau), REALS[real_name]
     if fast.refusal is not None:
         return []
-    if tableau.claims.get("symplectic") == 0:  # it has no pairs to be kept
+    # 0: there are no pairs to be kept; without a claim it is not known, and they are examined
+    if tableau.claims.get("symplectic") == 0:
         return []
     errors = fast.rounding_errors(real)
     # in units of 2^-bits, the rounding of numbers near 1
@@ -160,5 +162,5 @@ def _scaled_coefficients(tableau: Tableau, real_name: RealName) -> list[Conditio
         f"{len(errors)} within {float(largest_error):.2f} of 2^-{real.bits}",
         holds=fast.is_symplectic(real),
         residual="0" if fast.is_symplectic(real) else "not symplectic after rounding",
-        required=False,
+        required=False,  # of the rounded tables, and no property of the method
     )]

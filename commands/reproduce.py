@@ -76,15 +76,15 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:
     """Return the folder of the report, or None, and a line on why there is no report, or "".
 
-    Raises InputError or MissingDependencyError if it cannot be written: a missing package or such
-    a folder is reported before hours of computing.
+    Raises, before hours of computing, InputError for a folder that cannot be written, and
+    MissingDependencyError for a report with figures without matplotlib.
     """
     from ..runtime.plotting.trajectory_plots import figure_class
 
     if out is not None:
         check_folder("--out", out)
-        if not name.startswith("table-"):
-            figure_class()
+        if not name.startswith("table-"):  # a table alone has no figures
+            figure_class()  # raises the error now
         return out, ""
     if name != "all" or as_json:
         return None, ""

@@ -24,7 +24,8 @@ if TYPE_CHECKING:
 
     from .event import Event, Impact
 
-__all__ = ["GAMMA_M", "HasStart", "Rule", "Start", "as_start", "has_start"]
+__all__ = ["GAMMA_M", "HasStart", "Rule", "Start", "as_start", "has_start",
+           "without_events"]
 
 
 @dataclass(frozen=True)
@@ -227,6 +228,13 @@ class Start(FixedAttributes):
         self._inertias, self._rules, self._spare, self._span = inertias, rules, spare, span
         self._events, self._nominal = tuple(events), True
         return self
+
+
+def without_events(start: Start) -> Start:
+    """Return the start of a run without the model's events and impacts; all else is the same."""
+    start = start.replace()
+    start._events = ()
+    return start
 
 
 def has_start(value: Any) -> TypeGuard[HasStart]:

@@ -142,8 +142,8 @@ def store_path(path: Any) -> Path:
 def new_store_path(path: Any, cure: str) -> Path:
     """Return a caller's path of a store to write, which is a folder and no file.
 
-    Raises InputError, whose message ends with ``cure``, if its name says that it is a file of
-    states.
+    Raises InputError, whose message ends with ``cure``, if its ending is that of a file of states,
+    such as .csv or .npz.
     """
     store = store_path(path)
     if ending_of(store) in endings("states"):

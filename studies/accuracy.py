@@ -188,7 +188,8 @@ def _sensitivity(
 def _alpha_is_idle(engine: Engine) -> Claim:
     """Return the claim that α does not change the means of IMS, EMS and 2-G-L.
 
-    The measure is the largest max/min − 1 over the α of the table, of E[|ΔH|], E[|Δz|], E[|Δx|].
+    The measure is the largest max/min − 1 over α = γ_m, γ_h and 100 γ_m, as in Table 5, of E[|ΔH|],
+    E[|Δz|] and E[|Δx|].
     """
     spreads = []
     for method in ("IMS", "EMS", "2-G-L"):

@@ -172,20 +172,21 @@ class FloatConditions:
         return float(method.stages * np.linalg.norm(error) ** (1 / p))
 
 
-def _matrices(flow: Flow, parts: Sequence[str]) -> tuple[NDArray[np.int_], Floats]:
+def _matrices(flow: Flow, words: Sequence[str]) -> tuple[NDArray[np.int_], Floats]:
     """Return exponents of a flow's monomials and their matrices, (monomials, words, words).
 
+    ``flow`` is word → {exponents: coefficient}, with an exponent for each number of the flow.
     A row of coefficients times the flow has at the word w = uv the sum over all cuts of
     row[u] · flow[v]: entry (u, uv) of a monomial's matrix is its coefficient at v.
     """
-    monomials = sorted({e for terms in flow.values() for e in terms})
-    word_index = {word: i for i, word in enumerate(parts)}
-    matrices = np.zeros((len(monomials), len(parts), len(parts)))
-    for word in parts:
+    monomials = sorted({exponents for terms in flow.values() for exponents in terms})
+    word_index = {word: i for i, word in enumerate(words)}
+    matrices = np.zeros((len(monomials), len(words), len(words)))
+    for word in words:
         for i in range(len(word) + 1):
-            for e, coefficient in flow.get(word[i:], {}).items():
-                matrices[monomials.index(e), word_index[word[:i]], word_index[word]] += float(
-                    coefficient)
+            for exponents, coefficient in flow.get(word[i:], {}).items():
+                matrices[monomials.index(exponents), word_index[word[:i]],
+                         word_index[word]] += float(coefficient)
     return np.array(monomials), matrices
 
 

@@ -183,7 +183,7 @@ def kinetic_line(trial: Trial) -> FittedLine:
 def idle_claim(trial: Trial) -> Claim:
     """Return the claim that the energy error of IMS for a free body does not depend on γ.
 
-    The measure is max/min − 1 of the mean energy error over the four recommended γ.
+    The measure is max/min − 1 of the mean energy error over γ_m, γ_h, γ̃_m and γ̃_h (``MEANS``).
     """
     errors = [trial.energy_error(trial.rule(name)) for name in MEANS.values()]
     spread = max(errors) / min(errors) - 1

@@ -44,7 +44,8 @@ def axis_error(motion: Trajectory, exact: Trajectory) -> float:
 def order_claim(name: str, runs: list[Trajectory], exact: Trajectory) -> Claim:
     """Return the claim that axis and energy errors have order 2: slopes of log error over log Δt.
 
-    ``runs`` differ in Δt and end at the same time as ``exact``.
+    ``name`` is the rule of α. ``runs`` differ in Δt and end at the same time as ``exact``, a run of
+    four stages; axes are compared with it, energies with the start of their own run.
     """
     log_steps = np.log([r.dt for r in runs]).tolist()
     axis_errors = [axis_error(r, exact) for r in runs]

@@ -37,7 +37,8 @@ def files(
     refuse_names(manifest, KEYWORDS | _MACROS, "Arduino")
     template_fields = template_values(manifest, sources, options)
     name = manifest.name
-    template_fields["given"] = dict(template_fields["parameters"])  # by which inputs are set
+    # the sketch assigns its number to each input, in every step
+    template_fields["parameter_values"] = dict(template_fields["parameters"])
     library_json = {"name": name, "version": "0.1.0",
                     "description": f"{template_fields['about']}, one step at a "
                     "time", "keywords": "rigid body, symplectic", "authors": {"name": "gyrospark"},
@@ -46,6 +47,7 @@ def files(
                     "build": {"flags": "-ffp-contract=off"},
                     # files beside these, such as the manifest, are not part of the library
                     "export": {"include": ["src", "examples", "library.properties"]}}
+    # the manifest is no source: it goes to extras/
     return {**{f"src/{file}": text for file, text in sources.items() if not file.endswith("json")},
             f"extras/{name}.json": sources[f"{name}.json"],
             "library.json": json.dumps(library_json, indent=2) + "\n",

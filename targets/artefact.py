@@ -209,7 +209,9 @@ def literal(x: float, real: str) -> str:
     if real != "float":
         return repr(x)
     rounded = np.float32(x)
-    short = str(rounded)  # C may read it as a double, and round that
+    short = str(rounded)
+    # C may read the text as a double and round that: the short text of a float is safe only if
+    # this gives the same float
     return short if np.float32(float(short)) == rounded else repr(float(rounded))
 
 

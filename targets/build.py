@@ -147,7 +147,7 @@ def build(
     path = None if out is None else as_path("out", out, f"stepper{chosen_target.suffix}")
     if path is not None:
         check_out(path, chosen_target.suffix)
-    # these are named by the spec
+    # a System or a Model of the caller; None: the spec has the name of the system
     model = None if isinstance(system, (str, Problem, Changed)) else system
     changes = _changes(system)
     with log_stages(f"building {chosen_target.name}", 2, progress) as end_stage:
@@ -165,6 +165,7 @@ def build(
             options = replace(options,
                               rates=_rates(_system_of(specs[0], model, changes), options))
         if path is None:
+            # the name of the stepper is known only now
             path = Path(f"{steppers[0].name}{chosen_target.suffix}")
             check_out(path, chosen_target.suffix)
         artefact = _write(chosen_target, platform_names, path, options)

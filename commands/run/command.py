@@ -140,31 +140,36 @@ def run(
     gyrospark run free-body --dt 0.01 --t-end 20 --set inertia=1,2,3 \\
         --set angular_velocity=0.01,5,0.01 --show flip.gif
     """
+    # files and options that are refused before anything is derived
     check_targets(out, plot, show, resume=resume)
     times = {"dt": dt, "dtau": dtau, "step_error": step_error, "steps": steps, "t_end": t_end}
     check_span(problem, times)
-    choice["frame"] = "symmetries" if frame else None  # the stepper then has rates as parameters
-    paper_problem, step, start, t0 = stepper_and_start(problem, settings, choice, scaled=True)
+    # the stepper: ``choice`` has the options of ``method_options``, such as scheme and stages; with
+    # "symmetries" it has the rates of frames as parameters
+    choice["frame"] = "symmetries" if frame else None
+    paper_problem, step, problem_defaults, t0 = stepper_and_start(
+        problem, settings, choice, scaled=True)
     if show:
         check_bodies(step.manifest)
     if not as_json:  # properties of the stepper, before a step is taken
         for line in map(": ".join, step.manifest.warnings):
             click.echo(line)
-    defaults, search = with_options(step, start, gamma, alpha, frame)
+    # the numbers of the run: the problem's, then the options', then those that are searched
+    defaults, search = with_options(step, problem_defaults, gamma, alpha, frame)
     state = start_of(step, defaults, t0)
     method = solver_from(solver)
     state, step_size, length, tuning = numbers_of_run(step, state, defaults, t0, times, search)
     arguments: dict[str, Any] = {
         "dtau" if step.binding.clocked else "dt": step_size, **length,
         "every": whole_number("--every", every), "solver": method,
-        **events_of(events, start.events, step),
+        **events_of(events, problem_defaults.events, step),
     }
     with catch_signals() as interrupts:  # up to the report, which is made in any case
         try:
             with capture_warnings() as captured:
                 outcome = integrate_to(step, state, out, arguments, resume=resume)
             _pass_warnings_on(captured, outcome.trouble)
-            result = result_of(start, step, outcome, t0)
+            result = result_of(problem_defaults, step, outcome, t0)
             if tuning is not None:
                 result |= about_tuning(tuning)
             if paper_problem is not None and paper_problem.exact is not None:
