@@ -166,7 +166,7 @@ def _sensitivity(
     printed mean is δ = (E_printed − E)/(dE/d ln γ), with a one-sided difference for the slope.
     A δ of at most 5e-6, half a unit of γ's sixth digit, is a rounding; one more run confirms it.
     """
-    step, gamma = 1e-6, engine.parameter(case)
+    step, gamma = 1e-6, engine.parameter(case)  # of ln γ
     nearby_mean = engine.mean(replace(case, parameter=gamma * (1 + step)), quantity)
     slope = (nearby_mean - ours) / step
     # below ten floors the difference, and with it the slope, is round-off

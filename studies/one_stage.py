@@ -16,7 +16,7 @@ __all__ = ["study"]
 
 DURATION = 0.16  # s
 STEPS = (160, 320, 640, 1280)
-LONG_DT, LONG_STEPS = 0.001, 40_000
+LONG_DT, LONG_STEPS = 0.001, 40_000  # Δt in s
 
 
 def study(engine: Engine) -> Finding:

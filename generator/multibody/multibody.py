@@ -395,7 +395,8 @@ class Multibody(FixedAttributes):
     ) -> Particle:
         """Add a point with mass, 3 coordinates: for balls, rods, springs and forces at the point.
 
-        ``position`` and ``velocity`` are in space; by default as ball joints require, else 0.
+        ``mass`` is in kg; ``position`` in m and ``velocity`` in m/s are in space, by default as
+        ball joints require, else 0.
         """
         self._components.claim(name, "body")
         point = Particle.with_name(name)
@@ -767,9 +768,10 @@ class Multibody(FixedAttributes):
         """Join a and b by a cross with an axis in each, Cardan's joint: four constraints.
 
         ``axis_a`` and ``axis_b`` are the directions of its arms in space at the start, at right
-        angles; b turns about them at ``rate_a`` and ``rate_b``. All else as for ``ball``.
+        angles; b turns about them at ``rate_a`` and ``rate_b`` in rad/s. All else as for ``ball``.
         """
         arms = _direction(name, "axis_a", axis_a), _direction(name, "axis_b", axis_b)
+        # arms of unit length: 1e-6 rad is the rounding of directions with six digits
         if abs(float(arms[0] @ arms[1])) > 1e-6:
             raise InputError(f"The axes of {name!r} are not at right angles: {shown(axis_a)} and "
                              f"{shown(axis_b)}; correct one of them.")
@@ -1769,7 +1771,8 @@ def _number_or_none(label: str, entry: Any) -> float | None:
 
 
 def _agrees(number: float | None, law: float) -> bool:
-    """Return whether a number of a joint is None, or a law's but for rounding."""
+    """Return whether a number of a joint is None, or a law's within 1e-12, relative or in SI units.
+    """
     return number is None or math.isclose(number, law, rel_tol=1e-12, abs_tol=1e-12)
 
 

@@ -263,6 +263,7 @@ def _refuse_substituted(
         rows, x = [[*row, rate] for row, rate in zip(A, a, strict=True)], [*q, t]
         constants = symbols_of([e for row in rows for e in row]) - {*x}
         values = {s: float(rng.uniform(0.5, 2.0)) for s in sorted(constants, key=str)}
+        # numbers between 0.5 and 2, away from 0, where terms of A vanish
         W, curls = curls_of(rows, x, rng.uniform(0.5, 1.5, len(x)), values)
         if np.abs(curls).max() > _SMALL * np.abs(W).max():
             raise InputError(

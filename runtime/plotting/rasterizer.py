@@ -30,6 +30,8 @@ _AMBIENT, _DIRECT, _SHINE, _GLOSS = 0.62, 0.55, 0.25, 32
 _LAMP, _SOFT = 512, 0.016
 #: Part of the light that a full shadow takes from the floor.
 _FLOOR_SHADOW = 0.30
+#: Part of the light that an outline leaves, and opacity of the lines of the floor.
+_OUTLINE, _LINE = 0.62, 0.75
 #: Where lines of the floor end, in parts of the reach of the scene.
 _FADE = 2.2
 #: Background at the top and at the bottom, and lines of the floor.
@@ -60,7 +62,7 @@ class Camera:
     def project(self, points: Array) -> Array:
         """Return pixel and reciprocal distance of points, shape (..., 3)."""
         r = (points - self.eye) @ self.axes.T
-        nearness = 1 / np.maximum(-r[..., 2], 1e-9)
+        nearness = 1 / np.maximum(-r[..., 2], 1e-9)  # behind the eye: as if just before it
         return np.stack([self.middle[0] + self.focus * r[..., 0] * nearness,
                          self.middle[1] - self.focus * r[..., 1] * nearness, nearness], axis=-1)
 
@@ -111,7 +113,7 @@ def rasterize(screen: Array, width: int, height: int, depth: Array | None = None
     x, y, w = screen[..., 0], screen[..., 1], screen[..., 2]
     # twice the signed area; a pixel belongs to a triangle if its centre, at + ½, is inside
     area = ((x[:, 1] - x[:, 0]) * (y[:, 2] - y[:, 0]) - (x[:, 2] - x[:, 0]) * (y[:, 1] - y[:, 0]))
-    # each row that a triangle crosses; triangles without area cover no pixel
+    # each row that a triangle crosses; triangles without area, below 1e-12 pixels, cover none
     first_row, row_counts = _pixel_range(y.min(axis=1), y.max(axis=1), height)
     row_counts = np.where(np.abs(area) > 1e-12, row_counts, 0)
     triangle = np.repeat(np.arange(len(screen)), row_counts)
@@ -259,7 +261,7 @@ def _paint(image: Array, index: NDArray[np.int64], triangle_numbers: NDArray[np.
     lit_fragments = lit[covering]
     normal = np.einsum("nk,nkj->nj", weight[lit_fragments],
                        triangles.normals[covering[lit_fragments]])
-    normal /= np.maximum(_length(normal), 1e-12)
+    normal /= np.maximum(_length(normal), 1e-12)  # opposite normals of corners may cancel
     rays = camera.rays(px[lit_fragments], py[lit_fragments])
     points = camera.eye + rays / nearness[lit_fragments, None]
     back = -rays / _length(rays)
@@ -313,7 +315,7 @@ def _outline(
             in_front = depth >= np.roll(depth, shift, axis)
             edge |= (solid_of_pixel >= 0) & (neighbour != solid_of_pixel) & (neighbour != -2) & (
                 in_front)
-    image[edge] *= 0.62
+    image[edge] *= _OUTLINE
 
 
 class _Lamp:
@@ -355,10 +357,11 @@ class _Lamp:
 
     def reaches(self, points: Array, normals: Array) -> Array:
         """Return the share of the lamp that is visible from each point, from 0 to 1."""
+        # 0.6 of the bias off the surface and 0.5 in depth keep a surface from its own shadow, also
+        # where light grazes it
         shadow_pixels = self._pixels(points + normals * self._bias * 0.6)
         unshadowed = np.zeros(len(points))
-        # nine samples of the depth soften the edge of a shadow; the bias keeps a surface from its
-        # own
+        # nine samples of the depth, 1.2 pixels apart, soften the edge of a shadow
         offsets = [(i, j) for i in (-1.2, 0.0, 1.2) for j in (-1.2, 0.0, 1.2)]
         for i, j in offsets:
             column = np.clip((shadow_pixels[:, 0] + i).astype(np.int64), 0, _LAMP - 1)
@@ -413,7 +416,7 @@ def _backdrop(camera: Camera, width: int, height: int, up: Array, floor: float |
     fade = np.clip(_FADE - _length(floor_points - centre)[:, 0] / reach, 0, 1)
     lines = _floor_lines(floor_points, rays, distance / camera.focus, up, cell)
     strength = (lines * fade)[:, None]
-    drawn_floor = image[on_floor] * (1 - 0.75 * strength) + 0.75 * strength * line
+    drawn_floor = image[on_floor] * (1 - _LINE * strength) + _LINE * strength * line
     image[on_floor] = drawn_floor * (1 - _FLOOR_SHADOW * lamp.darkens(floor_points)[:, None])
     return image
 

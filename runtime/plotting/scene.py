@@ -424,8 +424,10 @@ def _weight_times_centre(trajectory: Trajectory, moments: Array, axes: Array) ->
     if len(state_indices) < 6 or np.ptp(row, axis=0).max() < 1e-6:
         return None
     columns = np.column_stack([row, np.ones(len(state_indices))])
+    # w is 0 along directions that the motion hardly shows: singular values below 1e-9 of the first
     w, *_ = np.linalg.lstsq(columns, V, rcond=1e-9)
     size = float(np.linalg.norm(w[:3]))
+    # V = H − T has the round-off of T, which may be much larger than V
     fits = np.abs(columns @ w - V).max() < 1e-6 * size
     return w[:3] @ axes if fits and size > 1e-9 * float(np.abs(V).max() + size) else None
 
