@@ -394,6 +394,16 @@ def test_states_between_steps_on_both_sides_of_impacts(every, ahead):
         assert np.abs(sampled.q - between.q).max() < 1e-14
 
 
+def test_states_after_impacts_are_on_the_grid_of_the_run():
+    """Where steps have errors: rows that ``every`` leaves out have the states of a run with all."""
+    every_row, seventh_row = swung(40), swung(40, every=7)
+    assert len(seventh_row.impacts["gap"]) >= 1
+    states = seventh_row.at(every_row.t)
+    # steps amplify the round-off of Newton's iterations
+    assert np.abs(states.q - every_row.q).max() < 256 * EPS
+    assert np.abs(states.p - every_row.p).max() < 256 * EPS
+
+
 def test_states_between_steps_after_many_impacts_at_once(tmp_path):
     """Gaps of a cradle, run or read from a file, are crossed at the same time as others."""
     run = stepper("cradle", "EMS", None).integrate(
