@@ -325,7 +325,7 @@ def _link(name: str, element: Element) -> tuple[RobotLink, float]:
                          "no <inertia>; write both.")
     xx, yy, zz = (_number(moments, key) for key in ("ixx", "iyy", "izz"))
     xy, xz, yz = (_number(moments, key, default=0.0) for key in ("ixy", "ixz", "iyz"))
-    placement, mass = _pose(inertial.first("pose")), _number(inertial, "mass", default=0.0)
+    placement, mass = _pose(inertial.first("pose")), _number(inertial, "mass")
     J = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     # a thin body has a moment of 0, which printed digits of J may miss
     if mass < 0 or np.linalg.eigvalsh(J).min() < -1e-9 * np.abs(J).max():

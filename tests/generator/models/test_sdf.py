@@ -94,6 +94,17 @@ def test_springs_and_ranges_of_a_joint_that_closes_a_loop(tmp_path):
     assert len(model.events) == 2
 
 
+def test_a_spring_of_a_slide_that_closes_a_loop(tmp_path):
+    """A link on two slides: the second one's spring stores V = k x²/2."""
+    first = SIDE.format("left", "0 0 .5 0 0 0", "0 0 0 0 0 0", "world")
+    second = LAST.format("prismatic", "<dynamics><spring_stiffness>7</spring_stiffness></dynamics>")
+    path = written(tmp_path, first.replace("revolute", "prismatic")
+                   + second.replace("<child>right", "<child>left"))
+    with pytest.warns(gs.errors.InputWarning, match="redundant"):
+        model = gs.load_model(path, angles={"left_pin": 0.4}, gravity=(0, 0, 0))
+    assert Motion(model).energy() == pytest.approx(7 * 0.4**2 / 2, rel=1e-12)
+
+
 def test_a_loop_that_starts_turned_out_of_its_joint_is_refused(tmp_path):
     """A slide does not turn, so that angles that turn its body by 0.4 rad close no loop."""
     path = written(tmp_path, SIDES + LAST.format("prismatic", ""))
