@@ -406,6 +406,7 @@ def test_loops_are_closed_by_constraints_of_the_file(tmp_path, kind):
     (CLOSING.replace('"frame"]', '"rocker"]'), "itself"),
     (CLOSING.replace("[0, 1, 0]", "[0, 0, 0]"), "'closing'"),
     (CLOSING.replace('redundant = "leave out"', ""), "are redundant"),
+    (CLOSING.replace('"leave out"', '"drop"'), "'drop'"),
     (CLOSING.replace("bodies =", "links ="), "bodies"), ("joints = 3", "joints"),
     (CLOSING + "\n[run]\ndt = 1", "run"),
 ])
