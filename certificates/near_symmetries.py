@@ -8,6 +8,7 @@ potential given for |q| = 1.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -240,14 +241,16 @@ def _numbers(field: LinearField, context: Any) -> list[tuple[tuple[int, int], An
 
 
 def _relative(terms: Floats) -> float:
-    """Return the largest |Σ terms|/max |terms| over all points; 0 for no terms.
+    """Return the largest |Σ terms|/max |terms| over all points; 0 for no terms, inf for NaN.
 
     ``terms`` has the shape (terms, points), or (terms,) for one point.
     """
     sizes = abs(terms).max(axis=0, initial=0)
     with np.errstate(all="ignore"):  # a sum that overflows gives inf or NaN
         ratios = abs(terms.sum(axis=0)) / np.where(sizes > 0, sizes, 1)
-    return float(np.max(ratios, initial=0))
+    largest = float(np.max(ratios, initial=0))
+    # NaN is below no bound and above none: as inf it is refused as a symmetry by each comparison
+    return math.inf if math.isnan(largest) else largest
 
 
 def _normalise_rows(conditions: Floats) -> Floats:

@@ -94,20 +94,23 @@ class StartKernels:
 
     @cached_property
     def _velocity_map(self) -> tuple[sp.Matrix, list[sp.Expr]]:
-        """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0) of u = D y + a, both modulo |q| = 1."""
+        """D = Cᵀ H_pp C, symmetric, and a = Cᵀ H_p(q, 0) of u = D y + a, both modulo |q| = 1.
+
+        An entry whose reduction takes too long stays as it is.
+        """
         H_pp = self.system.H_pp
         D = sp.zeros(len(self._columns))
         for i, column_i in enumerate(self._columns):
             for j, column_j in enumerate(self._columns[: i + 1]):
                 terms = [x * y * H_pp[m][n]
                          for m, x in column_i.items() for n, y in column_j.items()]
-                D[i, j] = D[j, i] = self._quotient.expression(sp.Add(*terms))
+                D[i, j] = D[j, i] = self._quotient.expression_if_short(sp.Add(*terms))
         at_rest = dict.fromkeys(self.system.p, sp.Integer(0))
         velocity_at_rest = [e.xreplace(at_rest) for e in self.system.H_p]
         a: list[sp.Expr] = []
         for column in self._columns:
             terms = [e * velocity_at_rest[m] for m, e in column.items()]
-            a.append(self._quotient.expression(sp.Add(*terms)))
+            a.append(self._quotient.expression_if_short(sp.Add(*terms)))
         return D, a
 
     @cached_property

@@ -15,6 +15,7 @@ import gyrospark as gs
 import systems
 from generic_systems import EXAMPLES
 from gyrospark.certificates.momentum_maps import MAX_COORDINATES, _echelon, momentum_maps
+from gyrospark.certificates.near_symmetries import NEAR, _relative
 from gyrospark.generator.multibody.rigid_body import body_system, heavy_top, mgl, rotation_matrix
 from gyrospark.generator.symbolic.numeric_evaluation import evaluate
 from gyrospark.generator.symmetry.linear_fields import known_fields
@@ -228,6 +229,12 @@ def test_near_symmetries_are_reported(size):
         assert 0.1 * size < figure.symmetry_defect < 10 * size
     else:  # too far from one
         assert near_maps == []
+
+
+def test_a_rate_that_overflows_is_no_symmetry():
+    """Terms inf and −inf at one point have the sum NaN; at the other point they cancel."""
+    assert _relative(np.array([[np.inf, 2.0], [-np.inf, -2.0]])) > NEAR
+    assert _relative(np.array([[2.0], [-2.0]])) == 0
 
 
 def test_parameters_are_the_doubles_that_they_are():
