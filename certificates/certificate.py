@@ -144,7 +144,8 @@ def certify(
     rep : {"gamma", "alpha"}
         Inertia representation of a named problem.
     dt, steps : float, int
-        Step in s and number of steps; by default the model's own.
+        Step in s and number of steps; by default the model's own, or 1000
+        steps; a named problem has 1e-3 s and 1000 steps.
     dtau : float
         In place of dt, of a system with ``time_scale``: the step of scaled time. Properties are
         those of the extended system in (q, t, p, e), e = −H.
@@ -175,28 +176,28 @@ def certify(
         raise InputError(f"real = {real!r} has more digits than the doubles in which a certificate "
                          "is measured; choose double or float.")
     with log_stages("certifying", 3, progress) as end_stage:
-        known_model, step = compile_model(model, rep, {
+        explicit_model, step = compile_model(model, rep, {
             "scheme": scheme, "stages": stages, "tableau": tableau, "allow_invalid": allow_invalid,
             "frame": frame, "real": real, "energy": energy, "order": order,
             "composition": composition})
         end_stage()
-        size = _step_size(known_model, step, dt, dtau)
+        size = _step_size(explicit_model, step, dt, dtau)
         # two steps are the least from which a trend and a drift can be seen
-        count = as_positive_count("steps", (known_model.steps or STEPS) if steps is None else steps,
-                                  minimum=2)
+        count = as_positive_count(
+            "steps", (explicit_model.steps or STEPS) if steps is None else steps, minimum=2)
         changes = _changed_parameters(parameters, step, model.name)
         # events and impacts would end and change this run alone, not those of loops and orders
-        start = without_events(known_model.start)
+        start = without_events(explicit_model.start)
         run = step.integrate(start, steps=count, parameters=changes, **step_keyword(step, size))
         end_stage()
         numbers = dict(run.parameters)
         # with time_scale: the extended system in (q, t, p, e), which is what the run keeps
-        system = scale_time(known_model.system)
+        system = scale_time(explicit_model.system)
         guarantees = _guarantees(system, step, scheme, stages, tableau, numbers)
         round_off = RoundOff(system, run, numbers, step)
         with capture_warnings():  # the run above has warned already
             lines = list(Examination(
-                known_model, system, step, guarantees, run, numbers, round_off).lines())
+                explicit_model, system, step, guarantees, run, numbers, round_off).lines())
         end_stage()
         if step.binding.clocked:  # in scaled time run.dt is Δτ
             lines = _in_scaled_time(lines)

@@ -153,18 +153,20 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     plain, lanes = code.plain, code.lanes
     # renamed: name of a kernel of the plain iteration that a Newton kernel has too → its new name
     iteration_kernels, renamed = additional_kernels(code.kernels, plain.kernels if plain else [])
-    # kernels of one state read the user's parameters, kernels of a step the constants of a run
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
+    # kernels of a step read constants of a run; those of one state read the parameters
     constants, constant_calls = _run_constants(derived, code.all_kernels, code.elements)
     derivatives = derivatives_of(derived, constants["constants_c"], code.elements, lanes) if (
         derived.derivatives) else None
     calls = _calls(code.all_kernels, derivatives, states)
     if derivatives and lanes:
+        # the C has each function on lanes once, for kernels of a step and of derivatives
         lanes = _with_functions(lanes, calls.of_derivatives)
     scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
-    # costs are counted by the names of kernels; those of a plain iteration have Newton's names, so
-    # they are not counted
+    # C of profile control or of a splitting has no use of costs, by which others select the solver
+    # of a step. They are counted by the names of kernels; those of a plain iteration have Newton's
+    # names, so they are not counted
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, code.kernels if plain else code.all_kernels, code.elements, real)
     return Program(

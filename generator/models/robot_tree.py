@@ -193,9 +193,9 @@ class LoopJoint:
         Raises InputError where the bodies are turned against each other by more than ``_TURNED``
         beside the joint's own rotation.
         """
-        on_a, on_b = (body.then(placement)
-                      for body, placement in zip((a, b), self.places, strict=True))
-        R = on_a.R.T @ on_b.R
+        joint_on_a, joint_on_b = (body.then(placement) for body, placement in zip(
+            (a, b), self.places, strict=True))
+        R = joint_on_a.R.T @ joint_on_b.R
         w, *v = quaternion_of_matrix(R)
         angle = 0.0 if self.kind == "prismatic" else math.remainder(
             2 * math.atan2(float(self.axis @ v), w), 2 * math.pi)
@@ -207,7 +207,7 @@ class LoopJoint:
                              f"{shown(self.bodies[0])} and {shown(self.bodies[1])} start turned "
                              f"by {math.degrees(excess):.3g} degrees from where it holds them; "
                              "give angles of all joints at which the loop is closed.")
-        return angle, float(on_a.R @ self.axis @ (on_b.x - on_a.x))
+        return angle, float(joint_on_a.R @ self.axis @ (joint_on_b.x - joint_on_a.x))
 
 
 @dataclass(eq=False)

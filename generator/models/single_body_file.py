@@ -65,8 +65,8 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
     representation = read_rep(body) if rep is None else rep
     inertia = _inertia(body)
     has_tensor = is_tensor(inertia)
-    # γ or α by a rule is computed from the moments when a run begins
     has_rule = body.content.get(representation) in RULES
+    # {"gamma" or "alpha": value}; {} if none is given, or a rule computes it when a run begins
     gamma_or_alpha = {} if has_rule else _gamma_or_alpha(body, representation)
     # ``formulas`` then knows the mass, and the entries of J
     _add_mass(body, formulas)
@@ -74,18 +74,18 @@ def read_body(content: TomlTable, name: str, formulas: Formulas, rep: str | None
         _add_tensor(inertia, formulas)
     # scales: the time scale σ, or nothing
     potential, torque, quantities, scales = _read_formulas(content, formulas, has_tensor)
-    system_symbols, values = formulas.in_use(
+    system_symbol_of, values = formulas.in_use(
         [potential, *torque, *quantities.values(), *scales])
     values |= gamma_or_alpha | _inertia_values(inertia)
     system = body_system(
         name,
         cast("Rep", representation),
-        potential.xreplace(system_symbols),
-        list(system_symbols.values()),
-        torque=[e.xreplace(system_symbols) for e in torque],
-        quantities={key: e.xreplace(system_symbols) for key, e in quantities.items()},
+        potential.xreplace(system_symbol_of),
+        list(system_symbol_of.values()),
+        torque=[e.xreplace(system_symbol_of) for e in torque],
+        quantities={key: e.xreplace(system_symbol_of) for key, e in quantities.items()},
         tensor=has_tensor,
-        time_scale=scales[0].xreplace(system_symbols) if scales else None,
+        time_scale=scales[0].xreplace(system_symbol_of) if scales else None,
     )
     # named neither in a formula nor in the arithmetic text of a number, such as "mass*2"
     if "mass" in body and "mass" not in formulas.mentioned | formulas.numbers.values.mentioned:

@@ -1061,7 +1061,8 @@ def sum_of_angles(
 def hinge_of(joint: Connection) -> Align:
     """Return the hinge of a joint; for a rheonomic constraint, the hinge of the driven joint.
 
-    ``joint`` is an ``Align``, a ``HingedJoint``, or a ``RheonomicConstraint`` on one of them.
+    ``joint`` is an ``Align``, a ``HingedJoint``, or a ``RheonomicConstraint`` on one of them;
+    callers pass no others. An ``Align`` is its own hinge.
     """
     if isinstance(joint, RheonomicConstraint):
         return hinge_of(joint.joints[0])

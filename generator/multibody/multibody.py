@@ -480,7 +480,9 @@ class Multibody(FixedAttributes):
             Curvature without moment in 1/m, about the axes of the section, the third one its
             torsion; by default the start is free of moments.
         normal : three floats, optional
-            Direction of the first axis of the section at the start of the beam, in space.
+            Direction of the first axis of the section at the start of the beam, in space; by
+            default the first axis of space after the smallest rotation of the third one into the
+            tangent.
         twist : float
             Angle in rad by which the section turns about the tangent from the start to the end.
         radius : float, optional

@@ -275,7 +275,10 @@ class MeanScheme:
 
     @property
     def _consistency(self) -> tuple[list[sp.Expr], list[sp.Expr]]:
-        """D at Δ = 0, and (H_q, H_p) with ``_rates_of_time`` at the means; equal if consistent."""
+        """D at Δ = 0, and (H_q, H_p; with time H_t, g_t) at the means, in the order of ``_D``.
+
+        They are equal if the scheme is consistent.
+        """
         system = self.system
         at_mean = dict(zip([*system.q, *system.p], [*self.means.q, *self.means.p], strict=True))
         gradient = substitute([*system.H_q, *system.H_p, *self._rates_of_time], at_mean)

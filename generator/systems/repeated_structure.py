@@ -312,6 +312,7 @@ class Structure:
         n, m = self.system.n, self.system.m
         if n <= 6:
             return False
+        # dense C has LU factors, with m³/3 although W is symmetric; ``elimination`` is LDLᵀ
         dense = m**3 / 3 + m * n + n * n
         G_entries = sum(map(len, self.entries.values()))
         # H_pp of an instance has a row and a column for each of its momenta

@@ -95,7 +95,8 @@ class Tableau:
         ``CRootOf`` nodes beyond.
     claims : dict
         Claims of the family or the file, which ``conditions`` proves or refutes: ``order``,
-        ``symmetric``, and the largest k of ``B``, ``C``, ``C_hat``, …
+        and the largest k of ``B``, ``C``, ``C_hat``, …; ``symmetric``, ``symplectic`` and
+        ``L_stable`` are 1 for a property, 0 for its absence, and missing if nothing is claimed.
     rounding : Rounding or None
         Precision of a tableau in decimals; None if exact.
     """

@@ -225,7 +225,7 @@ def render(solid: Triangles, ribbons: Triangles, camera: Camera, size: tuple[int
 
     everything = Triangles(*(np.concatenate([getattr(solid, name), getattr(ribbons, name)])
                              for name in ("corners", "normals", "colours", "part", "alpha")))
-    lit = np.arange(len(screen_corners)) < len(solid.part)  # behind the solids are the ribbons
+    lit = np.arange(len(screen_corners)) < len(solid.part)  # in the arrays ribbons follow solids
     visible = np.flatnonzero(opaque)
     index, depth = rasterize(screen_corners[visible], width, height)
     _paint(image, index, visible, screen_corners, everything, lit, zoom, lamp)

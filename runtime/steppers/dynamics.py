@@ -183,17 +183,17 @@ class Dynamics(Differentiation):
             For accelerations that leave the constraints or that the inputs do not reach; what
             ``mass_matrix`` raises.
         """
-        p, targets_by_name = after_start("accelerations", accelerations)
+        p, target_values = after_start("accelerations", accelerations)
         from ..derivatives.motion import joint_inertia
 
         state = merged_start(self, start, p, parameters, t, impacts=True)
         motion = self._state_motion(state)
-        if not isinstance(targets_by_name, Mapping):
+        if not isinstance(target_values, Mapping):
             if inputs is not None:
                 raise InputError("Inputs are found for accelerations of joints; give these by "
                                  "name, as in {'elbow': 0.5}.")
-            return self._generalised_forces(motion, targets_by_name)
-        targets_by_name = as_mapping("accelerations", targets_by_name, "{'elbow': 0.5}")
+            return self._generalised_forces(motion, target_values)
+        targets_by_name = as_mapping("accelerations", target_values, "{'elbow': 0.5}")
         if not targets_by_name:
             raise InputError("accelerations is empty; give those of joints or bodies, as in "
                              "{'elbow': 0.5}.")

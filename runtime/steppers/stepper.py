@@ -588,13 +588,14 @@ class Stepper(Dynamics):
         state = merged_starts(self, starts, p, parameters, impacts=True)
         events = events_or_own(starts, events)
         impacts = as_impacts(events, self.manifest.system.event_quantities, state.impacts)
-        # rests: times from the last whole step to t_end, one for all trajectories or one for each
-        count, rests = (1, []) if is_open else steps_of_all(
+        # last_parts: times from the last whole step to t_end, one for all or for each trajectory
+        count, last_parts = (1, []) if is_open else steps_of_all(
             steps, t_end, state.t, dt, whole_steps=device is not None or bool(impacts))
         return integrate_members(
+            # impacts, if there are any, take the place of events
             self, state, dt, workers, impacts or events, inputs, tangents, device, progress,
             EnsembleEnd(open_end=t_end if is_open else None,
-                        last_part=(t_end, rests) if any(rests) else None),
+                        last_part=(t_end, last_parts) if any(last_parts) else None),
             steps=count, every=every, solver=as_solver(solver))
 
     # ------------------------------------------------------------ inside
