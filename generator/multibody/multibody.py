@@ -488,11 +488,13 @@ class Multibody(FixedAttributes):
         radius : float, optional
             Of a round section, in m: segments have the inertia of cylinders, and pictures a tube.
         inertia : three floats, optional
-            Inertia of segments about the axes of the section per length, in kg m; by default that
-            of cylinders of ``radius``, and without one m h²/12 about each axis.
+            Inertia of segments about the axes of the section per length, in kg m; by default
+            segments are cylinders of ``radius``, and without one have m h²/12 about each axis.
         velocity, angular_velocity : three floats, optional
             Velocity of the first end of the beam in m/s and angular velocity in rad/s, in space:
             the beam starts in motion as one rigid body. By default as joints require, else 0.
+        rep : {"gamma", "alpha"}
+            Representation of the inertia of the segments.
 
         Returns
         -------

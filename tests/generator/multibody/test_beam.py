@@ -369,6 +369,7 @@ def test_forces_and_moments_of_sections_balance_the_load(extension, count):
     """Sections have n = F and M = (P_tip − P) × F of the load, which need no stiffness."""
     model, run = loaded(extension, count)
     beam = run.beam("rod")
+    assert f">{len(beam.segments)}<" in beam._repr_html_()
     line = beam.line()
     assert line[0, -1] == pytest.approx(tip(model, np.linalg.norm(line[0, -1] - line[0, -2])),
                                         abs=16 * EPS if not extension else 1e-2)
