@@ -24,13 +24,13 @@ from ..core.event import Event, Impact
 from ..core.interrupts import Interrupts, catch_signals
 from ..runtime.bindings.binding import REASONS
 from ..runtime.bindings.run_memory import Rows, RunState
-from ..runtime.events.last_step import (
-    counted_from_start,
+from ..runtime.events.last_step import counted_from_start, report_to_end, row_of
+from ..runtime.events.observer import (
     impact_losses,
-    report_to_end,
-    row_of,
+    integrate_observed,
+    observer_of,
+    report_with_row,
 )
-from ..runtime.events.observer import integrate_observed, observer_of
 from ..runtime.integration.run_arguments import RunArguments
 from ..runtime.integration.step_loop import ChunkSize, ended_at, next_chunk
 from ..runtime.results.crossings import Crossings
@@ -440,15 +440,19 @@ class Recorder:
         """Return the diagnostics up to a checkpoint.
 
         The record of the run has its whole steps alone: impacts, and a last step that is shorter
-        than dt, are added.
+        than dt or ends at an event, are added.
         """
         run = state.run
         report = Report.read(run.record, run.q, run.p, self.binding)
         if self.observer is not None:
             report = self.observer.add_impacts(report, int(self.counts.sum()))
         if self.last_part is None:
-            return report
-        work = self.binding.work_done(run.record) + self.last_part.work[-1]
+            if state.ended_by is None:
+                return report
+            row = state.steps // self.run.every + 1 - self.first_row
+            return report_with_row(self.stepper, self.run, report, self.end,
+                                   self.rows[row : row + 1], self._losses)
+        work = self.binding.work_done(run.record) + self.last_part.work[-1:]
         to_end = report_to_end(self.stepper, self.run, report, self.last_part, work, self._losses)
         return replace(to_end, impacts=report.impacts)
 

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from functools import reduce
-from operator import add
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
@@ -20,13 +18,12 @@ from ..results.crossings import Crossings, Impacts
 from ..results.diagnostics import Report
 from ..results.outputs import flat_multipliers
 from ..results.trajectory import Trajectory
-from .observer import integrate_observed, with_row
+from .observer import impact_losses, integrate_observed, report_with_row, with_row
 
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["counted_from_start", "ended_between", "impact_losses", "joined_with_part",
-           "report_to_end", "row_of"]
+__all__ = ["counted_from_start", "ended_between", "joined_with_part", "report_to_end", "row_of"]
 
 CrossingsType = TypeVar("CrossingsType", bound=Crossings)
 
@@ -83,7 +80,7 @@ def joined_with_part(
     losses = impact_losses(impacts, {})
     return replace_fields(longer_run,
                           report=report_to_end(stepper, run, trajectory.report, partial_run,
-                                               work[0], losses),
+                                               work, losses),
                           events=crossings, impacts=impacts, _grid=grid,
                           _ended_by=partial_run._ended_by)
 
@@ -93,37 +90,24 @@ def row_of(last: Trajectory, work: Array) -> Rows:
     return Rows(last.q[-1:], last.p[-1:], flat_multipliers(last)[-1:], last.iterations[-1:], work)
 
 
-def impact_losses(crossings: Mapping[str, Crossings], earlier: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the energy lost in the impacts of each gap, by its name, added to ``earlier`` losses.
-
-    The order of the sum does not depend on the pieces in which the impacts come.
-    """
-    return {**earlier, **{name: reduce(add, hits.energy_lost, earlier.get(name, 0.0))
-                          for name, hits in crossings.items() if isinstance(hits, Impacts)}}
-
-
 def report_to_end(
-    stepper: Stepper, run: RunArguments, report: Report, partial_run: Trajectory, work: Any,
+    stepper: Stepper, run: RunArguments, report: Report, partial_run: Trajectory, work: Array,
     losses: Mapping[str, Any],
 ) -> Report:
     """Return the report of a run that ends with a partial step, from its whole steps' report.
 
-    ``work`` and ``losses``, in J, are the work of the whole run, and the energy lost in the impacts
-    of each gap.
+    ``work``, shape (1,), and ``losses``, in J, are the work of the whole run, and the energy lost
+    in the impacts of each gap.
     """
-    binding = stepper.binding
-    H = binding.hamiltonian(binding.parameters(run.parameters, run.t0), run.q[None], run.p[None])
-    energy_error = abs(partial_run.energies[-1] - H[0] - work
-                       + sum(losses[name] for name in sorted(losses)))
+    to_end = report_with_row(stepper, run, report, partial_run.t[-1:], row_of(partial_run, work),
+                             losses)
+    # impacts in the last part have states of their own
+    of_part = partial_run.report
     return replace(
-        report, q=tuple(map(float, partial_run.q[-1].tolist())),
-        p=tuple(map(float, partial_run.p[-1].tolist())),
-        # NaN where an energy is
-        energy_error_max=float(np.maximum(report.energy_error_max, float(energy_error))),
-        work=float(work), impacts=report.impacts + partial_run.report.impacts,
-        constraint_max=max(report.constraint_max, partial_run.report.constraint_max),
-        momentum_constraint_max=max(report.momentum_constraint_max,
-                                    partial_run.report.momentum_constraint_max))
+        to_end, impacts=report.impacts + of_part.impacts,
+        constraint_max=max(to_end.constraint_max, of_part.constraint_max),
+        momentum_constraint_max=max(to_end.momentum_constraint_max,
+                                    of_part.momentum_constraint_max))
 
 
 def _join(

@@ -8,8 +8,10 @@ the last step of that, and is advanced to the step before the event.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import reduce
+from operator import add
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,7 +27,7 @@ from ..integration.dense_output import run_together
 from ..integration.lanes import EnsembleStates, fill_ensemble, threads_of
 from ..integration.run_arguments import EnsembleArguments, RunArguments
 from ..integration.step_loop import advance_and_detect, integrate
-from ..results.crossings import Crossings
+from ..results.crossings import Crossings, Impacts
 from ..results.diagnostics import Report
 from ..results.outputs import States, flat_multipliers, full_states
 from ..results.trajectory import Trajectory
@@ -37,8 +39,8 @@ from .location import TerminalEvent, crossings_of, detectors_for, first_terminal
 if TYPE_CHECKING:
     from ..steppers.stepper import Stepper
 
-__all__ = ["Observer", "integrate_observed", "observer_of", "observer_to_end", "with_events",
-           "with_row"]
+__all__ = ["Observer", "impact_losses", "integrate_observed", "observer_of", "observer_to_end",
+           "report_with_row", "with_events", "with_row"]
 
 #: Largest number of bracketed steps that wait for their location.
 _MOST = 2**14
@@ -75,7 +77,7 @@ def integrate_observed(
                       "were solved "
                       "for; the states are in .trajectory, without events.", interrupts.signal,
                       trajectory=trajectory)
-    trajectory = with_events(stepper, observer, trajectory, crossings_by_name)
+    trajectory = with_events(stepper, run, observer, trajectory, crossings_by_name)
     if end_event:
         trajectory = with_end_apart(trajectory, end_event)
     if trouble is None:
@@ -111,8 +113,8 @@ def observer_to_end(stepper: Stepper, run: RunArguments, events: Sequence[Event 
 
 
 def with_events(
-    stepper: Stepper, observer: Observer | ImpactObserver | EndTimeObserver, trajectory: Trajectory,
-    crossings_by_name: dict[str, Any],
+    stepper: Stepper, run: RunArguments, observer: Observer | ImpactObserver | EndTimeObserver,
+    trajectory: Trajectory, crossings_by_name: dict[str, Any],
 ) -> Trajectory:
     """Return a trajectory with its events, and a last row at the event that ended it.
 
@@ -124,8 +126,50 @@ def with_events(
                               end.row)
     trajectory = observer.results(trajectory, {
         name: crossings.shown(stepper.binding) for name, crossings in crossings_by_name.items()})
-    return trajectory if end is None else replace_fields(
-        trajectory, _ended_by=observer.events[end.event].name)
+    if end is None:
+        return trajectory
+    report = report_with_row(stepper, run, trajectory.report, end.at.t, end.row,
+                             impact_losses(crossings_by_name, {}))
+    return replace_fields(trajectory, report=report, _ended_by=observer.events[end.event].name)
+
+
+def impact_losses(crossings: Mapping[str, Crossings], earlier: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the energy lost in the impacts of each gap, by its name, added to ``earlier`` losses.
+
+    The order of the sum does not depend on the pieces in which the impacts come.
+    """
+    return {**earlier, **{name: reduce(add, hits.energy_lost, earlier.get(name, 0.0))
+                          for name, hits in crossings.items() if isinstance(hits, Impacts)}}
+
+
+def report_with_row(
+    stepper: Stepper, run: RunArguments, report: Report, t: Array, row: Rows,
+    losses: Mapping[str, Any],
+) -> Report:
+    """Return the report of whole steps with the end of the run, ``row``, in its largest errors.
+
+    ``t`` is the time of that row, shape (1,), in scaled time τ, and its work that of the whole run
+    in J; ``losses``, in J, are the energies lost in the impacts of each gap.
+    """
+    binding = stepper.binding
+    states = States(
+        binding, stepper.manifest, binding.parameters(run.parameters, run.t0),
+        t=np.concatenate([np.array([run.t0], t.dtype), t]), q=np.concatenate([run.q[None], row.q]),
+        p=np.concatenate([run.p[None], row.p]), multipliers=row.multipliers,
+        iterations=row.iterations, work=row.work)
+    H, defects = states.energies, states.defects
+    energy_error = abs(H[1] - H[0] - row.work[0] + sum(losses[name] for name in sorted(losses)))
+
+    def largest(earlier: float, at_end: Any) -> float:
+        """Return the larger error, NaN where one is."""
+        return float(np.maximum(earlier, float(at_end)))
+
+    return replace(
+        report, q=tuple(map(float, row.q[0, : binding.shown].tolist())),
+        p=tuple(map(float, row.p[0, : binding.shown].tolist())), work=float(row.work[0]),
+        energy_error_max=largest(report.energy_error_max, energy_error),
+        constraint_max=largest(report.constraint_max, defects.g[1]),
+        momentum_constraint_max=largest(report.momentum_constraint_max, defects.f[1]))
 
 
 def with_row(

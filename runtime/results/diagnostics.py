@@ -39,10 +39,9 @@ class Report:
     |H + e|; ``time_step_min`` and ``time_step_max`` are the smallest and the largest Δt.
     ``impacts`` counts the jumps of the momenta.
 
-    A last part of a step, to a t_end between two steps, is in ``work`` and in the largest errors,
-    not in ``steps``, iterations and means; ``q`` and ``p`` are the state at t_end then. Of a run in
-    scaled time, or one that an event ends before t_end within a whole step, the report has the
-    whole steps alone.
+    A last part of a step, to a t_end between two steps or to an event that ends the run, is in
+    ``work`` and in the largest errors, not in ``steps``, iterations and means; ``q`` and ``p`` are
+    the state at that end then.
     """
 
     steps: int

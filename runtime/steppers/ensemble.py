@@ -663,7 +663,7 @@ def _integrate_alone(
         events, end_event = (*events, end), end.name
     observer = observer_to_end(stepper, run, events)
     trajectory, status, state = march(binding, stepper.manifest, run, stop, count_steps, observer)
-    trajectory = with_events(stepper, observer, trajectory, observer.take_crossings())
+    trajectory = with_events(stepper, run, observer, trajectory, observer.take_crossings())
     # without t_end the events are impacts: other runs are integrated side by side
     origin = Origin(run, impacts=() if end_event else events)
     if end_event:

@@ -59,6 +59,23 @@ def test_the_energy_error_is_of_the_order_of_the_steps(stages, dtau):
     assert abs(np.log2(errors[0] / errors[1]) - 2 * stages) < 0.6
 
 
+def test_the_largest_energy_error_may_be_the_error_at_t_end():
+    """(u² + v²)/2 − 1/r of the rows, whose error is largest in the last one."""
+    step, numbers = stepper("eccentric"), arguments("eccentric")
+    start = timed_start("eccentric", step)
+    for run in (step.integrate(start, t_end=start.t + 0.1, **numbers),
+                step.integrate(start, t_end=start.t + 0.1, events=gs.Event("x"), **numbers),
+                step.integrate_ensemble([start], t_end=start.t + 0.1, **numbers).members[0]):
+        H = (run.p**2).sum(axis=1) / 2 - 1 / np.hypot(*run.q.T)
+        errors = abs(H - H[0])
+        assert errors[-1] > 1.001 * errors[:-1].max()
+        # round-off of two terms of up to 1/r at the pericentre
+        assert run.report.energy_error_max == pytest.approx(
+            errors[-1], abs=8 * EPS / np.hypot(*run.q.T).min())
+        assert run.report.q == tuple(run.q[-1])
+        assert run.report.p == tuple(run.p[-1])
+
+
 def test_multipliers_at_states_are_those_of_time():
     """The rod of two masses with H = Σ p² − ½ Σ k/r has 8 l² λ = |ḋ|² − k d·(x₂/r₂³ − x₁/r₁³).
 
