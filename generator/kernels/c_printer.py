@@ -172,8 +172,9 @@ class CPrinter:
         numerator: list[sp.Expr] = []
         denominator: list[sp.Expr] = []
         for a in e.args:
-            # 1/a.q, where a.q is no power of two: x/3 has one rounding error, (1/3) x has two
-            if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)):
+            # 1/a.q, where a.q is no power of two: x/3 has one rounding error, (1/3) x has two; an
+            # a.q beyond the type's largest number has no literal, and 1/a.q has one
+            if a.is_Rational and a.p == 1 and (a.q & (a.q - 1)) and a.q < 2**self.real.exponent:
                 denominator.append(sp.Integer(a.q))
             elif a.is_Pow and a.exp.is_Rational and a.exp < 0:
                 denominator.append(a.base ** (-a.exp))

@@ -384,6 +384,20 @@ def test_numbers_beyond_a_type_are_refused(real, power):
             printer(e)
 
 
+@pytest.mark.parametrize(("real", "low", "tiny"), [
+    ("double", 310, 400), ("float", 40, 60), ("long-double", 4940, 5000), ("float128", 4940, 5000)])
+def test_factors_below_a_type_are_rounded_once(real, low, tiny):
+    """1/10^n is a subnormal number, or 0, though 10^n is beyond the type."""
+    printer = CPrinter(REALS[real], {})
+    for factor in (1, 7):  # one rule for 1/10^n and 7/10^n
+        literal = printer(factor * x / sp.Integer(10)**tiny).removesuffix("*x")
+        assert float(literal.rstrip("fLF128")) == 0
+        literal = printer(factor * x / sp.Integer(10)**low).removesuffix("*x")
+        value = mpmath.mpf(literal.removesuffix("F128").rstrip("fL"))
+        # subnormal numbers near 2^bits smallest ones have some bits left
+        assert abs(value * mpmath.mpf(10)**low / factor - 1) < 1e-4
+
+
 @pytest.mark.parametrize("name", ["fourth roots", "power 3/4"])
 def test_fourth_roots_are_square_roots_of_square_roots(name):
     kernel = Kernel("f", "", {"v": [x, y, z]}, {"f": IRRATIONAL[name]})
