@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,7 +19,7 @@ from .codegen.program import Derived
 from .kernels.kernel import Constants
 from .normal_forms.canonical_system import canonical
 from .schemes.lagrangian_midpoint import mean_scheme
-from .schemes.named_schemes import scheme_named
+from .schemes.named_schemes import SCHEMES, scheme_named
 from .schemes.splitting_scheme import SplittingScheme, splitting_scheme
 from .schemes.step_equations import MeanScheme, SparkScheme, hoist_constants, with_work_of_time
 from .spec import Spec, join_name
@@ -184,7 +185,18 @@ def _method(
     if spec.stages:
         return _Method(spark, spec.title, spec.method)
     # a user's tableau has no stages in its spec, and a name of its own
+    if tableau.is_given_in_numbers:
+        _refuse_scheme_name(tableau.name)
     return _Method(spark, f"SPARK {tableau.name}", tableau.name)
+
+
+def _refuse_scheme_name(name: str) -> None:
+    """Refuse a user's tableau whose files would have the names of a scheme's, such as ``gl2``."""
+    for scheme in SCHEMES.values():
+        counted = r"(\d+|_\w+)" if scheme.composed else r"\d*(_energy)?"
+        if re.fullmatch(scheme.key + counted, name):
+            raise TableauError(f"Tableau {name!r} has a name that scheme {scheme.name!r} has in "
+                               f"names of files; give it another name, such as 'my_{name}'.")
 
 
 def _refuse_features(

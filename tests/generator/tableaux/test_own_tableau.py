@@ -40,6 +40,23 @@ def stepper_of(name: str) -> gs.Stepper:
     return gs.stepper(tableau=FOLDER / f"{name}.json")
 
 
+@pytest.mark.parametrize("name", [
+    "gl2", "gl02", "liiiab3", "radaul2", "ims", "ems", "gl2_energy", "splitting4"])
+def test_a_name_of_a_scheme_is_refused(name):
+    """Its files would have the names of the scheme's: heavy_top_gl2_gamma.c."""
+    own = gs.tableau(A=[["1/2"]], b=[1], name=name)
+    with pytest.raises(TableauError, match=name):
+        generate(Spec.of_tableau("gamma", "free_body"), tableau=own)
+
+
+def test_a_tableau_of_a_scheme_keeps_its_name():
+    """Beside names that only begin as a scheme's do."""
+    for own, part in ((gs.tableau("G-L", 1), "gl1"),
+                      (gs.tableau(A=[["1/2"]], b=[1], name="gl1_mine"), "gl1_mine")):
+        source = generate(Spec.of_tableau("gamma", "free_body"), tableau=own).source
+        assert part in source.name
+
+
 @pytest.fixture
 def written(tmp_path: Path) -> Any:
     """Write a table as a file; return its path."""
