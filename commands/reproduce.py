@@ -50,7 +50,8 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
     out, remark = _report_folder(name, out, as_json=as_json)
     if summary is not None:
         check_writable("--summary", summary)
-        if out is not None and summary.resolve() == (out / "paper.md").resolve():
+        if out is not None and summary.resolve() in {
+                (out / file).resolve() for file in _file_names(names)}:
             raise InputError(f"--summary {str(summary)!r} is a file that --out {str(out)!r} "
                              "writes; give another name.")
     # files and folders are checked above: computing all results takes minutes
@@ -71,6 +72,12 @@ def reproduce(name: str, out: Path | None, as_json: bool, summary: Path | None) 
         if remark:
             click.echo(remark)
     return 0 if _sound(results) else 1
+
+
+def _file_names(names: Sequence[str]) -> list[str]:
+    """Return the names of the files that a report of these results may have."""
+    return ["paper.md", "results.json",
+            *(f"{name}.{'csv' if name.startswith('table-') else 'svg'}" for name in names)]
 
 
 def _report_folder(name: str, out: Path | None, *, as_json: bool) -> tuple[Path | None, str]:

@@ -299,11 +299,14 @@ def computed(engine, monkeypatch):
     monkeypatch.setattr("gyrospark.studies.case_runner.Engine", lambda **options: engine)
 
 
-def test_a_summary_does_not_replace_a_page_of_the_report(tmp_path, monkeypatch):
+@pytest.mark.parametrize(("result", "file"), [
+    ("table-2", "paper.md"), ("table-2", "results.json"), ("table-2", "table-2.csv"),
+    ("figure-5", "figure-5.svg")])
+def test_a_summary_does_not_replace_a_file_of_the_report(result, file, tmp_path, monkeypatch):
     monkeypatch.setattr(study_registry, "compute", None)  # nothing is computed
     with pytest.raises(InputError, match=r"--summary.*--out"):
         CliRunner().invoke(reproduce, [
-            "table-2", "--out", str(tmp_path), "--summary", f"{tmp_path}/./paper.md"],
+            result, "--out", str(tmp_path), "--summary", f"{tmp_path}/./{file}"],
             standalone_mode=False, catch_exceptions=False)
     assert not list(tmp_path.iterdir())
 
