@@ -14,6 +14,7 @@ from calls import PARAMETERS, TOP
 from command_line import refused
 from gyrospark.certificates import accuracy_over_time
 from gyrospark.certificates.accuracy_over_time import Accuracy, accuracy, draw
+from gyrospark.core.errors import StepFailed
 from gyrospark.generator.tableaux.compositions import COMPOSITIONS
 
 SPLITTING = ["verify", "--scheme", "splitting"]
@@ -83,6 +84,9 @@ def test_steps_without_a_solution_are_left_out():
     measured = accuracy(step, TOP.q0, TOP.p0, dt=0.03, steps=40, parameters=PARAMETERS)
     assert 0 < len(measured.dt) < 7
     assert len(measured.dt) == len(measured.error) == len(measured.seconds)
+    # the reference, of steps of 1/64 s, gets to its end, and no longer step does
+    with pytest.raises(StepFailed, match=r"dt"):
+        accuracy(step, TOP.q0, TOP.p0, dt=1.0, steps=4, parameters=PARAMETERS)
 
 
 def test_the_picture_shows_the_numbers(tmp_path, monkeypatch):
