@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from .run_arguments import RunArguments
 
 __all__ = ["Defects", "ProjectedStart", "defects_of_starts", "project_start", "refuse_inconsistent",
-           "refuse_singular_mass", "refuse_undefined_energy", "text_of_move"]
+           "refuse_singular_mass", "refuse_undefined_energy", "stand_in_values", "text_of_move"]
 
 #: Most coordinates that are moved each by itself: for more of them that takes gigabytes.
 _MOST_COORDINATES = 2000
@@ -98,7 +98,7 @@ def project_start(
     binding = stepper.binding
     if not binding.conditions:
         return ProjectedStart(q, p)
-    values = dict.fromkeys(binding.input_names, 0.0) | _stand_in_values(parameters)
+    values = dict.fromkeys(binding.input_names, 0.0) | stand_in_values(parameters)
     try:
         state = stepper._state(q, p)
         t0 = as_real("t", t, binding.number)
@@ -117,7 +117,7 @@ def project_start(
                           or text_of_move(binding, state[1], p1, system.momenta))
 
 
-def _stand_in_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
+def stand_in_values(parameters: Mapping[str, Any]) -> dict[str, Any]:
     """Return values of parameters with which a start is projected, without a search.
 
     Constraints depend on no γ, α or rate of a frame, so that any number serves for these.

@@ -100,9 +100,10 @@ def gamma_by_rule(name: str, rule: Rule, parameters: Mapping[str, Any]) -> float
     Raises InputError for a search, and where there is no inertia.
     """
     if rule.name not in MEANS:
+        kind = "gamma" if is_inertia_parameter(name) else "frame"
         raise InputError(f"Parameter {name} is left to a search ({rule.name}), which looks at a "
                          "single run; give a number, such as that of gyrospark.tune(step, start, "
-                         "dt=..., gamma='auto').parameters.")
+                         f"dt=..., {kind}='auto').parameters.")
     # most calls give moments as floats, for which the mean needs no further checks; entries of J⁻¹
     # come first, as in ``known_inertia``
     for names_of_inertia in reversed(inertia_names(name)):

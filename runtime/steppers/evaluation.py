@@ -29,6 +29,7 @@ from ..bindings.run_memory import ParameterStruct
 from ..compilation.body_columns import built_inertias
 from ..compilation.manifest import read_manifest
 from ..compilation.stepper_module import load_module
+from ..integration.consistency import stand_in_values
 from ..integration.manifest_symmetries import Symmetry, symmetries_of
 from ..integration.run_arguments import ParameterCheck, step_argument, warn_of_negative
 from ..integration.starts import merged_start
@@ -237,7 +238,7 @@ class Evaluation(FixedAttributes):
 
         With velocity constraints the second array ends with A H_p + a.
         """
-        (q, p), compiled_parameters = self._at_start(start, p, parameters, t)
+        (q, p), compiled_parameters = self._at_start(start, p, parameters, t, searched=True)
         g, f = self.binding.defects(compiled_parameters, q[None], p[None])
         return g[0], f[0]
 
@@ -251,7 +252,7 @@ class Evaluation(FixedAttributes):
         g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it. With velocity
         constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
-        state, compiled_parameters = self._at_start(start, p, parameters, t)
+        state, compiled_parameters = self._at_start(start, p, parameters, t, searched=True)
         q, momenta = self._project(*state, compiled_parameters)
         return q[: self.n], momenta[: self.n]
 
@@ -270,7 +271,7 @@ class Evaluation(FixedAttributes):
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        (q0, p0), compiled_parameters = self._at_start(start, p, parameters, t)
+        (q0, p0), compiled_parameters = self._at_start(start, p, parameters, t, searched=True)
         q1, p1 = self._project(q0, p0, compiled_parameters)
         # in scaled time the last coordinate is t
         numeric = CompiledConstraints(self.binding, self.manifest, compiled_parameters, q0[-1])
@@ -367,16 +368,20 @@ class Evaluation(FixedAttributes):
         return self.binding.parameters(values, as_real("t", t, number))
 
     def _at_start(
-        self, start: Any, p: Any, parameters: Any, t: Any
+        self, start: Any, p: Any, parameters: Any, t: Any, *, searched: bool = False
     ) -> tuple[tuple[Array, Array], Any]:
         """Return the state (q, p) and the C struct of the parameters at its time.
 
         ``start`` is a start or, with ``p``, coordinates. In scaled time the state has t and −H in
-        addition.
+        addition. ``searched``: a model may leave γ, α and the rates of a frame to searches, for
+        constraints do not depend on them.
         """
         start_numbers = merged_start(self, start, p, parameters, t, impacts=True, as_it_is=True)
         time, state = start_numbers.t, self._state(start_numbers.q, start_numbers.p)
-        compiled_parameters = self._parameters(start_numbers.parameters, time)
+        numbers = start_numbers.parameters
+        if searched and isinstance(numbers, Mapping):
+            numbers = stand_in_values(numbers)
+        compiled_parameters = self._parameters(numbers, time)
         return (self.binding.start_in_scaled_time(compiled_parameters, *state, time),
                 compiled_parameters)
 

@@ -88,6 +88,24 @@ def test_gamma_of_a_problem_has_its_rule():
     np.testing.assert_array_equal(moved.q, body.q0)
 
 
+@pytest.mark.parametrize("rules", [{"frame": "start"}, {"gamma": "auto"}])
+def test_constraints_do_not_depend_on_numbers_left_to_a_search(rules):
+    """Rates of a frame and γ: q/|q|, and p without its part along q, as with numbers for them."""
+    step, case = systems.stepper("heavy_top_in_frame"), systems.case("heavy_top_in_frame")
+    left_out = {"omega_body", *rules}
+    numbers = {name: x for name, x in case.parameters.items() if name not in left_out}
+    q, p = (x + 0.01 for x in systems.start("heavy_top_in_frame", step))
+    start = gs.Start(q, p, numbers).of_model({"gamma": gs.problems.fast_top().inertia}, rules)
+    unit = q / np.sqrt(q @ q)
+    for moved in (gs.consistent(step, start), gs.Start(*step.project(start), numbers)):
+        np.testing.assert_allclose(moved.q, unit, rtol=0, atol=2 * EPS)
+        np.testing.assert_allclose(moved.p, p - (unit @ p) * unit, rtol=0,
+                                   atol=8 * EPS * np.abs(p).max())
+    g, f = step.defects(start)
+    assert g == pytest.approx(q @ q - 1, abs=4 * EPS)
+    assert f == pytest.approx(q @ p, abs=8 * EPS * np.abs(p).max())
+
+
 def test_report_reads_as_a_table():
     text = str(gs.consistent(curve(), (1, 0.2, 0.3), (1, 2, 3), parameters={"w": 1.0}))
     assert "1.97" in text.splitlines()[0]
