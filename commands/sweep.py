@@ -79,8 +79,10 @@ def sweep(
         raise InputError(f"--show {show!r} is no result of this sweep; choose {', '.join(names)}.")
     threads = _thread_count(workers)
     if dry_run:
+        from ..storage.staging import is_new
         from ..sweeps.cost_estimate import estimate
 
+        is_new(store, resume, "sweep")  # an existing store is refused, as by the sweep itself
         _print_estimate(estimate(loaded.study, fields), loaded.study, threads, as_json=as_json)
         return 0
     started = time.perf_counter()

@@ -33,7 +33,8 @@ def test_command_sweeps_draws_and_says_where_the_least_is(tmp_path, gyrospark):
     assert again.code == 0
     assert "256 cells" in again.stdout
     assert "8 gamma × 32 dt" in again.stdout
-    assert gyrospark("sweep", "study.toml").code == 2
+    for options in ([], ["--dry-run"]):
+        refused(gyrospark("sweep", "study.toml", *options), "study.zarr", "--resume")
 
 
 def test_dry_run_computes_nothing_and_is_about_right(tmp_path, gyrospark, monkeypatch):
