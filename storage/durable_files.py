@@ -142,7 +142,7 @@ def store_path(path: Any) -> Path:
 def new_store_path(path: Any, cure: str) -> Path:
     """Return a caller's path of a store to write, which is a folder and no file.
 
-    Raises InputError, whose message ends with ``cure``, if its ending is that of a file of states,
+    Raises InputError, whose message ends with ``cure``, if it ends like a file of states,
     such as .csv or .npz.
     """
     store = store_path(path)

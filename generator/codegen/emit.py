@@ -155,7 +155,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
     iteration_kernels, renamed = additional_kernels(code.kernels, plain.kernels if plain else [])
     frame = _frame(derived)
     quantities, states = quantity_kernel(derived), state_functions(derived)
-    # kernels of a step read constants of a run; those of one state read the parameters
+    # kernels of a step read constants of a run; kernels of one state read the parameters
     constants, constant_calls = _run_constants(derived, code.all_kernels, code.elements)
     derivatives = derivatives_of(derived, constants["constants_c"], code.elements, lanes) if (
         derived.derivatives) else None
@@ -165,7 +165,7 @@ def program_of(derived: Derived, elements: bool | None = None) -> Program:
         lanes = _with_functions(lanes, calls.of_derivatives)
     scalar_calls = calls.scalar.union(constant_calls, quantities.functions if quantities else ())
     # C of profile control or of a splitting has no use of costs, by which others select the solver
-    # of a step. They are counted by the names of kernels; those of a plain iteration have Newton's
+    # of a step. Costs are counted by names of kernels; a plain iteration's kernels have Newton's
     # names, so they are not counted
     costs = {} if is_control or isinstance(scheme, SplittingScheme) else solver_costs(
         scheme, code.kernels if plain else code.all_kernels, code.elements, real)

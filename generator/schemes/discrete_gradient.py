@@ -214,7 +214,7 @@ class _Differences:
     def _joint_argument(self, e: sp.Expr) -> sp.Expr:
         """Return the part of a sum or product that depends on the symbols of one argument only.
 
-        e is a sum or product whose own pieces are not known; those of a smaller part may be. The
+        e is a sum or product whose own pieces are not known; pieces of a smaller part may be. The
         argument is the one with a condition that depends on the fewest symbols. Of a sum the part
         has conditional terms alone; of a product it has all factors of these symbols.
         """

@@ -238,7 +238,7 @@ def _report_number(field: int) -> property:
 
     def start(record: _Record) -> int:
         """Return the offset of the number in the block, in bytes."""
-        # ``record.index`` is the place of the report among those of the block
+        # ``record.index`` is the place of the report in the block
         end: int = (record.index + 1) * record.block.size
         return end - (len(_RECORDED) - field) * binary128.BYTES
 

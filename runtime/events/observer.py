@@ -148,8 +148,8 @@ def report_with_row(
 ) -> Report:
     """Return the report of whole steps with the end of the run, ``row``, in its largest errors.
 
-    ``t`` is the time of that row, shape (1,), in scaled time τ, and its work that of the whole run
-    in J; ``losses``, in J, are the energies lost in the impacts of each gap.
+    ``t`` is the time of that row, shape (1,), in scaled time τ. Its work in J belongs to the
+    whole run; ``losses``, in J, are the energies lost in the impacts of each gap.
     """
     binding = stepper.binding
     states = States(

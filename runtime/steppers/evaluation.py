@@ -238,7 +238,7 @@ class Evaluation(FixedAttributes):
 
         With velocity constraints the second array ends with A H_p + a.
         """
-        (q, p), compiled_parameters = self._at_start(start, p, parameters, t, searched=True)
+        (q, p), compiled_parameters = self._at_start(start, p, parameters, t, has_searches=True)
         g, f = self.binding.defects(compiled_parameters, q[None], p[None])
         return g[0], f[0]
 
@@ -252,7 +252,7 @@ class Evaluation(FixedAttributes):
         g_q H_p + g_t = 0 at the time ``t`` where constraints depend on it. With velocity
         constraints p moves along g_qᵀ and Aᵀ, onto A H_p + a = 0 too.
         """
-        state, compiled_parameters = self._at_start(start, p, parameters, t, searched=True)
+        state, compiled_parameters = self._at_start(start, p, parameters, t, has_searches=True)
         q, momenta = self._project(*state, compiled_parameters)
         return q[: self.n], momenta[: self.n]
 
@@ -271,7 +271,7 @@ class Evaluation(FixedAttributes):
         InputError
             Where it cannot be done, with the names of the constraints that are in the way.
         """
-        (q0, p0), compiled_parameters = self._at_start(start, p, parameters, t, searched=True)
+        (q0, p0), compiled_parameters = self._at_start(start, p, parameters, t, has_searches=True)
         q1, p1 = self._project(q0, p0, compiled_parameters)
         # in scaled time the last coordinate is t
         numeric = CompiledConstraints(self.binding, self.manifest, compiled_parameters, q0[-1])
@@ -368,18 +368,18 @@ class Evaluation(FixedAttributes):
         return self.binding.parameters(values, as_real("t", t, number))
 
     def _at_start(
-        self, start: Any, p: Any, parameters: Any, t: Any, *, searched: bool = False
+        self, start: Any, p: Any, parameters: Any, t: Any, *, has_searches: bool = False
     ) -> tuple[tuple[Array, Array], Any]:
         """Return the state (q, p) and the C struct of the parameters at its time.
 
         ``start`` is a start or, with ``p``, coordinates. In scaled time the state has t and −H in
-        addition. ``searched``: a model may leave γ, α and the rates of a frame to searches, for
+        addition. ``has_searches``: a model may leave γ, α and the rates of a frame to searches, for
         constraints do not depend on them.
         """
         start_numbers = merged_start(self, start, p, parameters, t, impacts=True, as_it_is=True)
         time, state = start_numbers.t, self._state(start_numbers.q, start_numbers.p)
         numbers = start_numbers.parameters
-        if searched and isinstance(numbers, Mapping):
+        if has_searches and isinstance(numbers, Mapping):
             numbers = stand_in_values(numbers)
         compiled_parameters = self._parameters(numbers, time)
         return (self.binding.start_in_scaled_time(compiled_parameters, *state, time),
