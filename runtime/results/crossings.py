@@ -34,7 +34,7 @@ class Crossings:
     q, p : array, shape (K, n)
         The states there: of real steps from the states before, so on their constraints.
     steps : array of int, shape (K,)
-        Whole steps of the run before each.
+        Whole steps of the run before each; a crossing at the end of a step is within that step.
     rising : array of bool, shape (K,)
         Whether the quantity rises there along the run.
     elapsed : array, shape (K,)
@@ -142,7 +142,8 @@ class Impacts(Crossings):
     work : array, shape (K,)
         The work of the forces since the start of the run; 0 without forces.
     steps : array of int, shape (K,)
-        Whole steps of the run before each.
+        Whole steps of the run before each; one at the end of a step is before the next step, which
+        begins with its momenta.
     rising : array of bool, shape (K,)
         False: a gap falls there.
     elapsed : array, shape (K,)

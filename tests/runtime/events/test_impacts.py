@@ -120,6 +120,20 @@ def test_rows_stay_on_the_grid_and_the_first_have_the_bits_of_a_run_without():
     assert np.array_equal(fewer.impacts["floor"].t, run.impacts["floor"].t)
 
 
+def test_steps_before_a_crossing_at_the_end_of_a_step():
+    """At t = 1, the end of step 8: a level is reached in it, and an impact begins the next one."""
+    # a weight below round-off: x = 1 - t
+    plan = {"dt": 0.125, "steps": 12, "parameters": {**BALL, "g": 2.0**-200}}
+    for terminal in (False, True):
+        crossed, hit = (
+            stepper("ball").integrate([1.0], [-BALL["m"]], **plan, events=event) for event in (
+                gs.Event("floor", terminal=terminal), gs.Impact("floor", 1, terminal=terminal)))
+        assert crossed.events["floor"].t == hit.events["floor"].t == 1
+        assert (crossed.events["floor"].steps, hit.events["floor"].steps) == (7, 8)
+        # a run that ends there has taken the same steps before
+        assert crossed.report.steps == hit.report.steps == (7 if terminal else 12)
+
+
 def test_an_end_between_two_steps_and_one_at_an_impact():
     full_run, cut_run = dropped(124), dropped(None, t_end=1.234567)
     assert cut_run.t[-1] == 1.234567
