@@ -191,10 +191,14 @@ def _method(
 
 
 def _refuse_scheme_name(name: str) -> None:
-    """Refuse a user's tableau whose files would have the names of a scheme's, such as ``gl2``."""
+    """Refuse a user's tableau whose files would have the names of a scheme's, such as ``gl2``.
+
+    Without a representation what follows the scheme in ``join_name`` may end the tableau's name.
+    """
+    reals = "|".join(join_name("", "", "", real) for real in REALS if real != "double")
     for scheme in SCHEMES.values():
         counted = r"(\d+|_\w+)" if scheme.composed else r"\d*(_energy)?"
-        if re.fullmatch(scheme.key + counted, name):
+        if re.fullmatch(rf"{scheme.key}{counted}(_frame)?(_({reals}))?", name):
             raise TableauError(f"Tableau {name!r} has a name that scheme {scheme.name!r} has in "
                                f"names of files; give it another name, such as 'my_{name}'.")
 

@@ -41,7 +41,8 @@ def stepper_of(name: str) -> gs.Stepper:
 
 
 @pytest.mark.parametrize("name", [
-    "gl2", "gl02", "liiiab3", "radaul2", "ims", "ems", "gl2_energy", "splitting4"])
+    "gl2", "gl02", "liiiab3", "radaul2", "ims", "ems", "gl2_energy", "splitting4", "gl2_frame",
+    "gl2_float", "ims_long_double", "gl2_energy_frame_float128"])
 def test_a_name_of_a_scheme_is_refused(name):
     """Its files would have the names of the scheme's: heavy_top_gl2_gamma.c."""
     own = gs.tableau(A=[["1/2"]], b=[1], name=name)
