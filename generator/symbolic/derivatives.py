@@ -12,7 +12,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import sympy as sp
+from sympy.core.function import ArgumentIndexError
 
+from ...core.errors import InputError
 from .construction import product_of, sum_of
 from .shared_subexpressions import Shared, name_of, parts_of, share, substitute
 from .switching_functions import Switch, Where, has_sides
@@ -47,8 +49,18 @@ def derivative(e: sp.Expr, x: sp.Symbol) -> sp.Expr:
         return e.pick(*(derivative(e.args[i], x) for i in e.branches))
     if e.is_Function:  # the chain rule; SymPy counts arguments from 1
         inner = [derivative(argument, x) for argument in e.args]
-        return sp.Add(*(e.fdiff(i) * d for i, d in enumerate(inner, 1) if d != 0))
+        return sp.Add(*(_partial(e, i) * d for i, d in enumerate(inner, 1) if d != 0))
     return sp.diff(e, x)
+
+
+def _partial(e: sp.Expr, i: int) -> sp.Expr:
+    """Return the derivative of a function by its argument i, or raise InputError if none is known.
+    """
+    try:
+        return e.fdiff(i)
+    except ArgumentIndexError as error:
+        raise InputError(f"No derivative of {e.func.__name__!r} by its argument {i} is known in "
+                         f"{e}; write it with other functions.") from error
 
 
 def _product_terms(factors: tuple[sp.Expr, ...], x: sp.Symbol) -> list[sp.Expr]:

@@ -103,6 +103,12 @@ def as_expression(value: object) -> sp.Expr:
     if not _NO_NUMBERS.isdisjoint(nodes) or any(map(_is_complex, nodes)):
         raise InputError(f"The expression {shown(expression)} is not real and finite; write "
                          "another.")
+    constant = next((node for node in nodes if isinstance(node, sp.AtomicExpr)
+                     and not (node.is_number or node.free_symbols)), None)
+    if constant is not None:
+        raise InputError(f"{shown(constant)} in {shown(expression)} is neither a symbol nor a "
+                         "number; write the formula in numbers and symbols of one system of units, "
+                         "such as SI, without sympy.physics.units.")
     unevaluated = next((node for node in nodes if isinstance(node, _BINDERS)), None)
     if unevaluated is not None:
         raise InputError(f"{shown(unevaluated)} has a variable of its own; write its value, which "

@@ -1,12 +1,14 @@
-"""Counts in messages, tables and reprs: the noun agrees with the number."""
+"""Rows of arguments have an order; a noun agrees with its number in messages, tables and reprs."""
 
 from __future__ import annotations
 
 import re
 
+import pytest
+
 import gyrospark as gs
 import systems
-from gyrospark.core.arguments import count_text
+from gyrospark.core.arguments import as_items, count_text
 
 
 def test_a_noun_agrees_with_its_number():
@@ -31,3 +33,11 @@ def test_one_of_each_is_in_the_singular():
     wrong = re.compile(r"(?<![\w.,])1 (?:\w+ )?(?!unless|this|its|was|is)[a-z]{3,}s\b")
     assert [text for text in texts if wrong.search(text)] == []
     assert sum(bool(re.search(r"(?<![\w.,])1 [a-z]", text)) for text in texts) >= 8
+
+
+@pytest.mark.parametrize("kind", [set, frozenset])
+def test_sets_are_refused_where_the_order_has_an_effect(kind):
+    assert as_items("names", {"b": 1, "a": 2}.keys(), "names") == ["b", "a"]
+    assert sorted(as_items("names", kind("ab"), "names", ordered=False)) == ["a", "b"]
+    with pytest.raises(gs.InputError, match=r"names.*list"):
+        as_items("names", kind("ab"), "names")

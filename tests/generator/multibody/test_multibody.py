@@ -180,6 +180,8 @@ def hinge(build, body):
     (lambda b, x: b.revolute("j", b.ground, x, axis=(0, 0, 0)), "axis.*'j'"),
     (lambda b, x: b.spring("j", b.ground, x, stiffness=1, length=-1), "length.*'j'"),
     (lambda b, x: b.force(x, (1, 2)), "2 components"),
+    (lambda b, x: b.force(x, {3.0, 1.0, 2.0}), "'a'.*list"),  # a set has no order
+    (lambda b, x: gs.body_system("c", "gamma", 0, torque={3.0, 1.0, 2.0}), "torque.*list"),
     (lambda b, x: b.potential("x**2"), "SymPy"),
     (lambda b, x: b.potential(sp.Symbol("u")) or b.model(), "'u'.*no value"),
     (lambda b, x: b.input("idle") and b.model(), "'idle'.*force"),

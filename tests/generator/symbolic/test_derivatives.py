@@ -5,6 +5,7 @@ import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from gyrospark.core.errors import InputError
 from gyrospark.generator.multibody.rigid_body import heavy_top
 from gyrospark.generator.schemes.step_equations import hoist_constants
 from gyrospark.generator.symbolic.derivatives import derivative
@@ -54,3 +55,10 @@ def test_derivative_of_what_does_not_depend_is_zero(e):
 def test_sympy_derives_a_shared_part_too():
     x, y, _ = X
     assert sp.diff(sp.sin(Shared(x**2 + y)), x).subs({x: 2, y: -4}) == 4
+
+
+def test_a_function_without_a_known_derivative_is_refused_by_name():
+    x = sp.Symbol("x", real=True)
+    assert derivative(sp.zeta(sp.Integer(3)) * x, x) == sp.zeta(3)  # a number needs none
+    with pytest.raises(InputError, match=r"'zeta'.*zeta\(x\*\*2\)"):
+        derivative(x + sp.zeta(x**2), x)

@@ -7,6 +7,7 @@ import pytest
 import sympy as sp
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sympy.physics.units import kilogram
 
 import gyrospark as gs
 from gyrospark.core.errors import InputError
@@ -64,6 +65,7 @@ def system(**changes):
         (sp.Integral(c**2, (c, 0, 1)), "doit"), (sp.Sum(x**c, (c, 0, 3)), "doit"),
         (sp.Product(x + c, (c, 0, 3)), "doit"), (sp.Subs(sp.sin(c), c, x), "doit"),
         (sp.Limit(sp.sin(c) / c, c, 0), "doit"), (sp.CRootOf(c**5 - c - 1, 0), "evalf"),
+        (kilogram, "kilogram.*number"), (kilogram * x / 2, "kilogram.*number"),
         (sp.Piecewise((1, sp.Contains(x, sp.Interval(0, 1))), (0, True)), "understood"))),
     ({"forces": (x, c, 0)}, "Force 1.*'pendulum'.*'c'"),
     ({"quantities": {"height": c}}, "'height'.*'pendulum'.*'c'"),
