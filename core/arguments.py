@@ -211,18 +211,18 @@ def as_text(name: str, value: Any) -> str:
     return value
 
 
-def as_items(name: str, value: Any, content: str, *, ordered: bool = True) -> list[Any]:
+def as_items(name: str, value: Any, content: str, *, is_ordered: bool = True) -> list[Any]:
     """Return the items of a list, tuple or other row, or raise InputError, also for text.
 
     ``content`` is the noun of the entries in the error, such as "names". A set, whose order differs
-    from process to process, is refused unless ``ordered`` is False: the order then has no effect.
+    from process to process, is refused unless ``is_ordered`` is False.
     """
     items = None
     if isinstance(value, Iterable) and not isinstance(value, (str, bytes, Mapping)):
         items = list(value)
     if items is None:
         raise InputError(f"{name} = {shown(value)} is no list of {content}.")
-    if ordered and isinstance(value, (set, frozenset)):  # keys of a dict, another Set, have one
+    if is_ordered and isinstance(value, (set, frozenset)):  # keys of a dict, another Set, have one
         raise InputError(f"{name} = {shown(value)} is a set, which has no order; write a list of "
                          f"{content}.")
     return items

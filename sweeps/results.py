@@ -182,7 +182,7 @@ def _selected_fields(fields: list[StoredField], keep: Iterable[str] | None) -> l
     The status may be named too, though it is none of ``fields``: every sweep stores it.
     """
     names = [field.name for field in fields]
-    selected_names = names if keep is None else as_items("keep", keep, "results", ordered=False)
+    selected_names = names if keep is None else as_items("keep", keep, "results", is_ordered=False)
     for name in selected_names:
         if not isinstance(name, str) or name not in (*names, STATUS):
             raise InputError(f"{shown(name)} is no result of this sweep; keep some of "

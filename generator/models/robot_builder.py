@@ -75,7 +75,7 @@ def as_names(ignore: Any) -> list[str]:
     """Return the option ``ignore``, one name or several, as a list."""
     return [ignore] if isinstance(ignore, str) else [
         as_text("what to ignore", name)
-        for name in as_items("ignore", ignore, "names", ordered=False)]
+        for name in as_items("ignore", ignore, "names", is_ordered=False)]
 
 
 def ends_of_ranges(limits: Any) -> Limits:

@@ -1486,7 +1486,7 @@ class Multibody(FixedAttributes):
         choose("redundant", redundant, ("refuse", "leave out"))
         left_out = {without} if isinstance(without, str) else {
             as_text("a constraint to leave out", name)
-            for name in as_items("without", without, "constraints' names", ordered=False)}
+            for name in as_items("without", without, "constraints' names", is_ordered=False)}
         latches = self._closed_latches(closed)
         assembly = Assembly(self._components, left_out, latches)
         # a given start takes the place of the described one, before latches project its momenta

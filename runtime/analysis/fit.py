@@ -607,7 +607,8 @@ def _free_names(step: Stepper, free: Sequence[str] | None, fixed: Sequence[str])
     parameter_names = [name for name in step.parameter_domains
                        if name not in step.binding.input_names]
     allowed = [*parameter_names, "start"]
-    fixed = as_items("fixed", [fixed] if isinstance(fixed, str) else fixed, "names", ordered=False)
+    fixed = as_items("fixed", [fixed] if isinstance(fixed, str) else fixed, "names",
+                     is_ordered=False)
     for name in fixed:
         if not isinstance(name, str) or name not in allowed:
             raise unknown("name in fixed", name, allowed)

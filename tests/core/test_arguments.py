@@ -38,6 +38,6 @@ def test_one_of_each_is_in_the_singular():
 @pytest.mark.parametrize("kind", [set, frozenset])
 def test_sets_are_refused_where_the_order_has_an_effect(kind):
     assert as_items("names", {"b": 1, "a": 2}.keys(), "names") == ["b", "a"]
-    assert sorted(as_items("names", kind("ab"), "names", ordered=False)) == ["a", "b"]
+    assert sorted(as_items("names", kind("ab"), "names", is_ordered=False)) == ["a", "b"]
     with pytest.raises(gs.InputError, match=r"names.*list"):
         as_items("names", kind("ab"), "names")

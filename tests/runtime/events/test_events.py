@@ -135,7 +135,7 @@ def test_a_terminal_event_ends_the_run() -> None:
     assert np.allclose(sampled.q, ended.at([1.0, end - 1e-3]).q, rtol=0, atol=1e-14)
 
 
-def test_the_largest_errors_may_be_those_at_a_terminal_event(tmp_path) -> None:
+def test_a_terminal_event_may_have_the_largest_errors(tmp_path) -> None:
     """(u² + v²)/2 + 9 y less the work, of the rows: its change is largest at the event."""
     step, case = systems.stepper("dragged_pendulum"), systems.case("dragged_pendulum")
     beginning = gs.Start(*systems.start("dragged_pendulum", step), case.parameters, t=0.2)
